@@ -186,8 +186,9 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy advice_study band_coverage calibration certainty certainty_numbers certainty_page
-        drawings drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
+        accuracy advice_study band_coverage boat calibration certainty certainty_numbers
+        certainty_page drawings drawn_plants drive_study effects experiment fleet_study
+        generated_fleet held_out
         interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
         models more_recordings pages paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers
         paper_b_page savings savings_numbers savings_page savings_study sensitivity soaked_rigs

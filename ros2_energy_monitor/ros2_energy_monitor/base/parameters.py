@@ -56,7 +56,11 @@ class Common:
 
     model: str = parameter("Model file of the robot, or the name of a shipped model, e.g. kr16.")
     tick_rate: float = parameter(
-        "How often queued messages are taken and results published [1/s].", 25.0, 1.0, 1000.0
+        "How often results are published; queued messages are taken at the last tick within 80 ms "
+        "[1/s].",
+        25.0,
+        1.0,
+        1000.0,
     )
     autostart: bool = parameter(
         "Whether the node configures and activates itself; if not, a life cycle manager does.",

@@ -33,7 +33,7 @@ from ros2_energy_monitor.base.shared_memory import clear_ports
 
 EXIT_BAD_SETUP = 2
 PATIENCE = 0.1  # longest wait; then it is asked whether to stop [s]
-RARELY = 0.1  # between two looks at services and events [s]
+RARELY = 0.2  # between two looks at services and events [s]
 MAX_END = 20.0  # after this the process ends, and says where the middleware hangs [s]
 
 
@@ -89,7 +89,7 @@ def ros(args: Sequence[str] | None = None) -> Iterator[Context]:
 
 
 class TickExecutor(SingleThreadedExecutor):
-    """Sleeps until the next timer; looks at services and events ten times a second.
+    """Sleeps until the next timer; looks at services and events five times a second.
 
     rclpy makes two wait sets for every callback. At 25 ticks a second that costs as much as the
     work of a small node. Where a topic that is not latched has callbacks, it waits as rclpy
@@ -102,6 +102,7 @@ class TickExecutor(SingleThreadedExecutor):
     def __init__(self, context: Context) -> None:
         super().__init__(context=context)
         self._due = 0.0  # when to look at all next [s]
+        self._called_back = False  # whether messages come at any time
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for what is ready, and execute it.
@@ -109,14 +110,14 @@ class TickExecutor(SingleThreadedExecutor):
         Args:
             timeout_sec: Longest wait; None for no limit but that of the next look at all. [s]
         """
-        nodes = self.get_nodes()
-        if any(self._calls_back(each) for node in nodes for each in node.subscriptions):
-            super().spin_once(timeout_sec)
-            return
         now = time.monotonic()
         if now >= self._due:
             self._due = now + RARELY
+            subscriptions = [each for node in self.get_nodes() for each in node.subscriptions]
+            self._called_back = any(map(self._calls_back, subscriptions))
             self._execute_all()
+        elif self._called_back:
+            super().spin_once(timeout_sec)
         else:
             rest = self._due - now
             self._execute_timers(rest if timeout_sec is None else min(rest, timeout_sec))

@@ -162,7 +162,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         super().parameters_changed()
         self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
-    def tick(self) -> None:
+    def take(self) -> None:
         """Drain all inputs, run the pipeline once and publish.
 
         Joint states come first: the temperatures and readings drained after them are then
@@ -188,13 +188,16 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             )
         )
         self._joints(messages_in(states), lambda: self.ingest.step(states))
+
+    def tick(self) -> None:
+        """Publish the next power state, and keep registers and learned figures."""
         self.guard.run("publish.power", self._account_publisher.tick)
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
         self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
         """Book and publish what still waits."""
-        self.tick()
+        self.take()
         self._publish(
             self.guard.run(
                 "motor_temperatures",

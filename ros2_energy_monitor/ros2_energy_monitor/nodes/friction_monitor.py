@@ -53,7 +53,7 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
         super().activate()
         self._publisher.publish(self._writer.encode(self._stage.latest()))
 
-    def tick(self) -> None:
+    def take(self) -> None:
         """Drain the temperatures and publish the friction from each of them onward."""
         temperatures = self.drain(self.temperatures)
         accounts = self.ingest.arrivals(temperatures)
@@ -68,7 +68,7 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
 
     def deactivate(self) -> None:
         """Publish what still waits."""
-        self.tick()
+        self.take()
         self._publish(
             self.guard.run("motor_temperatures", lambda: self._friction(self.ingest.flush()))
         )

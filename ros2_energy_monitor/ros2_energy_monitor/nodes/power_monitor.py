@@ -128,7 +128,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         super().parameters_changed()
         self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
-    def tick(self) -> None:
+    def take(self) -> None:
         """Drain all inputs and publish the periods that ended.
 
         Torque comes first, though it is used last: what it belongs to is then not newer.
@@ -156,13 +156,16 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         )
         for mean in means or ():
             self._publish(mean)
+
+    def tick(self) -> None:
+        """Publish the next power state, and keep registers and learned figures."""
         self.guard.run("publish.power", self._account_publisher.tick)
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
         self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
         """Book and publish what still waits."""
-        self.tick()
+        self.take()
         self.guard.run("joint_friction", lambda: self._use_friction(self._friction.flush()))
         self.guard.run("meter", lambda: self._use_meter(self._meter.flush()))
         self._loads.flush()

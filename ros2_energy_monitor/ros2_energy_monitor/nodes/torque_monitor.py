@@ -60,14 +60,14 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             )
         ]
 
-    def tick(self) -> None:
+    def take(self) -> None:
         """Drain the joint states and publish the torques that became complete."""
         states = self.drain([self.joint_states, *self._further])
         self._joints(messages_in(states), lambda: self.ingest.step(states))
 
     def deactivate(self) -> None:
         """Publish the last torques, whose window will not fill any more."""
-        self.tick()
+        self.take()
         self._joints(0, self.ingest.flush)
         self._publish(self.guard.run("joint_states", self.stage.flush, self._restart))
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -137,7 +136,7 @@ class EnergyAccount:
             [each.mark() for each in (self.registers, self.shaft, self.comparison)],
             self.counts.mark(),
             self.shaft.compared_ns.copy(),
-            copy(self.registers.time),
+            replace(self.registers.time),
             self.comparison.compared_ns,
             self.auxiliary.mark() if self.auxiliary is not None else None,
         )

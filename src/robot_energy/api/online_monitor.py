@@ -114,7 +114,8 @@ class OnlineMonitor:
         Returns:
             One row per completed sample, the columns of `ReplayResult.power` without those of
             the meter. A sample is complete once the stamps have passed it by the window of the
-            derivative and the waiting time of temperatures, together about 0.1 s.
+            derivative and the waiting time of temperatures, together about 0.1 s; those of 60 ms
+            are computed together.
 
         Raises:
             ShapeError: If an array has another shape, or a stamp is beyond the year 2038.

@@ -121,6 +121,10 @@ class Encoder:
         return rows
 
     def _write(self, path: str, plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
+        if isinstance(plan, View) and values.dtype == plan.native:
+            if values.shape == (len(rows), *plan.shape):
+                plan.of(rows)[...] = values
+                return
         shape = plan_shape(plan)
         if values.ndim and (shape is None or values.shape != (len(rows), *shape)):
             expected = "one number" if shape is None else f"{(len(rows), *shape)} or one number"

@@ -188,12 +188,14 @@ class ConditionLearner:
         """
         if not self.learns:
             return
-        part = block.stamp_ns // PART_NS
-        starts = (part[1:] != part[:-1]).nonzero()[0] + 1
-        for start, stop in zip([0, *starts.tolist()], [*starts.tolist(), len(block)], strict=True):
-            if self._part is not None and part[start] != self._part:
+        starts = list[int]()
+        if int(block.stamp_ns[0]) // PART_NS != int(block.stamp_ns[-1]) // PART_NS:
+            starts = (differences(block.stamp_ns // PART_NS, 0)[1:].nonzero()[0] + 1).tolist()
+        for start, stop in zip([0, *starts], [*starts, len(block)], strict=True):
+            part = int(block.stamp_ns[start]) // PART_NS
+            if self._part is not None and part != self._part:
                 self._end_part()
-            self._part = int(part[start])
+            self._part = part
             whole = start == 0 and stop == len(block)
             self._open.append(block if whole else block[slice(start, stop)])
 

@@ -230,6 +230,7 @@ class _QuadraticFit:
         clean = bool(np.isfinite(part.sum()))
         size = weight.shape[1]
         if clean and weight.size * len(part) <= CACHED:  # few calls for short blocks
+            part = part if part.flags.forc else part.copy()
             near, far = part.strides
             shape, strides = (len(weight), len(part), size), (far, near, far)
             around = np.ndarray(shape, part.dtype, part, 0, strides)

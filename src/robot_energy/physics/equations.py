@@ -47,7 +47,7 @@ class Balance:
         """Return the flows at some samples.
 
         Args:
-            rows: Shape (M,).
+            rows: Which samples, shape (M,).
 
         Returns:
             Shape (M,) each. [W]
@@ -166,15 +166,15 @@ def friction_torque(
     """
     speed = _float(motor_velocity)
     constant = _float(coulomb)
-    if np.any(load_coulomb):
+    if _given(load_coulomb):
         constant = constant + _float(load_coulomb) * np.abs(_float(motor_torque_rigid))
-    if np.any(stribeck_torque):
+    if _given(stribeck_torque):
         ratio = np.abs(speed) / _float(stribeck_velocity)
         constant = constant + _float(stribeck_torque) * np.exp(
             -(ratio ** _float(stribeck_exponent))
         )
     sign = np.sign(speed)
-    if np.any(smooth_velocity):
+    if _given(smooth_velocity):
         with np.errstate(divide="ignore", invalid="ignore"):
             smooth = _float(smooth_velocity)
             sign = np.where(smooth > 0, np.tanh(speed / smooth), sign)
@@ -321,6 +321,11 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
         part *= half
         peaks += (float(part.max()), -float(part.min()))
     return energy, float(np.max(peaks))
+
+
+def _given(term: ArrayLike) -> bool:
+    """Whether a term is anything but 0."""
+    return term != 0.0 if isinstance(term, float) else bool(np.any(term))
 
 
 def _float(values: ArrayLike) -> Float:

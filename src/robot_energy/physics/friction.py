@@ -242,10 +242,13 @@ class FrictionModel:
         self._upper_degc = np.asarray([law.upper_degc for law in self.laws])
         self._used_degc = np.asarray([law.used for law in self.laws]).T
         self.coulomb = np.asarray([entry.coulomb.value for entry in entries])
-        self._smooth = _values([entry.smooth_velocity for entry in entries])
-        self._load = _values([entry.load_coulomb for entry in entries])
         stribeck = [entry.stribeck for entry in entries]
-        self._stribeck_torque = _values([s.torque if s else None for s in stribeck])
+        terms = {
+            "load_coulomb": _values([entry.load_coulomb for entry in entries]),
+            "smooth_velocity": _values([entry.smooth_velocity for entry in entries]),
+            "stribeck_torque": _values([s.torque if s else None for s in stribeck]),
+        }
+        self._terms = {name: values for name, values in terms.items() if values.any()}
         self._stribeck_velocity = np.asarray([s.velocity.value if s else 1.0 for s in stribeck])
         self._stribeck_exponent = np.asarray([s.exponent if s else 1.0 for s in stribeck])
 
@@ -334,12 +337,10 @@ class FrictionModel:
             coulomb,
             viscous,
             motor_torque_rigid=motor_torque_rigid,
-            load_coulomb=self._load,
-            stribeck_torque=self._stribeck_torque,
             stribeck_velocity=self._stribeck_velocity,
             stribeck_exponent=self._stribeck_exponent,
-            smooth_velocity=self._smooth,
             standing=standing,
+            **self._terms,
         )
 
 

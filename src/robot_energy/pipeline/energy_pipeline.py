@@ -20,6 +20,8 @@ from robot_energy.pipeline.power_stage import PowerStage
 from robot_energy.pipeline.settings import Settings
 from robot_energy.pipeline.torque_stage import TorqueStage
 
+TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at least [ns]
+
 
 @dataclass(frozen=True)
 class Output:
@@ -43,7 +45,8 @@ class Output:
 class EnergyPipeline:
     """Torque, friction, power and the energy account, wired directly.
 
-    Any cutting of the same input into steps gives the same output.
+    Any cutting of the same input into steps gives the same output. A step costs nearly the same
+    for one sample and for a hundred, so joint states wait until there are 60 ms of them.
 
     Args:
         model: The robot's model.
@@ -60,6 +63,8 @@ class EnergyPipeline:
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
         self.ledger = EnergyAccount(len(model.joints), settings)
+        self._waiting: list[JointBlock] = []
+        self._done_ns: int | None = None  # newest joint state that did not wait [ns]
 
     def step(
         self,
@@ -82,8 +87,21 @@ class EnergyPipeline:
         """
         torque = None
         if joints is not None:
-            torque = self.torque.plan(joints) if planned else self.torque.step(joints)
+            torque = self.torque.plan(joints) if planned else self._gather(joints)
         return self.advance(torque, temperatures, meter)
+
+    def _gather(self, joints: JointBlock) -> TorqueBlock | None:
+        """Compute torques, if there is enough for a step or the stamps have jumped."""
+        if not len(joints):
+            return None
+        self.torque.arrived(joints)
+        self._waiting.append(joints)
+        newest = int(joints.stamp_ns[-1])
+        if self._done_ns is not None and 0 <= newest - self._done_ns < TOGETHER_NS:
+            return None
+        self._done_ns = newest
+        waiting, self._waiting = self._waiting, []
+        return self.torque.step(JointBlock.concatenate(waiting))
 
     def advance(
         self,
@@ -116,12 +134,16 @@ class EnergyPipeline:
 
     def restart(self) -> None:
         """Drop the samples that wait, as after an error; the account and the settings stay."""
+        self._waiting.clear()
         self.torque.restart()
         self.power.restart()
 
     def flush(self) -> Output:
         """Complete what still waits, as at the end of a bag."""
-        return self.finish(self.torque.flush())
+        waiting, self._waiting = self._waiting, []
+        parts = [self.torque.step(JointBlock.concatenate(waiting)) if waiting else None]
+        found = [part for part in (*parts, self.torque.flush()) if part is not None]
+        return self.finish(TorqueBlock.concatenate(found) if found else None)
 
     def finish(self, torque: TorqueBlock | None) -> Output:
         """Complete what still waits behind the torque.

@@ -81,6 +81,14 @@ class TorqueStage:
             from_ns = 0 if self._newest_ns is None else self._newest_ns + 1
         return self._payload.set(payload, from_ns)
 
+    def arrived(self, block: JointBlock) -> None:
+        """Note joint states that `step` takes later: a payload set now counts after them.
+
+        Args:
+            block: In time order, at least one.
+        """
+        self._newest_ns = int(block.stamp_ns[-1])
+
     def step(self, block: JointBlock) -> TorqueBlock | None:
         """Take joint states and return the torques whose window is complete.
 
@@ -92,7 +100,7 @@ class TorqueStage:
         """
         if not len(block):
             return None
-        self._newest_ns = int(block.stamp_ns[-1])
+        self.arrived(block)
         return self._torque(self._derivative.step(block))
 
     def plan(self, block: JointBlock) -> TorqueBlock | None:
@@ -106,7 +114,7 @@ class TorqueStage:
         """
         if not len(block):
             return None
-        self._newest_ns = int(block.stamp_ns[-1])
+        self.arrived(block)
         return self._torque([block])
 
     def restart(self) -> None:

@@ -14,6 +14,7 @@ from robot_energy.motion.gcode import read_gcode
 from robot_energy.motion.load_motion import ToolOptions
 from robot_energy.motion.slicing import Slicing, slice_stl
 from robot_energy.motion.tool_motion import ToolPlacement
+from robot_energy_papers.boat import DEPTH, ROOF, boat, cabin_outline, hull_outline, stl
 from robot_energy_papers.wall import Wall
 
 EXAMPLE = ROOT / "src/examples/programs/wall.stl"  # 1200 mm by 300 mm by 1000 mm
@@ -121,3 +122,21 @@ def test_one_command_goes_from_shape_to_energy(capsys):
     output = capsys.readouterr().out
     assert "12.000 m of the program printed" in output
     assert "4 layers, 4 outlines" in output
+
+
+def perimeter(outline):
+    return float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
+
+
+def test_a_boat_goes_from_shape_to_energy():
+    """Its layers have the perimeters of hull and cabin; the file is what its script writes."""
+    example = ROOT / "src/examples/programs/boat.stl"
+    assert example.read_bytes() == stl(boat())
+    slicing = Slicing(layer_height=0.05)
+    middles = np.arange(25.0, ROOF, 50.0)
+    outlines = [hull_outline(z / DEPTH) if z < DEPTH else cabin_outline() for z in middles]
+    way = printed(slice_stl(example, slicing)).printed_length
+    assert way == pytest.approx(1e-3 * sum(map(perimeter, outlines)), rel=1e-3)
+    tool = ToolOptions(placement=ToolPlacement(-1.0, 0.0, 0.0), slicing=slicing)
+    found = predict(example, "mantis", 40.0, tool=tool)
+    assert found.energy.grid_import > 100.0 * way / slicing.speed  # constant losses alone

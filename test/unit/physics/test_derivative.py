@@ -122,3 +122,16 @@ def test_short_blocks_give_the_bits_of_a_long_one():
             found = [done for part in parts for done in stage.step(part)]
             cut = JointBlock.concatenate([*found, *stage.flush()])
             np.testing.assert_array_equal(cut.joint_acceleration, whole.joint_acceleration)
+
+
+def test_short_blocks_may_be_views_of_a_long_one_with_contiguous_joints():
+    """Blocks document this order; pieces of such a block are not contiguous."""
+    stamp = jittered(60)
+    position, velocity, _ = cubic(stamp)
+    plain = robots.joint_block(stamp, position, velocity)
+    joints = robots.joint_block(stamp, *map(np.asfortranarray, (position, velocity)))
+    stage = Derivative()
+    parts = [one for at in range(0, 60, 2) for one in stage.step(joints[slice(at, at + 2)])]
+    found = JointBlock.concatenate([*parts, *stage.flush()])
+    expected = differentiate(plain)
+    np.testing.assert_array_equal(found.joint_acceleration, expected.joint_acceleration)

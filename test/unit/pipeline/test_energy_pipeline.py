@@ -15,6 +15,7 @@ from robot_energy.blocks import (
     TemperatureBlock,
     sum_over_joints,
 )
+from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline
 from robots import figure
 
@@ -337,3 +338,32 @@ def test_temperatures_of_which_none_is_left_do_nothing():
     pipeline = EnergyPipeline(robots.one_wheel())
     empty = temperatures([], np.empty((0, 1)))
     assert pipeline.step(temperatures=empty).friction is None
+
+
+def test_joint_states_of_60_ms_go_through_the_stages_together():
+    pipeline, block = EnergyPipeline(robots.one_wheel()), spin(3.0, rate=500.0)
+    singles = [pipeline.step(joints=block[slice(n, n + 1)]) for n in range(len(block))]
+    assert sum(out.torque is not None for out in singles) <= 1.0 / 0.06 + 1
+    power = [out.power for out in (*singles, pipeline.flush()) if out.power is not None]
+    whole = run(EnergyPipeline(robots.one_wheel()), {"joints": block})
+    np.testing.assert_array_equal(PowerBlock.concatenate(power).grid_power, whole.grid_power)
+
+
+def test_a_payload_that_is_set_while_joint_states_wait_counts_after_them():
+    pipeline, block = EnergyPipeline(robots.two_link()), robots.joint_block(
+        np.arange(50) / 500, np.full((50, 2), 0.4), np.zeros((50, 2))
+    )  # fmt: skip
+    parts = [pipeline.step(joints=block[slice(0, 1)]), pipeline.step(joints=block[slice(1, 30)])]
+    assert parts[1].torque is None
+    pipeline.torque.set_payload(payload("fore", 2.0))
+    parts += [pipeline.step(joints=block[slice(30, 50)]), pipeline.flush()]
+    mass = np.concatenate([out.power.payload_mass for out in parts if out.power is not None])
+    np.testing.assert_array_equal(mass, np.where(np.arange(50) < 30, 0.0, 2.0))
+
+
+def test_a_restart_drops_joint_states_that_wait():
+    pipeline, block = EnergyPipeline(robots.one_wheel()), spin(3.0, rate=500.0)
+    pipeline.step(joints=block[slice(0, 30)])
+    pipeline.step(joints=block[slice(30, 35)])
+    pipeline.restart()
+    assert pipeline.flush().power is None

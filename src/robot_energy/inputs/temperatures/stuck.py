@@ -84,12 +84,13 @@ class StuckTemperatureDetector:
         if not np.isfinite(heat.sum()):
             heat[~np.isfinite(heat)] = 0.0
         np.rint(heat, out=heat)
-        number = stamp_ns // WINDOW_NS
-        starts = (number[1:] != number[:-1]).nonzero()[0] + 1
-        bounds = [0, *starts.tolist(), len(stamp_ns)]
+        bounds = [0, len(stamp_ns)]
+        if int(stamp_ns[0]) // WINDOW_NS != int(stamp_ns[-1]) // WINDOW_NS:
+            number = stamp_ns // WINDOW_NS
+            bounds[1:1] = ((number[1:] != number[:-1]).nonzero()[0] + 1).tolist()
         marks: NDArray[np.bool_] | None = None
         for start, stop in pairwise(bounds):
-            window = int(number[start])
+            window = int(stamp_ns[start]) // WINDOW_NS
             if self._window is not None and window != self._window:
                 self._close(window - self._window)
             self._window = window
