@@ -177,7 +177,8 @@ def exceeded_limits(seed: int, count: int) -> int:
         count: How many.
 
     Returns:
-        Programs beyond a limit of position, speed, acceleration, torque or cycle time.
+        Programs beyond a limit of position, speed, acceleration, jerk, torque or cycle time; from
+        one end of an acceleration to the other takes at least the jerk time.
 
     Raises:
         RobotEnergyError: If the model cannot be used.
@@ -209,11 +210,13 @@ def _beyond(program: Program, limits: MotionLimits) -> bool:
     position = program.sample(np.arange(0.0, program.period, step)).joint_position
     speed = np.abs(np.diff(position, axis=0)).max(axis=0) / step
     acceleration = np.abs(np.diff(position, n=2, axis=0)).max(axis=0) / step**2
+    jerk = np.abs(np.diff(position, n=3, axis=0)).max(axis=0) / step**3
     outside = (position < limits.lower - EXACT) | (position > limits.upper + EXACT)
     return bool(
         outside.any()
         or (speed > limits.velocity * (1 + EXACT)).any()
         or (acceleration > limits.acceleration * (1 + EXACT)).any()
+        or (jerk * limits.jerk_time > 2.0 * limits.acceleration * (1 + 1e-3)).any()
     )
 
 
