@@ -179,7 +179,7 @@ def test_a_study_that_is_none_is_refused(tmp_path):
 def test_three_processes_give_the_energies_of_the_replay(
     child_environment, recording, tmp_path, capsys
 ):
-    """A recording with a gap and a repeated sample, eight times as fast as nature."""
+    """A recording with a gap and a repeated sample, four times as fast as nature."""
     books = replay(recording, load("kr16")).ledger.comparison
     entry = {
         "bag": "rig",
@@ -191,7 +191,7 @@ def test_three_processes_give_the_energies_of_the_replay(
     (tmp_path / "bags" / "rig").symlink_to(recording)
     (tmp_path / "figures.json").write_text(json.dumps({"sets": [entry]}))
     save(load("kr16"), tmp_path / "identified.yaml")
-    done = run(child_environment, "live_study", str(tmp_path), "--rate", str(RATE))
+    done = run(child_environment, "live_study", str(tmp_path), "--rate", str(RATE / 2))
     assert done.returncode == 0, done.stdout + done.stderr
     assert "nodes and replay agree" in done.stdout
     (expected,) = live_study.read_study(tmp_path)

@@ -37,9 +37,8 @@ from ros2_energy_monitor.diagnostics.reporter import Reporter, Source, StatusBui
 P = TypeVar("P", bound=Common)
 ROBOT_DESCRIPTION = "robot_description"
 REPORT_PERIOD = 1.0  # [s]
-TAKEN_EVERY = (
-    0.08  # queues are emptied at the last tick within it; a step costs the same for few [s]
-)
+# Queues are emptied at the last tick within it: a step costs as much for few messages. [s]
+TAKEN_EVERY = 0.08
 
 
 class MonitorNode(ManagedNode, Generic[P]):
