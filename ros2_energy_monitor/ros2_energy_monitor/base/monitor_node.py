@@ -37,15 +37,13 @@ from ros2_energy_monitor.diagnostics.reporter import Reporter, Source, StatusBui
 P = TypeVar("P", bound=Common)
 ROBOT_DESCRIPTION = "robot_description"
 REPORT_PERIOD = 1.0  # [s]
-# Queues are emptied at the last tick within it: a step costs as much for few messages. [s]
-TAKEN_EVERY = 0.08
 
 
 class MonitorNode(ManagedNode, Generic[P]):
     """Base of the monitors.
 
     configure reads the model and calls `set_up`; while the node is active, `take` runs every
-    80 ms, `tick` at the tick rate and `report` once a second; while it is inactive, what arrives
+    ``TAKEN_EVERY``, `tick` at the tick rate and `report` once a second; while it is inactive, what arrives
     is discarded and counted. Diagnostics are published in every state. With the parameter
     ``autostart`` the constructor configures and activates.
 
@@ -71,6 +69,8 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     NAME: ClassVar[str]
     UNIQUE_TOPIC: ClassVar[str] = ""  # that no other node may publish
+    # Queues are emptied at the last tick within it: a step costs as much for few messages. [s]
+    TAKEN_EVERY: ClassVar[float] = 0.08
     parameters: P
     model: RobotModel
 
@@ -217,7 +217,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     def _tick(self) -> None:
         with self._tick_statistics.tick():
             if due := self._ticks <= 1:
-                self._ticks = int(TAKEN_EVERY * self.parameters.tick_rate + 1e-9)
+                self._ticks = int(self.TAKEN_EVERY * self.parameters.tick_rate + 1e-9)
             else:
                 self._ticks -= 1
             if not self.active:

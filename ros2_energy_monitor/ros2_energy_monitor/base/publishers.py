@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from ros2_energy_msgs.msg import JointFriction, JointTorque
+
+MAX_FINISH = 1.0  # for subscribers to acknowledge the last messages of a node that ends [s]
 
 
 def best_effort(depth: int) -> QoSProfile:
@@ -75,6 +78,13 @@ class RowPublisher:
         """
         for row in () if rows is None else rows:
             self._publisher.publish(row.tobytes())
+
+    def finish(self) -> None:
+        """Wait until reliable subscribers have all that was published, at most `MAX_FINISH`.
+
+        What they have not acknowledged when the process ends is lost.
+        """
+        self._publisher.wait_for_all_acked(Duration(seconds=MAX_FINISH))
 
 
 class PacedPublisher:

@@ -72,6 +72,7 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
         self._publish(
             self.guard.run("motor_temperatures", lambda: self._friction(self.ingest.flush()))
         )
+        self.guard.run("publish.joint_friction", self._publisher.finish)
 
     def _friction(self, temperatures: TemperatureBlock | None) -> FrictionBlock | None:
         return None if temperatures is None else self._stage.step(temperatures)

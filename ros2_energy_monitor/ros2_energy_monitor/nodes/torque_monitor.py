@@ -30,6 +30,9 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
     """
 
     NAME = "torque_monitor"
+    # One message for each joint state: 80 ms of them do not fit into the receive buffer that a
+    # subscriber has by default, and what is lost there comes again late, or never.
+    TAKEN_EVERY = 0.0
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, TorqueParameters, **options)
@@ -70,6 +73,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self.take()
         self._joints(0, self.ingest.flush)
         self._publish(self.guard.run("joint_states", self.stage.flush, self._restart))
+        self.guard.run("publish.joint_torque", self._publisher.finish)
 
     def _joints(self, arrived: int, take: Callable[[], JointBlock | None]) -> None:
         """Let joint states go their way from messages to torques."""
