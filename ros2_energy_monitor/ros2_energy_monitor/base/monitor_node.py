@@ -44,8 +44,8 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     configure reads the model and calls `set_up`; while the node is active, `take` runs every
     ``TAKEN_EVERY``, `tick` at the tick rate and `report` once a second; while it is inactive,
-    what arrives is discarded and counted. Diagnostics are published in every state. With the parameter
-    ``autostart`` the constructor configures and activates.
+    what arrives is discarded and counted. Diagnostics are published in every state. With the
+    parameter ``autostart`` the constructor configures and activates.
 
     Ticks follow the steady clock, so that queues are drained also while simulated time
     stands still.
