@@ -30,8 +30,8 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
     """
 
     NAME = "torque_monitor"
-    # One message for each joint state: 80 ms of them do not fit into the receive buffer that a
-    # subscriber has by default, and what is lost there comes again late, or never.
+    # One message for each joint state: bursts of 80 ms lost some on the way to a subscriber where
+    # recordings are played fast; its receive buffer is small by default.
     TAKEN_EVERY = 0.0
 
     def __init__(self, **options: Any) -> None:
