@@ -24,7 +24,7 @@ from robot_energy.rig.record import RigEncoder
 from ros2_energy_monitor.base import monitor_node
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.parameters import RobotParameters
+from ros2_energy_monitor.base.node_parameters import RobotParameters
 from ros2_energy_monitor.base.publishers import best_effort, reliable
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.nodes.virtual_robot import make_rig
@@ -35,7 +35,7 @@ LOOPBACK = {  # UDP without shared memory, which what is killed would leave half
         Path(__file__).resolve().parents[2] / "test/loopback.xml"
     ),
 }
-PATIENCE = 30.0  # s, on a machine that does much else
+PATIENCE = 120.0  # s, on a machine that does much else
 
 
 class Diagnosed:
@@ -59,6 +59,13 @@ class Diagnosed:
             f"{name}: {words}",
         )
         return self._latest[name]
+
+    def wait_anew(self, name: str, words: str) -> DiagnosticStatus:
+        """Wait for words of a check that has begun after this call."""
+        for _ in range(2):  # the first to come may be on its way already
+            self._latest.pop(name, None)
+            self._bench.spin_until(lambda: name in self._latest, name)
+        return self.wait(name, words)
 
     @staticmethod
     def values(status: DiagnosticStatus) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from robot_energy.model import load
 
 BAGS = Path(__file__).parents[2] / "bags"
-LIMIT = 180.0  # s
+LIMIT = 900.0  # s, on a machine that does much else
 
 
 def demo(child_environment, *options: str) -> subprocess.Popen[str]:

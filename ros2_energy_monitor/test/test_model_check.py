@@ -90,4 +90,4 @@ def test_a_node_that_stops_gives_the_check_up(bench):
     diagnosed.wait(NAME, "")
     process = bench.spin_until(lambda: node._model_check._process, "the process")
     bench.remove(node)
-    assert process.wait(timeout=30.0) is not None
+    assert process.wait(timeout=120.0) is not None

@@ -10,24 +10,24 @@ import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from robot_energy.errors import ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.parameters import RENAMED, assemble
 from robot_energy.inputs.sources import JointStateSource, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, TEMPERATURE
 from robot_energy.presets import ROBOTS
-from ros2_energy_monitor.base.parameter_files import files_without_section, sections
-from ros2_energy_monitor.base.parameters import (
+from ros2_energy_monitor.base.node_parameters import (
     ConsoleParameters,
     DashboardParameters,
     EnergyParameters,
     FrictionParameters,
-    ParameterError,
     PowerParameters,
     RobotParameters,
     TorqueParameters,
-    declare,
 )
+from ros2_energy_monitor.base.parameter_files import files_without_section, sections
+from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.exporters.parameters import exporter_parameters
 from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 

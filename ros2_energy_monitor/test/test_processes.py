@@ -16,7 +16,7 @@ import pytest
 
 from ros2_energy_monitor.executables import EXECUTABLES
 
-LIMIT = 30.0  # s; then the process is killed and the test fails
+LIMIT = 120.0  # s; then the process is killed and the test fails
 MONITORS = ["torque_monitor", "friction_monitor", "power_monitor", "energy_monitor"]
 
 

@@ -10,7 +10,7 @@ import pytest
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import ParameterError
 from robot_energy.rig.record import RigEncoder
-from ros2_energy_monitor.base.parameters import RobotParameters
+from ros2_energy_monitor.base.node_parameters import RobotParameters
 from ros2_energy_monitor.base.publishers import PacedPublisher
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot, make_rig

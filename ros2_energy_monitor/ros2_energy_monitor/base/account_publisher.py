@@ -10,7 +10,7 @@ from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.model import RobotModel
 from ros2_energy_monitor.base.checkpoints import CLOSING, Checkpoints, folder_of
-from ros2_energy_monitor.base.parameters import AccountParameters
+from ros2_energy_monitor.base.node_parameters import AccountParameters
 from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, reliable
 from ros2_energy_monitor.services.registers import RegisterServices
 

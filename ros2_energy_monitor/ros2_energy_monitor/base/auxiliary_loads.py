@@ -19,7 +19,7 @@ from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import SLOW_DEPTH, messages_in, wanted_class
 from ros2_energy_monitor.base.message_definitions import definitions_of
 from ros2_energy_monitor.base.monitor_node import MonitorNode
-from ros2_energy_monitor.base.parameters import AccountParameters
+from ros2_energy_monitor.base.node_parameters import AccountParameters
 from ros2_energy_monitor.base.publishers import best_effort, latched
 
 STATES = 10  # that a latched topic keeps

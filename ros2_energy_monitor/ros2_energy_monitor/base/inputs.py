@@ -22,7 +22,7 @@ from robot_energy.shown_text import shown
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.message_definitions import definitions_of
-from ros2_energy_monitor.base.parameters import EnergyParameters, TorqueParameters
+from ros2_energy_monitor.base.node_parameters import EnergyParameters, TorqueParameters
 from ros2_energy_monitor.base.publishers import best_effort, latched
 
 SLOW_DEPTH = 500  # messages of temperatures and meters, which come at 0.1 to 1000 Hz

@@ -27,8 +27,9 @@ from robot_energy.timeline.gaps import StampOrder
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
+from ros2_energy_monitor.base.node_parameters import Common
 from ros2_energy_monitor.base.parameter_changes import AT_START, ParameterChanges
-from ros2_energy_monitor.base.parameters import Common, declare, parameter_lines, reread
+from ros2_energy_monitor.base.parameters import declare, parameter_lines, reread
 from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch

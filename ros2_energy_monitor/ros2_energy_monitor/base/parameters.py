@@ -1,4 +1,4 @@
-"""Parameters of the nodes: one frozen dataclass each, declared with type, range and meaning.
+"""Declares parameters at a node, with type, range and meaning, and reads them again.
 
 Those of a node with a life cycle can be changed, see `base.parameter_changes`; all others are
 read-only.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import sys
 from collections.abc import Collection
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -21,16 +21,10 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from robot_energy.condition.learner import Learning
 from robot_energy.errors import ParameterError
-from robot_energy.inputs.auxiliary import AuxiliaryInputs
-from robot_energy.inputs.meter.source import MeterInputs
-from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
-from robot_energy.inputs.sources import GapInputs, JointStateInputs, TemperatureInputs
+from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
 from robot_energy.shown_text import shown_lines
 from ros2_energy_monitor.base.parameter_files import files_without_section
-
-__all__ = ["ParameterError", "declare", "parameter"]
 
 TYPES: dict[Any, RosParameter.Type] = {
     bool: RosParameter.Type.BOOL,
@@ -41,207 +35,12 @@ TYPES: dict[Any, RosParameter.Type] = {
     tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
-MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 P = TypeVar("P", bound="DataclassInstance")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Common:
-    """What every monitor needs."""
-
-    model: str = parameter("Model file of the robot, or the name of a shipped model, e.g. kr16.")
-    tick_rate: float = parameter(
-        "How often results are published; queued messages are taken at the last tick within 80 ms "
-        "[1/s].",
-        25.0,
-        1.0,
-        1000.0,
-    )
-    autostart: bool = parameter(
-        "Whether the node configures and activates itself; if not, a life cycle manager does.",
-        True,
-    )
-    strict_parameters: bool = parameter(
-        "Whether an unknown parameter, or a parameter file for other nodes, ends the node.", False
-    )
-    input_timeout: float = parameter(
-        "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
-    )
-    resubscribe_after: float = parameter(
-        "Silence of an input that has publishers after which it is subscribed again [s].",
-        10.0,
-        0.5,
-        3600.0,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueParameters(JointStateInputs, Common):
-    """Parameters of the torque monitor."""
-
-    joint_state_depth: int = parameter(
-        "Messages that can wait between two ticks; at least 0.5 s of joint states [messages].",
-        2000,
-        1,
-        100_000,
-    )
-    derivative_window: float = parameter(
-        "Length of the window over which acceleration is estimated [s].", 0.02, 0.001, 1.0
-    )
-    derivative_lag: float = parameter(
-        "How far that window reaches ahead of the sample; -1 for half the window [s].",
-        -1.0,
-        -1.0,
-        1.0,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrictionParameters(TemperatureInputs, Common):
-    """Parameters of the friction monitor."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
-    """What the nodes that keep an energy account share."""
-
-    power_rate: float = parameter(
-        "Rate of energy/power, whose powers are means over its period: tick_rate or a whole "
-        "fraction of it [1/s].",
-        25.0,
-        0.1,
-        1000.0,
-    )
-    temperature_wait: float = parameter(
-        "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
-    )
-    state_folder: str = parameter(
-        "Folder that keeps the registers across restarts; $ROS_HOME is ~/.ros where it is not "
-        "set. Empty keeps nothing.",
-        "$ROS_HOME/robot_energy",
-    )
-    checkpoint_period: float = parameter(
-        "How often the registers are brought to disk and published [s].", 1.0, 0.1, 3600.0
-    )
-    learning: str = parameter(
-        "What is learned of friction and constant losses while the robot works: off for nothing; "
-        "observe to publish it; apply to predict with it.", "observe", choices=tuple(Learning)
-    )  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class PowerParameters(GapInputs, AccountParameters):
-    """Parameters of the power monitor."""
-
-    joint_torque_depth: int = parameter(
-        "Messages that can wait between two ticks; at least 0.5 s of torques [messages].",
-        2000,
-        1,
-        100_000,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_power_rate(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
-    """Parameters of the energy monitor, the three monitors in one process."""
-
-    publish_torque: bool = parameter(
-        "Whether energy/joint_torque is published, at the full rate of the joint states.", False
-    )
-    model_check: float = parameter(
-        "Time in motion after which the model is checked once against what the robot did, in a "
-        "process of low priority; 0 for never [s].",
-        20.0,
-        0.0,
-        600.0,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_power_rate(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotParameters:
-    """Parameters of the virtual robot."""
-
-    seed: int = parameter("Seed of the noise of all sensors.", 1, 0, 2**31 - 1)
-    program: int = parameter(
-        "Seed of the random program; the same number gives the same motions.", 1, 0, 2**31 - 1
-    )
-    speed: float = parameter("Speed of the program, as a share of the limits [-].", 1.0, 0.05, 1.0)
-    rate: float = parameter("Rate of the joint states [1/s].", 250.0, 10.0, 4000.0)
-    tick_rate: float = parameter(
-        "How often the samples that are due are computed [1/s].", 50.0, 1.0, 1000.0
-    )
-    start_temperature_degc: float = parameter(
-        "Temperature of all motors and gears at the start [degC].", 20.0, -20.0, 120.0
-    )
-    ambient_degc: float = parameter("Temperature of the hall [degC].", 20.0, -20.0, 60.0)
-    thermal_speedup: float = parameter(
-        "How many times faster than nature the robot warms up [-].", 1.0, 0.01, 10_000.0
-    )
-    plant_seed: int = parameter(
-        "Seed by which friction, losses and constants are drawn at random; -1 takes those of the "
-        "KR 16 class profile.",
-        -1,
-        -1,
-        2**31 - 1,
-    )
-    hard: bool = parameter(
-        "Whether the rig has effects that no model file has a term for, such as elastic joints.",
-        False,
-    )
-    auxiliary: bool = parameter(
-        "Whether a pump and an extruder run next to the robot: their meters on "
-        "auxiliary/NAME/power, the numbers of their states on auxiliary/NAME/state.",
-        False,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConsoleParameters:
-    """Parameters of the console."""
-
-    refresh_rate: float = parameter(
-        "How often the table is drawn on a terminal [1/s].", 4.0, 0.1, 20.0
-    )
-    line_period: float = parameter(
-        "How often a line is printed where there is no terminal [s].", 5.0, 0.5, 3600.0
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DashboardParameters:
-    """Parameters of the energy dashboard."""
-
-    address: str = parameter(
-        "IP address to listen on; other than 127.0.0.1 needs a token.", "127.0.0.1"
-    )
-    port: int = parameter("TCP port; 0 for any free one.", 8421, 0, 65535)
-    token_file: str = parameter("File with the token of the page; empty for none.", "")
-    allow_control: bool = parameter(
-        "Whether the page has buttons for job intervals and the reset; they need the token.", False
-    )
-    allowed_hosts: tuple[str, ...] = parameter(
-        "Further names in the Host header that are served, such as that of a proxy.", ()
-    )
-    robots: tuple[str, ...] = parameter(
-        "Namespaces of the robots to show; empty shows all whose energy/power is found.", ()
-    )
-    update_rate: float = parameter("How often the page is sent news [1/s].", 10.0, 1.0, 20.0)
-    page_settings: str = parameter(
-        "File with prices, emission factor and length of a shift; empty for none.", ""
-    )
 
 
 def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P:
@@ -281,19 +80,6 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
     for sentence in unknown:
         node.get_logger().warning(shown_lines(sentence))
     return values
-
-
-def _check_power_rate(parameters: AccountParameters) -> None:
-    """Refuse a rate of energy/power that ticks cannot give evenly."""
-    rate, tick_rate = parameters.power_rate, parameters.tick_rate
-    whole = max(1, round(tick_rate / rate))
-    if abs(tick_rate / rate - whole) > MAX_ROUNDING * whole:
-        near = sorted({tick_rate / max(1, whole + step) for step in (-1, 0, 1)})
-        raise ParameterError(
-            f"power_rate is {rate:g} at a tick_rate of {tick_rate:g}",
-            f"tick_rate or a whole fraction of it, such as "
-            f"{' or '.join(f'{value:.6g}' for value in near)}",
-        )
 
 
 def parameter_lines(node: Node) -> list[str]:

@@ -8,7 +8,7 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.condition.learner import Learning
 from robot_energy.inputs.sources import GapInputs
 from robot_energy.pipeline import Settings
-from ros2_energy_monitor.base.parameters import (
+from ros2_energy_monitor.base.node_parameters import (
     Common,
     EnergyParameters,
     PowerParameters,

@@ -30,7 +30,7 @@ from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Output
 from ros2_energy_monitor.base.guard import Guard
-from ros2_energy_monitor.base.parameters import EnergyParameters
+from ros2_energy_monitor.base.node_parameters import EnergyParameters
 from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
 
 MAX_SAMPLES = 20_000  # kept; about 1.2 kB each for six joints

@@ -15,7 +15,8 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 
-from ros2_energy_monitor.base.parameters import ConsoleParameters, declare
+from ros2_energy_monitor.base.node_parameters import ConsoleParameters
+from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import best_effort, latched
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.demo.console_view import ConsoleView

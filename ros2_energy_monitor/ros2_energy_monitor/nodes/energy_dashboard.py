@@ -18,7 +18,8 @@ from robot_energy.page.hub import PageHub
 from robot_energy.page.settings import load_settings
 from robot_energy.page.web_server import PageServer
 from ros2_energy_monitor.base.guard import Guard
-from ros2_energy_monitor.base.parameters import DashboardParameters, declare
+from ros2_energy_monitor.base.node_parameters import DashboardParameters
+from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.web.robot_feed import POWER_TOPIC, RobotFeed

@@ -22,7 +22,7 @@ from ros2_energy_monitor.base.inputs import (
     temperature_inputs,
 )
 from ros2_energy_monitor.base.monitor_node import MonitorNode
-from ros2_energy_monitor.base.parameters import EnergyParameters
+from ros2_energy_monitor.base.node_parameters import EnergyParameters
 from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of

@@ -20,7 +20,7 @@ from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import messages_in, meter_input
 from ros2_energy_monitor.base.monitor_node import MonitorNode
-from ros2_energy_monitor.base.parameters import PowerParameters
+from ros2_energy_monitor.base.node_parameters import PowerParameters
 from ros2_energy_monitor.base.publishers import FRICTION_DEPTH, latched, reliable
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of

@@ -11,7 +11,7 @@ from robot_energy.messages import TorqueWriter
 from robot_energy.pipeline import TorqueStage
 from ros2_energy_monitor.base.inputs import joint_state_inboxes, messages_in
 from ros2_energy_monitor.base.monitor_node import MonitorNode
-from ros2_energy_monitor.base.parameters import TorqueParameters
+from ros2_energy_monitor.base.node_parameters import TorqueParameters
 from ros2_energy_monitor.base.publishers import torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of

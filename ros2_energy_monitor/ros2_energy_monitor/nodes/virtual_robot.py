@@ -18,7 +18,8 @@ from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import RigConfig, VirtualRig, load_profile, random_profile
 from robot_energy.rig.auxiliary import LOADS, LoadPlayer
 from robot_energy.rig.record import RigEncoder, load_messages
-from ros2_energy_monitor.base.parameters import RobotParameters, declare
+from ros2_energy_monitor.base.node_parameters import RobotParameters
+from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, latched, reliable
 from ros2_energy_monitor.base.run_node import run
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-PATIENCE = 30.0  # s
+PATIENCE = 120.0  # s, on a machine that does much else
 
 
 def wait_for(condition: Callable[[], Any], what: str) -> Any:
@@ -277,11 +277,11 @@ def certificates(tmp_path: Path) -> Callable[[str], Certificates]:
     return lambda uri: Certificates(tmp_path, uri)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def eventually() -> Callable[[Callable[[], Any], str], Any]:
     return wait_for
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def free_port() -> Callable[[], int]:
     return unused_port

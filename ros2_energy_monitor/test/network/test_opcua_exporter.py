@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import time
 
@@ -35,23 +36,32 @@ def registers():
     return message
 
 
-@pytest.fixture
-def serve(eventually, free_port):
-    made = []
-
-    def start(**options):
-        port = free_port()
-        out = OpcUaExporter(OpcUaParameters(port=port, period=0.1, **options), "kr16")
-        out.start()
-        made.append(out)
+@contextlib.contextmanager
+def served(port, eventually, **options):
+    """A server that runs, and its address."""
+    out = OpcUaExporter(OpcUaParameters(port=port, period=0.1, **options), "kr16")
+    out.start()
+    try:
         eventually(lambda: out._ready.is_set() or out._failure, "the server")
         assert not out._failure, out._failure
-        return out, f"opc.tcp://127.0.0.1:{port}/robot_energy"
+        yield out, f"opc.tcp://127.0.0.1:{port}/robot_energy"
+    finally:
+        out.stop()
+    assert out._ended.is_set()
 
-    yield start
-    for one in made:
-        one.stop()
-        assert one._ended.is_set()
+
+@pytest.fixture(scope="module")
+def server(eventually, free_port):
+    """One for all tests that need nothing special: to begin takes longer than such a test."""
+    with served(free_port(), eventually) as started:
+        yield started
+
+
+@pytest.fixture
+def serve(eventually, free_port):
+    """A server with settings of its own."""
+    with contextlib.ExitStack() as stack:
+        yield lambda **options: stack.enter_context(served(free_port(), eventually, **options))
 
 
 def updated(out, newest, eventually):
@@ -77,8 +87,8 @@ async def read(url, *names, **login):
         return found
 
 
-def test_power_and_energy_with_units_and_numbers(serve, eventually):
-    out, url = serve()
+def test_power_and_energy_with_units_and_numbers(server, eventually):
+    out, url = server
     newest = Newest(1000.0)
     newest.take(Topic.POWER, power(), time.monotonic())
     newest.take(Topic.REGISTERS, registers(), time.monotonic())
@@ -111,8 +121,8 @@ def test_power_and_energy_with_units_and_numbers(serve, eventually):
     assert "model" in origin
 
 
-def test_the_band_stands_with_the_prediction(serve, eventually):
-    out, url = serve()
+def test_the_band_stands_with_the_prediction(server, eventually):
+    out, url = server
     newest = Newest(1000.0)
     state, energy = power(), registers()
     state.predicted_power_lower, state.predicted_power_upper = 400.0, 600.5
@@ -135,8 +145,8 @@ def test_the_band_stands_with_the_prediction(serve, eventually):
         (power(quality=2), "UncertainSubNormal", "Good"),
     ],
 )
-def test_status_codes_say_what_is_unknown(serve, eventually, message, predicted, measured):
-    out, url = serve()
+def test_status_codes_say_what_is_unknown(server, eventually, message, predicted, measured):
+    out, url = server
     newest = Newest(1000.0)
     if message is not None:
         newest.take(Topic.POWER, message, time.monotonic())
@@ -147,8 +157,8 @@ def test_status_codes_say_what_is_unknown(serve, eventually, message, predicted,
         assert (one.Value.Value is None) == one.StatusCode.is_bad()
 
 
-def test_silence_is_no_communication(serve, eventually):
-    out, url = serve()
+def test_silence_is_no_communication(server, eventually):
+    out, url = server
     newest = Newest(0.5)
     newest.take(Topic.POWER, power(), time.monotonic() - 1.0)
     updated(out, newest, eventually)
@@ -157,8 +167,8 @@ def test_silence_is_no_communication(serve, eventually):
     assert value.Value.Value is None
 
 
-def test_nobody_writes_or_adds(serve):
-    _, url = serve()
+def test_nobody_writes_or_adds(server):
+    _, url = server
 
     async def try_it():
         async with asyncua.Client(url) as client:
@@ -244,8 +254,8 @@ def test_an_open_file_of_credentials_is_refused(tmp_path):
         OpcUaExporter(OpcUaParameters(credentials_file=secret_file(tmp_path, 0o644)), "kr16")
 
 
-def test_a_port_in_use_is_in_the_diagnostics(serve, eventually):
-    out, _ = serve()
+def test_a_port_in_use_is_in_the_diagnostics(server, eventually):
+    out, _ = server
     second = OpcUaExporter(out._given, "kr16")
     second.start()
     eventually(lambda: second._failure, "the failure")
