@@ -33,10 +33,10 @@ from robot_energy_papers.interval_coverage import (
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.learning_study import LearningRow, learning_study
 from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
-from robot_energy_papers.wear_shift import WearRow, detection
+from robot_energy_papers.wear_shift import Shift, WearRow, detection
 
 WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
-FRESH = 100  # first plant on which no constant of the bands was chosen
+FRESH = 600  # first plant of the bands; their constants were chosen and proven on others
 NOMINAL = np.linspace(0.05, 0.99, 48)
 """Shares that intervals state. [-]"""
 
@@ -93,7 +93,7 @@ class CertaintyStudySize:
 FULL = CertaintyStudySize(
     ("kr16", "irb4600", "ur5e"), 60, 30, None, 10, 6, 6, ("kr16", "irb4600"), 30
 )
-QUICK = CertaintyStudySize(("ur5e",), 1, 0, SHORT, 1, 0, 0, ("kr16",), 6)
+QUICK = CertaintyStudySize(("ur5e",), 1, 0, SHORT, 1, 0, 0, ("kr16",), 3)
 
 
 @dataclass(frozen=True)
@@ -267,7 +267,7 @@ def worn_axis(joint: int, plant_seed: int) -> WearRow:
     Raises:
         RobotEnergyError: If the rig cannot be set up.
     """
-    return detection(random_profile("kr16", plant_seed), joint, WEAR, BEFORE, AFTER)
+    return detection(Shift(random_profile("kr16", plant_seed)), joint, WEAR, BEFORE, AFTER)
 
 
 def learning_result(robot: str, with_torque: bool, minutes: int, seed: int) -> LearningResult:

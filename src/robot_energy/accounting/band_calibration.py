@@ -6,6 +6,10 @@ raises it nine times as much as one below lowers it, so that in the long run one
 above, whatever their distribution and their correlation (conformal quantile tracking). Scores
 count from the next whole second on.
 
+What the meter shows late (`robot_energy.accounting.late_meter`) is a part of that standard
+deviation: at the beginning of a motion most of the error is of that kind, and how often motions
+begin differs from work to work.
+
 Windows of 5 s show what the band of an energy must be (`EnergyCalibration`).
 
 All is causal and all sums are integers, so the cutting of the input makes no difference.
@@ -15,12 +19,14 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import EnergyCalibration
 from robot_energy.accounting.held_energy import HeldEnergies
+from robot_energy.accounting.late_meter import MAX_SLOTS, SLOT_NS, LateMeter
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
 from robot_energy.timeline.pieces import Compared
@@ -41,10 +47,8 @@ from robot_energy.units import MAX_COUNTER
 COVERED = 0.9  # share of the readings that a band holds
 SECOND_NS = 1_000_000_000
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
-SLOT_NS = 20_000_000  # resolution of the deviation and of the phase behind a reading
 STRETCH_NS = 5_000_000_000  # whose energies are scored: about a motion
 MIN_SHARE = 0.5  # of a stretch that must be compared
-MAX_SLOTS = 20_000  # that wait for the meter: minutes
 MAX_STRETCHES = 16  # that wait for the meter
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
@@ -53,6 +57,18 @@ MAX_LOG_SCALE = math.log(1e3)
 NANOJOULE = 1e9
 PARTS = [BUS, LOSS_GRID, TEMPERATURE]
 POOLED = Phase.UNKNOWN  # the place of all phases together
+
+
+class _Scored(NamedTuple):
+    """A reading: the whole second from which it counts [ns], its phase, its scores.
+
+    The second score is that without what the meter shows late.
+    """
+
+    counts_ns: int
+    phase: int
+    score: float
+    plain: float
 
 
 class BandCalibration:
@@ -83,12 +99,14 @@ class BandCalibration:
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
         self._energies = EnergyCalibration()
+        self._late = LateMeter()
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self._forget()
 
     def _forget(self) -> None:
         """Drop what is not scored yet."""
+        self._late.jump()
         self._second: int | None = None  # up to which all is scored
         self._noted: list[HeldEnergies] = []
         self._waiting: list[Compared] = []
@@ -127,6 +145,7 @@ class BandCalibration:
         periods = _between_falls(
             np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
         )
+        power = block.supply.power_at(self.location)
         begun = np.array([open_ns]) if held is None else np.append(held.stamp_ns, open_ns)
         noted = _between_falls(begun, len(jumps))
         for number, (start, stop) in enumerate(pairwise(bounds)):
@@ -136,10 +155,12 @@ class BandCalibration:
                 if held is not None:
                     self._noted.append(held[noted[number]])
                 self._waiting.append(compared[pieces[number]])
+                rows = slice(start, stop)
+                self._late.take(stamp[rows], power[rows])
                 self._set(self._scored(int(stamp[stop - 1])), means, periods[number])
 
-    def _scored(self, now_ns: int) -> list[tuple[int, int, float]]:
-        """Return when each reading up to the last whole second counts, its phase and its score."""
+    def _scored(self, now_ns: int) -> list[_Scored]:
+        """Return the readings up to the last whole second."""
         second = now_ns // SECOND_NS
         if second == self._second:
             return []
@@ -181,8 +202,8 @@ class BandCalibration:
             known = self._deviations.get(number)
             self._deviations[number] = row if known is None else known + row
 
-    def _score(self, compared: Compared) -> list[tuple[int, int, float]]:
-        """Return the whole second from which each complete reading counts, its phase, its score."""
+    def _score(self, compared: Compared) -> list[_Scored]:
+        """Return the readings that are complete."""
         if not len(compared):
             return []
         table = np.stack(
@@ -194,12 +215,16 @@ class BandCalibration:
             ],
             axis=1,
         )
-        stretches, self._stretch = _closed(self._stretch, table, STRETCH_NS)
-        readings, self._reading = _closed(self._reading, table, READING_NS)
+        stretches, known, self._stretch = _closed(self._stretch, table, STRETCH_NS)
+        readings, counts, self._reading = _closed(self._reading, table, READING_NS)
         lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
         powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
-        for row, power in zip(stretches.tolist(), powers.tolist(), strict=True):
+        for row, power, since in zip(
+            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
+        ):
             self._score_stretch(row, power)
+            self._late.learn(since, self._energies.lag)
+        self._late.follow()
         if not len(readings):
             return []
         end, duration = readings[:, 0], readings[:, 1]
@@ -212,14 +237,17 @@ class BandCalibration:
         bus, grid, temperature = found[:, : len(PARTS)].T / np.maximum(held, 1)
         rest = np.hypot(bus, grid) if self.location is MeterLocation.GRID else bus
         sound = (held > 0) & (rest > 0) & (duration > 0)
-        error = np.abs(readings[:, 3] - readings[:, 2]) / np.maximum(duration, 1)
-        score = np.where(sound, scores(error, np.where(sound, rest, 1.0), temperature), np.nan)
-        # A reading is known to be complete when the next one begins.
-        known = np.append(readings[1:, 0], self._reading[0, 0])
+        measured, predicted = readings[:, 2:].T / np.maximum(duration, 1)
+        late = self._late.of_readings(end, duration)
+        error, rest = np.abs(predicted - measured), np.where(sound, rest, 1.0)
+        score, plain = (
+            np.where(sound, scores(error, each, temperature), np.nan)
+            for each in (np.hypot(rest, late), rest)
+        )
         keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
         self._slot, self._slots = self._slot[keep:], self._slots[keep:]
-        counts = -(-known // SECOND_NS) * SECOND_NS
-        return list(zip(counts.tolist(), phase.tolist(), score.tolist(), strict=True))
+        columns = (each.tolist() for each in (counts, phase, score, plain))
+        return [_Scored(*each) for each in zip(*columns, strict=True)]
 
     def _score_stretch(self, row: list[int], power: float) -> None:
         end_ns, duration_ns, measured, predicted = row
@@ -234,17 +262,15 @@ class BandCalibration:
         at_bus = self.location is MeterLocation.DC_BUS
         self._energies.take(noted, (predicted - measured) / NANOJOULE, step, at_bus)
 
-    def _set(
-        self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
-    ) -> None:
+    def _set(self, scored: list[_Scored], means: MeanBlock | None, periods: slice) -> None:
         """Follow the scores in the order of time, and set the band of each period on the way."""
         if means is None:
             self._follow(scored, 0, None)
             return
-        done, found = 0, list[float]()
-        for stamp, phase in zip(
-            means.stamp_ns[periods].tolist(), means.phase[periods].tolist(), strict=True
-        ):
+        done, found, stamps = 0, list[float](), means.stamp_ns[periods]
+        self._late.follow()
+        late = self._late.of_periods(stamps, means.period[periods])
+        for stamp, phase in zip(stamps.tolist(), means.phase[periods].tolist(), strict=True):
             done = self._follow(scored, done, stamp)
             found.append(self._scale(phase) or 0.0)
         self._follow(scored, done, None)
@@ -252,20 +278,21 @@ class BandCalibration:
         if (scale > 0.0).any():
             bus, grid, temperature = means.deviation[periods][:, PARTS].T
             same = scale if self.location is MeterLocation.GRID else Z90
-            half = np.hypot(half_width(bus, temperature, scale), same * grid)
+            half = half_width(np.hypot(bus, late), temperature, scale)
+            half = np.hypot(half, same * grid)
             means.band_half[periods] = np.where(scale > 0.0, half, means.band_half[periods])
             means.band[periods][scale > 0.0] = BandKind.CALIBRATED
 
-    def _follow(self, scored: list[tuple[int, int, float]], done: int, until_ns: int | None) -> int:
+    def _follow(self, scored: list[_Scored], done: int, until_ns: int | None) -> int:
         """Take scores up to a stamp; return how many are taken in all."""
-        while done < len(scored) and (until_ns is None or scored[done][0] <= until_ns):
-            _, phase, score = scored[done]
+        while done < len(scored) and (until_ns is None or scored[done].counts_ns <= until_ns):
+            _, phase, score, plain = scored[done]
             done += 1
             if score != score:
                 continue
             self.readings += 1
             self.inside += score <= (self._scale(phase) or Z90)
-            self.inside_parametric += score <= Z90
+            self.inside_parametric += plain <= Z90
             if not self._count[phase]:
                 self._log_scale[phase] = self._log_scale[POOLED]
             for place in {POOLED, phase}:
@@ -328,6 +355,7 @@ class BandCalibration:
             self.location = MeterLocation[kept.location]
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
         self._energies.restore(kept.energy_windows, kept.energy_figures)
+        self._late = LateMeter(self._energies.lag)
 
     def interrupt(self) -> None:
         """Score nothing from the last to the next sample."""
@@ -340,8 +368,11 @@ def _starts(number: Int) -> Int:
     return np.flatnonzero(steps)
 
 
-def _closed(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int]:
-    """Sum rows by the time of their first column; return the sums, and the one that may go on.
+def _closed(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
+    """Sum rows by the time of their first column.
+
+    Returns the sums, the whole second from which each counts, as it is known to be complete when
+    the next one begins, and the sum that may go on.
 
     Args:
         begun: The one that may go on, shape (0 or 1, columns).
@@ -352,7 +383,7 @@ def _closed(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int]:
     starts = _starts(rows[:, 0] // length_ns)
     sums = np.add.reduceat(rows, starts, axis=0)
     sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
-    return sums[:-1], sums[-1:]
+    return sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS, sums[-1:]
 
 
 def _between_falls(stamp_ns: Int, falls: int) -> list[slice]:

@@ -83,6 +83,15 @@ class EnergyCalibration:
         else:
             self._squares += (squares - self._squares) / len(self._windows)
 
+    @property
+    def lag(self) -> float:
+        """How late the meter shows what is drawn, 0 if too little was read. [s]"""
+        if len(self._windows) < MIN_WINDOWS:
+            return 0.0
+        error, step, form = np.array(self._windows).T
+        total = float(form.sum())
+        return _lag(error - float(error.sum()) / total * form, step) if total > 0 else 0.0
+
     def half(self, deviation: Float) -> float | None:
         """Return half the width of the 90 % band of an energy from the grid.
 
@@ -101,9 +110,7 @@ class EnergyCalibration:
             return None
         bias = float(error.sum() / form.sum())
         left = error - bias * form
-        steps = float(step @ step)
-        lag = min(max(float(left @ step) / steps, 0.0), MAX_LAG) if steps > 0 else 0.0
-        left = left - lag * step
+        left = left - _lag(left, step) * step
         missed = (BIAS + bias**2) / 2.0 + float(left @ left) / squares / DISTINCT
         seen = self._squares * (DISTINCT * len(form) / (missed * squares))
         conditioned = np.linalg.solve(np.eye(len(figures)) + seen, figures)
@@ -130,3 +137,9 @@ class EnergyCalibration:
         if self._squares is None and squares:
             self._squares = np.array(squares)
         self._windows = deque([*windows, *self._windows], maxlen=MAX_WINDOWS)
+
+
+def _lag(error: Float, step: Float) -> float:
+    """Time constant by which steps of the power explain errors of windows. [s]"""
+    steps = float(step @ step)
+    return min(max(float(error @ step) / steps, 0.0), MAX_LAG) if steps > 0 else 0.0

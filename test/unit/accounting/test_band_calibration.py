@@ -20,12 +20,14 @@ RATE = 50  # samples a second
 READINGS = 10  # a second
 
 
-def readings(seconds: int, error, location=MeterLocation.GRID, first: float = 0.0) -> MeterBlock:
-    """Means over 0.1 s of 100 W and an error."""
-    stamp = round(first * SECOND) + (np.arange(seconds * READINGS) + 1) * (SECOND // READINGS)
+def readings(
+    seconds: int, error, location=MeterLocation.GRID, first: float = 0.0, rate: int = READINGS
+) -> MeterBlock:
+    """Means of 100 W and an error."""
+    stamp = round(first * SECOND) + (np.arange(seconds * rate) + 1) * (SECOND // rate)
     nothing = np.full(len(stamp), np.nan)
     watts = 100.0 + np.broadcast_to(error, len(stamp))
-    interval = np.full(len(stamp), 1.0 / READINGS)
+    interval = np.full(len(stamp), 1.0 / rate)
     return MeterBlock(stamp, watts, nothing, interval, MeterMeaning.MEAN_OVER_INTERVAL, location)
 
 
@@ -141,6 +143,72 @@ def test_how_the_input_is_cut_makes_no_difference():
     assert whole.state(IDENTITY) == cut.state(IDENTITY)
     np.testing.assert_array_equal(means.band, means_cut.band)
     np.testing.assert_allclose(means.band_half, means_cut.band_half, rtol=1e-12)
+
+
+def work(random, moves: int, rest: float):
+    """Power of motions of half a second to three, with rests, and what a low pass of it shows."""
+    parts = []
+    for seconds in random.uniform(0.5, 3.0, moves):
+        parts.append(np.full(round(seconds * RATE), random.uniform(200.0, 900.0)))
+        parts.append(np.full(round(rest * RATE), 100.0))
+    power = np.concatenate(parts)
+    power = power[: len(power) // RATE * RATE]
+    kept = np.exp(-1.0 / RATE / 0.3)
+    return power, lfilter([1.0 - kept], [1.0, -kept], power)
+
+
+def worked(account, first: int, power, shown, cuts=()):
+    """Let an account see such work from a second on; return where it ends, and its means."""
+    means = shown.reshape(-1, RATE // READINGS).mean(axis=1)
+    account.measure(readings(len(power) // RATE, means - 100.0, first=first))
+    block = power_block(first * SECOND + np.arange(len(power)) * (SECOND // RATE), power)
+    bounds = [0, *cuts, len(block)]
+    found = [account.step(block[slice(start, stop)]) for start, stop in pairwise(bounds)]
+    return first + len(power) // RATE, MeanBlock.concatenate([m for m in found if m is not None])
+
+
+def test_the_band_of_power_behind_a_low_pass_holds_for_work_with_shorter_rests():
+    """At the begin of a motion the meter shows next to nothing, as seldom as motions begin."""
+    random = np.random.default_rng(5)
+    account = EnergyAccount(len(NAMES))
+    first, means = worked(account, 0, *work(random, 230, 1.0))
+    noise, calibration = np.nanmedian(means.band_half[-RATE * 60 :]), account.calibration
+    assert calibration.inside / calibration.readings == pytest.approx(0.9, abs=0.01)
+    before = calibration.readings, calibration.inside
+    _, means = worked(account, first, *work(random, 60, 0.1))
+    share = (calibration.inside - before[1]) / (calibration.readings - before[0])
+    assert 0.87 <= share <= 0.93
+    off = np.abs(means.predicted_power_at_meter - means.measured_power)
+    known = np.isfinite(off)
+    assert (off <= means.band_half)[known].mean() > 0.75  # each is that of the reading before
+    assert noise < 150.0  # steps have 100 to 800 W
+
+
+def test_how_the_input_is_cut_makes_no_difference_behind_a_low_pass():
+    random = np.random.default_rng(6)
+    power, shown = work(random, 60, 0.5)
+    whole, cut = EnergyAccount(len(NAMES)), EnergyAccount(len(NAMES))
+    _, means = worked(whole, 0, power, shown)
+    cuts = sorted(random.choice(len(power), 200, replace=False))
+    _, means_cut = worked(cut, 0, power, shown, cuts)
+    assert whole.state(IDENTITY) == cut.state(IDENTITY)
+    np.testing.assert_array_equal(means.band, means_cut.band)
+    np.testing.assert_allclose(means.band_half, means_cut.band_half, rtol=1e-12)
+
+
+def test_readings_of_a_fast_meter_count_from_the_same_second_however_the_input_is_cut():
+    """A group of readings that ends at a whole second is complete with the first one after it."""
+    random = np.random.default_rng(7)
+    error = random.normal(0.0, 10.0, 120 * RATE)
+    bands = []
+    for cuts in ((), range(RATE, 120 * RATE, RATE // 2)):
+        account = EnergyAccount(len(NAMES))
+        account.measure(readings(120, error, rate=RATE))
+        block = steady(0, 120, 100.0, RATE)
+        parts = pairwise([0, *cuts, len(block)])
+        means = [account.step(block[slice(start, stop)]) for start, stop in parts]
+        bands.append(MeanBlock.concatenate([m for m in means if m is not None]).band_half)
+    np.testing.assert_allclose(bands[0], bands[1], rtol=1e-12)
 
 
 def test_a_restart_keeps_the_calibration():
