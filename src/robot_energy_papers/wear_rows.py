@@ -250,7 +250,13 @@ class WearRows:
     def _network(self, job: _Job, gear_degc: Float, motor_degc: Float) -> ThermalNetwork:
         """The thermal network for the cycles of a program."""
         length = job.cycle + job.wait
-        return ThermalNetwork(self.profile, length / _steps(length), gear_degc, motor_degc, 35.0)
+        return ThermalNetwork(
+            self.profile,
+            length / _steps(length),
+            motor_temperature_degc=motor_degc,
+            gear_temperature_degc=gear_degc,
+            ambient_degc=35.0,
+        )
 
     def _heat(self, one: CycleSums, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
         """Heat of the motors without friction, and friction, means of a cycle. [W]"""

@@ -59,7 +59,7 @@ class Shift:
         monitor: The learner's monitor of wear.
     """
 
-    def __init__(self, profile: PlantProfile, seed: int, hard: bool = True) -> None:
+    def __init__(self, profile: PlantProfile, seed: int = 0, hard: bool = True) -> None:
         self._model = load(profile.body)
         config = RigConfig.hard() if hard else RigConfig()
         start = (COLD + HOT) / 2
@@ -120,6 +120,17 @@ class Shift:
         self._rig.change(payload=carried[:1])
         self._pipeline.torque.set_payload(carried[1])
 
+    def hours(self, joint: int) -> float:
+        """Return how long an axis has moved.
+
+        Args:
+            joint: Its index.
+
+        Returns:
+            Its motion so far. [h]
+        """
+        return self.monitor.state().hours[joint]
+
     @property
     def alarms(self) -> tuple[int, ...]:
         """Axes whose friction has risen, by the monitor."""
@@ -130,41 +141,32 @@ class Shift:
 
 
 def detection(
-    profile: PlantProfile,
-    joint: int,
-    rise: float,
-    before: float,
-    after: float,
-    per_hour: float = 0.0,
-    seed: int = 0,
-    hard: bool = True,
+    shift: Shift, joint: int, rise: float, before: float, after: float, per_hour: float = 0.0
 ) -> WearRow:
     """Let one axis wear, at once or slowly, and see when it is found.
 
     Args:
-        profile: The plant.
+        shift: Not yet begun.
         joint: The axis.
         rise: Of its friction at once. [-]
         before: Time without wear. [h]
         after: Time with it. [h]
         per_hour: Further rise in an hour. [-]
-        seed: Of work, noise and payloads.
-        hard: Whether all effects without a term in models are on.
 
     Returns:
         What was found.
     """
-    shift = Shift(profile, seed, hard)
     shift.run(round(60 * before))
-    test = shift.monitor.joints[joint]
-    found, motion, worn = float("nan"), float("nan"), np.ones(profile.n_joints)
-    begun = shift.monitor.state().hours[joint]
+    tests = shift.monitor.joints
+    found, motion, worn = float("nan"), float("nan"), np.ones(len(tests))
+    begun = shift.hours(joint)
     for minute in range(1, round(60 * after) + 1):
         worn[joint] = 1.0 + rise + per_hour * minute / 60
         shift.run(1, worn)
         if np.isnan(found) and joint in shift.alarms:
-            found, motion = minute / 60, shift.monitor.state().hours[joint] - begun
-    return WearRow(joint, found, motion, shift.alarms, test.drift.size, test.drift.std)
+            found, motion = minute / 60, shift.hours(joint) - begun
+    drift = tests[joint].drift
+    return WearRow(joint, found, motion, shift.alarms, drift.size, drift.std)
 
 
 @dataclass(frozen=True)
@@ -183,35 +185,25 @@ class StuckRow:
 
 
 def stuck_thermometer(
-    profile: PlantProfile,
-    joint: int,
-    before: float,
-    during: float,
-    after: float,
-    seed: int = 0,
-    hard: bool = True,
+    shift: Shift, joint: int, before: float, during: float, after: float
 ) -> StuckRow:
     """Let the thermometer of one axis stand still, and see whether this is taken for wear.
 
     Args:
-        profile: The plant.
+        shift: Not yet begun.
         joint: The axis.
         before: Time until the fault. [h]
         during: Of the fault. [h]
         after: Time with a good thermometer again. [h]
-        seed: Of work, noise and payloads.
-        hard: Whether all effects without a term in models are on.
 
     Returns:
         What was said.
     """
-    shift = Shift(profile, seed, hard)
     shift.run(round(60 * before))
-    usual = shift.monitor.state().hours[joint] / before
-    begun = shift.monitor.state().hours[joint]
+    begun = shift.hours(joint)
     shift.run(round(60 * during), stuck=joint)
-    used = shift.monitor.state().hours[joint] - begun
+    used = shift.hours(joint) - begun
     shift.run(round(60 * after))
     tests = shift.monitor.joints
     said = tuple(number for number, test in enumerate(tests) if test.changes)
-    return StuckRow(joint, 1.0 - used / (usual * during), said)
+    return StuckRow(joint, 1.0 - used * before / (begun * during), said)

@@ -18,12 +18,12 @@ from rich.table import Table
 from robot_energy.condition.learner import Learning
 from robot_energy.rig import RigConfig, load_profile, random_profile
 from robot_energy_papers.learning_study import learning_study
-from robot_energy_papers.wear_shift import detection, stuck_thermometer
+from robot_energy_papers.wear_shift import Shift, detection, stuck_thermometer
 from robot_energy_papers.wear_study import FoundRow, SimulatedRow, meter_only, simulated
 
 LAST = 10  # minutes over which the error at the end is taken
-PLANTS = (("kr16", 504), ("irb4600", 512), ("kr16", 505), ("kr16", 506))
-CHANGING = (("kr16", 561), ("irb4600", 571), ("kr16", 562), ("kr16", 563))
+PLANTS = (("kr16", 620), ("irb4600", 621), ("kr16", 622), ("kr16", 623))
+CHANGING = (("kr16", 640), ("irb4600", 641), ("kr16", 642), ("kr16", 643))
 CHANGES = (2.0, 48.0)  # h with one program, at least and at most
 METER_PLANT = 401
 
@@ -71,7 +71,7 @@ def wear(quick: bool) -> tuple[Table, Goals]:
     if not quick:
         cases += [("drawn 3, hard", random_profile("kr16", 3), True, 1)]
     for name, profile, hard, joint in cases:
-        row = detection(profile, joint, 0.15, 8.0, 1.2, hard=hard)
+        row = detection(Shift(profile, hard=hard), joint, 0.15, 8.0, 1.2)
         reached &= row.motion <= 1.0 and row.named == (joint,)
         table.add_row(
             name,
@@ -91,7 +91,7 @@ def stuck(quick: bool) -> tuple[Table, Goals]:
         table.add_column(heading)
     reached = True
     for number, before in ((521, 6.0),) if quick else ((521, 6.0), (522, 20.0)):
-        row = stuck_thermometer(random_profile("kr16", number), 1, before, 4.0, 2.0)
+        row = stuck_thermometer(Shift(random_profile("kr16", number)), 1, before, 4.0, 2.0)
         reached &= not row.changes
         table.add_row(
             f"kr16, drawn {number}",

@@ -25,11 +25,11 @@ from robot_energy.condition.wear_records import (
 
 # Standard deviations of the coefficients, before any record.
 LEVEL = 1.0  # the same at all speeds and temperatures [-]
-LAW = 0.15  # of the error of the friction law about that level [-]
+LAW = 0.45  # of the error of the friction law about that level [-]
 LAW_DEGC = 3.0  # buckets of temperature over which it changes [-]
 LAW_SPEED = 1.5  # buckets of speed [-]
-WARMER = 0.05  # of its slope over warmth at each speed [-]
-NUISANCE = (0.1, 0.5, 0.2, 0.03, 0.01, 0.01)  # per load, difference, scatter, and kelvins
+WARMER = 0.25  # of its slope over warmth at each speed [-]
+NUISANCE = (0.3, 2.5, 1.0, 0.03, 0.01, 0.01)  # per load, difference, scatter, and kelvins
 WARM_SHARE = 0.5  # of these, times warmth
 
 PROGRAM = (0.05, 0.1, 0.5, 0.5)  # of one program: level, slopes of load, difference, scatter [-]

@@ -11,8 +11,9 @@ covariance without wear, y the excess less its expected baseline and u the shape
 
 and z is standard normal without a change. How large the wander is nobody says: with log
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
-beginnings is compared with `MIN_Z_RAMP`, with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion
-have not yet confirmed a small step: a payload differs from all before by more than it scatters.
+beginnings is compared with the limit of a ramp, with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of
+motion have not yet confirmed a small step: a payload differs from all before by more than it
+scatters.
 Each program of the robot but the first has a level and slopes of its own (`programs`). A change
 that was found stays in the model, so that the next one is looked for on top of it.
 
@@ -23,7 +24,7 @@ baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merg
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import erfc, exp, sqrt
+from math import erfc, exp, inf, sqrt
 
 import numpy as np
 
@@ -38,20 +39,41 @@ WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-# Deviations of a ramp, of a step that has lasted, of a young one.
-MIN_Z_RAMP, MIN_Z, MIN_Z_YOUNG = 4.7, 5.0, 10.0
-MANY_Z_RAMP, MANY_Z, MANY_Z_YOUNG = 7.0, 9.75, 18.0  # once another program was seen
+MIN_Z, MIN_Z_YOUNG = 5.0, 10.0  # deviations of a step that has lasted, of a young one
 LARGE = 0.08  # a young step that is larger counts as one that has lasted; no payload does it [-]
-LASTING, LASTING_WHOLE = 6.0, 24.0  # what is younger is young; of a joint, of a whole robot [h]
+# Of a ramp, of a step that has lasted, of a young one, once another program was seen.
+MANY_Z_RAMP, MANY_Z, MANY_Z_YOUNG = 8.0, 9.75, 18.0
 MIN_SIZE = 0.005  # of a change [-]
-MIN_HOURS, MIN_HOURS_WHOLE = 3.0, 48.0  # before anything is found; no payload but one was seen [h]
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
-MIN_RAMP = 12.0  # shortest ramp; what is shorter is a step [h]
+MIN_RAMP = 12.0  # shortest ramp, and reference before it; what is shorter is a step [h]
 MAX_CHANGES = 8
 SAME = 2.0  # two changes that are no further apart are one [h]
 MAX_LEVEL = 8  # records of one length; the two oldest are then merged
 LONGEST = 40_000.0  # a record that is not merged any more [s]
 MAX_RECORDS = 90
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What the records are of.
+
+    Attributes:
+        min_hours: Motion before anything is found; no payload but one was seen. [h]
+        lasting: A step that is younger is young. [h]
+        min_z_ramp: Deviations of a ramp. [-]
+        max_brief: Greatest standard deviation of what scatter lasts a while, unless it is learned
+            as payload. [-]
+    """
+
+    min_hours: float
+    lasting: float
+    min_z_ramp: float
+    max_brief: float
+
+
+JOINT = Subject(3.0, 6.0, 4.0, 0.002)
+ROBOT = Subject(48.0, 24.0, 4.7, inf)  # by a power meter, where payloads move friction more
+BAGS = Subject(3.0, 6.0, 4.7, inf)  # of one joint, one record each; they differ for many reasons
 
 
 @dataclass(frozen=True)
@@ -99,7 +121,7 @@ class DriftTest:
     """Tests the records of one joint, or of the whole robot.
 
     Args:
-        whole: Whether the records are of the power meter, where payloads move friction more.
+        subject: What they are of.
 
     Attributes:
         records: Kept ones, oldest first; the older, the longer.
@@ -110,9 +132,8 @@ class DriftTest:
         refused: Records that were no numbers.
     """
 
-    def __init__(self, whole: bool = False) -> None:
-        self._min_hours = MIN_HOURS_WHOLE if whole else MIN_HOURS
-        self._lasting = LASTING_WHOLE if whole else LASTING
+    def __init__(self, subject: Subject = JOINT) -> None:
+        self._subject = subject
         self.records: list[WearRecord] = []
         self.changes: list[FrictionChange] = []
         self.contrasts = Contrasts()
@@ -241,12 +262,13 @@ class DriftTest:
         """Return the change that stands out most, if it stands out enough."""
         n = len(self.records)
         hours = self._hours()
-        if n < MIN_BEFORE + MIN_AFTER or hours[-1] < self._min_hours:
+        if n < MIN_BEFORE + MIN_AFTER or hours[-1] < self._subject.min_hours:
             return None
         begins = np.arange(MIN_BEFORE, n)
         steps = (np.arange(n)[:, None] >= begins).astype(np.float64)
-        ramps = np.maximum(hours[:, None] - hours[begins - 1], 0.0)
-        ramps = ramps[:, hours[-1] - hours[begins - 1] >= MIN_RAMP]
+        before = hours[begins - 1]
+        slow = begins[(before >= MIN_RAMP) & (hours[-1] - before >= MIN_RAMP)]
+        ramps = np.maximum(hours[:, None] - hours[slow - 1], 0.0)
         factors, likelihood, excess = self._factors()
         white = np.linalg.solve(factors, np.column_stack([excess, steps, ramps]))
         weight = (white[:, :, 1:] ** 2).sum(axis=1)
@@ -254,12 +276,14 @@ class DriftTest:
         gain = likelihood[:, None] + z**2 / 2.0
         surprise = np.sqrt(2.0 * np.maximum(gain.max(axis=0) - likelihood.max(), 0.0))
         best = int(np.argmax(surprise))
+        if best < len(begins) and not self._confirmed(int(begins[best])):
+            return None
         wander = int(np.argmax(gain[:, best]))
         size = float(z[wander, best] / np.sqrt(weight[wander, best]))
         ramp = best >= len(begins)
-        begin = int(begins[best % len(begins)])
+        begin = int(np.concatenate([begins, slow])[best])
         before, after = self.records[begin - 1], self.records[begin]
-        young = hours[-1] - before.hours < self._lasting
+        young = hours[-1] - before.hours < self._subject.lasting
         least = self._least(ramp, young, abs(size) >= LARGE)
         if surprise[best] < least or begin > n - MIN_AFTER:
             return None
@@ -271,11 +295,22 @@ class DriftTest:
         stamp_ns = before.stamp_ns + round(share * (after.stamp_ns - before.stamp_ns))
         return FrictionChange(stamp_ns, start, float(hours[-1]) if ramp else start, size)
 
+    def _confirmed(self, begin: int) -> bool:
+        """Whether records after a step are of programs that were seen before it."""
+        later = np.zeros((len(self.records), 1 + self.contrasts.programs))
+        for row, record in zip(later, self.records, strict=True):
+            levels = record.program[::OWN]
+            row[1 : 1 + len(levels)] = levels
+        later[:, 0] = 1.0 - later.sum(axis=1)
+        known = (later[:begin] > 0.0).any(axis=0)
+        return int((later[begin:, known].sum(axis=1) > 0.5).sum()) >= MIN_AFTER
+
     def _least(self, ramp: bool, young: bool, large: bool) -> float:
         """How far a change must stand out; a program can do what a payload cannot. [-]"""
         if self.contrasts.programs:
             return MANY_Z_RAMP if ramp else MANY_Z_YOUNG if young else MANY_Z
-        return MIN_Z_RAMP if ramp else MIN_Z_YOUNG if young and not large else MIN_Z
+        least = MIN_Z_YOUNG if young and not large else MIN_Z
+        return self._subject.min_z_ramp if ramp else least
 
     def _shapes(self, records: list[WearRecord]) -> Float:
         """What each change that was found adds to records, means, shape (n, changes). [-]"""
@@ -330,7 +365,7 @@ class DriftTest:
         time = np.array([record.time for record in self.records])
         own = baseline.scatter * np.array([scatter(one) for one in self.records])
         typical = float(np.median(own * time)) / RECORD_TIME
-        brief = BRIEF * typical + self.contrasts.payload
+        brief = min(BRIEF * typical, self._subject.max_brief**2) + self.contrasts.payload
         covariance += np.diag(own) + brief * correlated(hours, time, BRIEF_HOURS)
         wander = correlated(hours, time, WANDER_HOURS)
         wanders = (*WANDERS, PROGRAM_WANDER) if self.contrasts.programs else WANDERS

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.condition.baseline import Contrasts
-from robot_energy.condition.drift_test import Drift, DriftTest, FrictionChange
+from robot_energy.condition.drift_test import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.meter_records import MeterGatherer
 from robot_energy.condition.programs import KnownProgram, ProgramTable
@@ -82,7 +82,7 @@ class WearMonitor:
         self._gatherer = MotionGatherer(len(self._names))
         self._meter = MeterGatherer()
         self.joints = [DriftTest() for _ in self._names]
-        self.robot = DriftTest(whole=True)
+        self.robot = DriftTest(ROBOT)
 
     def step(self, part: MotionSums) -> None:
         """Take a part of measured torque.

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from robot_energy.condition.drift_test import DriftTest
+from robot_energy.condition.drift_test import BAGS, DriftTest
 from robot_energy.condition.wear_records import WearRecord
 
 MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
@@ -31,7 +31,7 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
     Returns:
         The test after all records.
     """
-    test = DriftTest()
+    test = DriftTest(BAGS)
     if not records:
         return test
     first_ns = records[0].stamp_ns

@@ -79,6 +79,35 @@ def test_five_percent_in_a_hundred_hours_is_found_within_a_day_of_motion():
     assert test.drift.size == pytest.approx(0.0005 * 25.0, abs=0.004)
 
 
+def test_slow_wear_is_found_within_a_day_where_records_scatter():
+    """By 1.4 % and nothing that lasts: the mean of hours is known well."""
+    rng = np.random.default_rng(2)
+    noise = 0.014
+    found = outcome(
+        each._replace(excess=each.excess + noise * rng.standard_normal(), variance=noise**2)
+        for each in series(12 * 80, lambda hours: 0.0005 * max(hours - 48.0, 0.0))
+    )[1]
+    assert 48.0 < found[0] < 72.0
+
+
+def test_a_steep_slope_is_no_payload():
+    """Every half hour another payload moves friction by up to 60 %, by one slope, known soon."""
+    rng, speed, test = np.random.default_rng(3), np.eye(SPEED_BUCKETS)[2], DriftTest()
+    for number, each in enumerate(series(12 * 6)):
+        if number % 6 == 0:
+            off = rng.uniform(-0.1, 0.1)
+        more = [1.0, off, 0.05, 0.0, 0.0, 0.0]
+        other = features_of(np.array(each.features[:DEGC_BUCKETS]), speed, more)
+        test.step(each._replace(excess=each.excess - 6.0 * off, features=other))
+    assert test.contrasts.payload < 0.0027**2
+
+
+def test_a_ramp_needs_a_reference_before_it():
+    """A rise of 5 % over the first 15 h of motion may be a reference that settles: no alarm."""
+    found = outcome(series(12 * 20, lambda hours: 0.05 * min(hours / 15.0, 1.0)))[1]
+    assert found == []
+
+
 def test_what_lasts_half_an_hour_is_no_wear():
     """A payload that is like no other moves friction by 1.2 % for six records, once in 20 h."""
     records = [
@@ -158,6 +187,19 @@ def test_another_program_is_no_wear_but_wear_is_found_in_it():
     assert len(found) == 1
     assert 56.0 < found[0] < 62.0
     assert outcome(programs_in_turn(9.0, False))[1][0] < 50.0
+
+
+def test_a_new_program_alone_is_no_wear():
+    """It has 2.7 times the friction of those before, for ten hours; nothing else changed."""
+    work = np.random.default_rng(4).dirichlet(np.ones(SPEED_BUCKETS), 3)
+    records = [
+        each._replace(
+            excess=each.excess + 1.0 * (each.hours >= 40.0),
+            work=tuple(work[2 if each.hours >= 40.0 else int(each.hours / 5.0) % 2]),
+        )
+        for each in series(600)
+    ]
+    assert outcome(records)[1] == []
 
 
 def test_levels_of_programs_survive_merging_and_a_restart():

@@ -52,6 +52,14 @@ def test_a_day_swings_and_its_payloads_change():
     assert CHANGE_EVERY < 3600.0
 
 
+def test_temperatures_go_on_from_one_program_to_the_next():
+    rows = WearRows(PROFILE, SEED, changes=(7.0, 10.0))
+    (day,) = rows.days(1)
+    assert len({part.time.tobytes() for part in day}) > len(ROWS.loads) * len(ROWS.loads[0].time)
+    degc = np.array([part.degc for part in day])
+    assert np.abs(degc[4:] - degc[:-4]).max() < 4.0  # a minute
+
+
 def test_wear_in_the_plant_raises_the_excess_of_its_axis_alone():
     def excess(wear):
         records = records_of(WearRows(PROFILE, SEED).days(1, wear), PROFILE.n_joints)
