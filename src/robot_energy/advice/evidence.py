@@ -13,6 +13,7 @@ from robot_energy.optimization.deviation_sums import DeviationSums
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
+from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.pieces import Compared
 
 WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
@@ -134,7 +135,8 @@ class EvidenceSums:
         self._fallback_degc = model.temperature.fallback_degc
         self._deviations = DeviationSums(model)
         self._waiting: list[TorqueBlock] = []
-        self._last: tuple[PowerBlock, Float] | None = None
+        self._blocks = ConsecutiveBlocks()
+        self._position: Float | None = None
         self._open: RecordedRest | None = None
         shape = len(model.joints), len(DEGC_BINS) - 1
         self._squared_speed, self._motion_time = np.zeros(shape), np.zeros(shape)
@@ -156,13 +158,13 @@ class EvidenceSums:
             return
         torque, size = TorqueBlock.concatenate(self._waiting), len(output.power)
         self._waiting = [torque[slice(size, None)]] if len(torque) > size else []
-        block, position = output.power, torque.joint_position[:size]
-        if self._last is not None:
-            block = PowerBlock.concatenate([self._last[0], block])
-            position = np.concatenate([self._last[1], position])
-        self._last = block[slice(len(block) - 1, None)], position[-1:]
+        block, time = self._blocks.joined(output.power)
+        position = torque.joint_position[:size]
+        if self._position is not None:
+            position = np.concatenate([self._position, position])
+        self._position = position[-1:]
         if len(block) > 1:
-            self._add(block, position)
+            self._add(block, time, position)
 
     def evidence(self, compared: list[Compared]) -> RecordedEvidence:
         """Return what the recording shows, after its last step.
@@ -186,8 +188,7 @@ class EvidenceSums:
             metered=bool(compared),
         )
 
-    def _add(self, block: PowerBlock, position: Float) -> None:
-        time = np.where(np.diff(block.segment) == 0, np.diff(block.stamp_ns) * NANOSECOND, 0.0)
+    def _add(self, block: PowerBlock, time: Float, position: Float) -> None:
         power = np.maximum(np.nan_to_num(block.grid_power), 0.0)
         energy = 0.5 * (power[1:] + power[:-1]) * time
         brake = np.nan_to_num(block.brake_power)

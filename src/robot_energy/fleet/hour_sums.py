@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, PowerBlock
+from robot_energy.blocks import Float
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
+from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 
 HOUR_NS = 3_600_000_000_000
 MIN_STANDBY = 60.0  # at rest with drives on, from which on it is standby [s]
@@ -36,7 +37,7 @@ class HourSums:
     def __init__(self, model: RobotModel) -> None:
         self._floor = ABOVE_STANDSTILL * motor_standstill(model)
         self.hours: dict[int, Float] = {}
-        self._last: PowerBlock | None = None
+        self._blocks = ConsecutiveBlocks()
         self._rest: dict[int, Float] = {}  # sums of a rest that is not standby yet
         self._rested = 0.0
 
@@ -46,14 +47,10 @@ class HourSums:
         Args:
             output: In time order.
         """
-        block = output.power
-        if block is None:
+        if output.power is None:
             return
-        if self._last is not None:
-            block = PowerBlock.concatenate([self._last, block])
-        self._last = block[slice(len(block) - 1, None)]
+        block, time = self._blocks.joined(output.power)
         stamp, power = block.stamp_ns, np.maximum(np.nan_to_num(block.grid_power), 0.0)
-        time = np.where(np.diff(block.segment) == 0, np.diff(stamp) * NANOSECOND, 0.0)
         energy = 0.5 * (power[1:] + power[:-1]) * time
         rest = (np.abs(block.motor_velocity[:-1]) <= self._floor).all(axis=1) & (time > 0.0)
         hour = stamp[:-1] // HOUR_NS

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, PowerBlock
+from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.optimization.deviations import EnergyDeviations
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
+from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 
 
 class DeviationSums:
@@ -23,7 +24,7 @@ class DeviationSums:
         returned = model.cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
         self._standstill = motor_standstill(model)
-        self._last: PowerBlock | None = None
+        self._blocks = ConsecutiveBlocks()
         self._sum: Float | None = None
         self._brake: Float | None = None
 
@@ -43,13 +44,9 @@ class DeviationSums:
         Args:
             output: In time order.
         """
-        block = output.power
-        if block is None:
+        if output.power is None:
             return
-        if self._last is not None:
-            block = PowerBlock.concatenate([self._last, block])
-        self._last = block[slice(len(block) - 1, None)]
-        time = np.where(np.diff(block.segment) == 0, np.diff(block.stamp_ns) * NANOSECOND, 0.0)
+        block, time = self._blocks.joined(output.power)
         weight = 0.5 * (np.append(time, 0.0) + np.append(0.0, time))
         braking = block.brake_power > 0.0
         excess = braking | (block.grid_power < block.loss_grid)

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -99,6 +100,7 @@ def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, t
             return
         first = {one.pid for one in workers()}
         while len(seen) < 2 * len(first):
+            time.sleep(0.01)  # the processor is for the new workers
             for one in workers():
                 if one.pid not in seen:
                     one.send_signal(signal.SIGKILL)
@@ -267,6 +269,13 @@ def test_a_bag_on_another_file_system_gives_the_same_figures(sequential, tmp_pat
     assert far.drop(own).to_dicts() == near.drop(own).to_dicts()
 
 
+def still_runs(process, pause=0.01):
+    """Whether a process runs; waits for its end meanwhile, so that it has the processor."""
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(pause)
+    return process.returncode is None
+
+
 @pytest.fixture
 def scheduler(tmp_path):
     """A scheduler and two workers, as `howto_fleet.md` starts them on three hosts."""
@@ -287,7 +296,7 @@ def scheduler(tmp_path):
     try:
         address = ""
         while not address:  # until the file is there, and complete
-            assert all(process.poll() is None for process in processes)
+            assert all(still_runs(process) for process in processes)
             with suppress(OSError, ValueError):
                 address = json.loads(file.read_text())["address"]
         yield address
@@ -362,7 +371,7 @@ def addresses(folder):
 def wait_for_rows(process, folder, count):
     """Until the dataset holds so many rows; the command must run meanwhile."""
     while len(list(folder.glob("robot=*/date=*/*.parquet"))) < count:
-        assert process.poll() is None, process.communicate()
+        assert still_runs(process), process.communicate()
 
 
 def test_the_command_says_what_was_done(tmp_path, capsys):

@@ -69,7 +69,7 @@ class StuckTemperatureDetector:
         """Take samples.
 
         Args:
-            stamp_ns: Shape (N,), N >= 1, rising. [ns]
+            stamp_ns: Shape (N,), N >= 1; they may jump back. [ns]
             segment: Shape (N,); no heat counts between two segments.
             loss: Of each motor while it turns, shape (N, n); NaN counts as none. [W]
             temperature_degc: Readings in use, shape (N, n), NaN where there is none. [degC]
@@ -85,8 +85,8 @@ class StuckTemperatureDetector:
             heat[~np.isfinite(heat)] = 0.0
         np.rint(heat, out=heat)
         bounds = [0, len(stamp_ns)]
-        if int(stamp_ns[0]) // WINDOW_NS != int(stamp_ns[-1]) // WINDOW_NS:
-            number = stamp_ns // WINDOW_NS
+        number = stamp_ns // WINDOW_NS
+        if (number != number[0]).any():
             bounds[1:1] = ((number[1:] != number[:-1]).nonzero()[0] + 1).tolist()
         marks: NDArray[np.bool_] | None = None
         for start, stop in pairwise(bounds):

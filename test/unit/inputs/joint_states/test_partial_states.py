@@ -203,7 +203,7 @@ def disturbed(seed):
     return entries
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(
     seed=st.integers(0, 2**31),
     cuts=st.lists(st.integers(0, 160), max_size=20),
