@@ -15,6 +15,7 @@ import numpy as np
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.blocks import Float, Int
 from robot_energy.model import RobotModel
+from robot_energy.model.constant_power import constant_power
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.deviations import FORM_FED_BACK
 from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
@@ -31,7 +32,8 @@ FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as 
 FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
 FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
 MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again
-METER = 0.01  # standard deviation of a measured power that holds for long, as a share of it
+FORM_OF_STANDING = 0.05  # the same of losses that flow all the time: warmth may start a fan
+METER = 0.02  # standard deviation of a measured power that holds for long, as a share of it
 WARM = 0.95  # of the motion was colder than the warm robot
 MIN_WARMING = 3.0  # K between the mean and the warm motor, below which nothing is said
 SAME_PLACE = 0.05  # rad or m; rests nearer than this are at one place
@@ -51,6 +53,7 @@ class Claim:
         change: What to do, one sentence.
         command: Next command; empty where there is none.
         joint_position: Where to wait, shape (n,); None for other changes. [rad] or [m]
+        places: Of the waits that count, shape (P, n); None for other changes. [rad] or [m]
         motor_temperature_degc: Of the warm robot, shape (n,); None for other changes. [degC]
         state: In which to rest; None for other changes.
     """
@@ -63,6 +66,7 @@ class Claim:
     change: str
     command: str = ""
     joint_position: Float | None = None
+    places: Float | None = None
     motor_temperature_degc: Float | None = None
     state: RestState | None = None
 
@@ -176,20 +180,15 @@ def waiting_pose(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     holding = np.maximum(power - brakes.energy, 0.0)
     forms = np.diag(FORM_OF_POSE * holding)
     if shown.sum() >= 2:  # only places whose power a meter has shown
-        keep = shown[place]
-        spent = np.array([rest.duration for rest in short])
-        time = np.bincount(place[keep], spent[keep], len(position))
-        power = np.where(shown, power + (measured - predicted) / np.maximum(compared, 1.0), np.inf)
+        measured, predicted, compared = measured[shown], predicted[shown], compared[shown]
+        position, time = position[shown], time[shown]
+        power = power[shown] + (measured - predicted) / compared
         sure = "measured"
-        columns = np.zeros_like(columns)
-        forms = np.diag(METER * np.where(shown, power, 0.0))
+        columns, forms = np.zeros_like(columns[shown]), np.diag(METER * power)
     best = int(np.argmin(power))
-    gain = np.where(time > 0.0, time * (np.where(np.isinf(power), 0.0, power) - power[best]), 0.0)
-    gain[np.isinf(power)] = 0.0
-    saved = float(gain.sum())
+    saved = float(time @ (power - power[best]))
     apart = ((columns - columns[best]) * time[:, None]).sum(axis=0)
     own = ((forms - forms[best]) * time[:, None]).sum(axis=0)
-    dearest = int(np.argmax(np.where(time > 0, np.where(np.isinf(power), 0.0, power), 0.0)))
     where = ", ".join(f"{value:.2f}" for value in position[best].tolist())
     return Claim(
         "waiting_pose",
@@ -197,9 +196,10 @@ def waiting_pose(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         np.concatenate([apart, own]),
         sure,
         f"{time.sum() / 3600:.3g} h of waits shorter than {LONG_REST:.0f} s at {len(position)} "
-        f"places, {power[best]:.0f} to {power[dearest]:.0f} W ({sure})",
+        f"places, {power[best]:.0f} to {power.max():.0f} W ({sure})",
         f"wait at the joint positions [{where}] where the work allows it",
         joint_position=position[best],
+        places=position,
     )
 
 
@@ -235,7 +235,8 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
     """Return what friction at the temperature of the warm robot saves.
 
     ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
-    the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``.
+    the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``. A fan
+    that starts with warmth is in the band alone.
 
     Args:
         evidence: Of the recordings.
@@ -260,11 +261,12 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
     own = (at.T * evidence.squared_speed).sum(axis=1)
     risen: Float = np.maximum(warm[:, None] - middle, 0.0)
     lost = MAGNETS * float(np.sum(evidence.warm_loss * risen))
+    standing = FORM_OF_STANDING * constant_power(model) * evidence.observed_time
     degc = float(np.mean(warm))
     return Claim(
         "warm_up",
         float(joints.sum()) - lost,
-        np.concatenate([own, [FORM_OF_WARMING * joints.sum(), FORM_OF_COPPER * lost]]),
+        np.concatenate([own, [FORM_OF_WARMING * joints.sum(), FORM_OF_COPPER * lost, standing]]),
         "predicted",
         f"motors were at {mean.mean():.0f} degC on average in motion and at {degc:.0f} "
         "degC once warm; the difference of friction, less what warm windings lose more; what "

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, sampled_bags
 from robot_energy.advice.claims import LONG_REST
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.errors import DatasetError
@@ -16,8 +17,10 @@ from robot_energy.model import RobotModel
 FULL = 0.99  # of an hour in standby: it was one rest
 
 
-def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
-    """Return what a dataset shows of the robots with one model.
+def dataset_evidence(
+    folder: str | Path, model: RobotModel
+) -> tuple[RecordedEvidence, list[SampledBag]]:
+    """Return what a dataset shows of the robots with one model, and bags to look at again.
 
     How often a robot rested within an hour is not in it: hours that were all standby are one rest
     with their neighbours, standby in others is taken as rests of `LONG_REST`, the shortest that
@@ -40,6 +43,15 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
             f"{folder} holds no bag of model {model.model_id}, but of {others}",
             "the model that the bags were replayed with",
         )
+    sampled = sampled_bags(folder, runs.sort("robot", "start_ns", "bag")["bag"].to_list())
+    largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
+    bags = (
+        f"{len(sampled)} of its {len(runs)} bags were looked at, spread over robots and time; the "
+        "bands hold how much they differ"
+        if sampled
+        else f"name bags instead, such as {largest}, which took most energy: fewer than {MIN_BAGS} "
+        "are where they were"
+    )
     found = RecordedEvidence(
         recordings=len(runs),
         observed_time=float(runs["observed_time"].sum()),
@@ -52,8 +64,8 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
         places=False,
         fine=False,
         notes=[
-            "a dataset holds sums: warm-up, speeds and waiting poses need the bags themselves; "
-            "short and long rests within an hour cannot be separated"
+            "a dataset cannot separate short and long rests within an hour",
+            f"a dataset holds sums: for warm-up, speeds and waiting poses {bags}",
         ],
     )
     hours = tables.hours.join(runs.select("key"), on="key", how="semi")
@@ -80,4 +92,4 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
             found.rests += [
                 RecordedRest(hour_ns, hour_ns + length, energy / count, still) for _ in range(count)
             ]
-    return found
+    return found, sampled

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
+from robot_energy.advice.bag_sample import SampledBag, evenly, of_all
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
 from robot_energy.advice.dataset_evidence import dataset_evidence
 from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence
@@ -15,14 +16,16 @@ from robot_energy.advice.speeds import speeds
 from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.api.replay import ReplayOptions, run_replay
 from robot_energy.blocks import NANOSECOND, MeterLocation
-from robot_energy.errors import ParameterError
+from robot_energy.errors import ParameterError, RobotEnergyError
 from robot_energy.model import RobotModel
 from robot_energy.optimization.rest_states import ASSUMED, RestState
+from robot_energy.report.formats import percent
 from robot_energy.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy.results.model import model_used
 from robot_energy.units import JOULE_PER_KWH
 
 DAY = 86_400.0  # s
+MIN_SAVING = 5e-4  # of the energy from the grid; what is less is not listed [-]
 WORKING_DAYS = 250.0  # a year, assumed where the recordings do not say
 LABELS = {
     "standby": "standby instead of drives that hold, in breaks and at night",
@@ -38,8 +41,8 @@ ABSENT = {
     "warm_up": "warm-up: no measured temperatures, or motors as warm all the time",
     "speeds": "speeds: no part of a bag that starts and ends at rest with two moves, or not asked "
     "for",
-    "waiting_pose": "waiting pose: fewer than two places of rest, or a dataset, which does not "
-    "hold them; name the bags",
+    "waiting_pose": "waiting pose: fewer than two places of rest, or no bags of the dataset are "
+    "where they were",
 }
 
 
@@ -105,29 +108,35 @@ def advise(
     if not paths:
         raise ParameterError("no recording was named", "bags, or a dataset")
     problems: list[str] = []
-    fast: Claim | None = None
     if len(paths) == 1 and any(Path(paths[0]).glob("robot=*")):
-        evidence = dataset_evidence(paths[0], used)
+        evidence, sampled = dataset_evidence(paths[0], used)
+        fine = _sampled(sampled, evidence, used, named, look_at_speeds, problems, options)
     else:
-        evidence = RecordedEvidence()
+        evidence, each = RecordedEvidence(), list[RecordedEvidence]()
         for path in paths:
-            evidence.add(_recorded(path, used, problems, options))
+            each.append(_recorded(path, used, problems, options))
+            evidence.add(each[-1])
+        fine = _fine(str(paths[0]), evidence, used, named)
         if look_at_speeds:
-            fast = speeds([str(path) for path in paths], evidence, used, options, named)
+            fine["speeds"] = _speeds([str(path) for path in paths], each, used, named, options)
+            evidence.notes += [
+                note for one in each for note in one.notes if note not in evidence.notes
+            ]
     states = ASSUMED if rest_states is None else tuple(rest_states)
-    first = str(paths[0])
-    degc = used.temperature.fallback_degc
     claims = {
         "standby": standby(evidence, used, states, rest_states is None),
         "regenerative": regenerative(evidence, used),
-        "warm_up": warm_up(
-            evidence, used, f"robot-energy replay {first} --model {named} --compare {degc:g}"
-        ),
-        "speeds": fast,
-        "waiting_pose": waiting_pose(evidence, used),
+        **fine,
     }
     basis = _basis(evidence, price, currency, co2, hours_per_day, days_per_year)
-    found = [_advice(one, basis) for one in claims.values() if one is not None]
+    least, small = MIN_SAVING * evidence.grid_energy, percent(MIN_SAVING, digits=2)
+    without = [
+        ABSENT[name] if one is None else f"{LABELS[name]}: less than {small} of the energy"
+        for name, one in claims.items()
+        if one is None or abs(one.energy) < least
+    ]
+    worth = [one for one in claims.values() if one is not None and abs(one.energy) >= least]
+    found = [_advice(one, basis) for one in worth]
     found.sort(key=lambda one: -one.energy)
     claimed = [one for one in found if one.claimed]
     counted: list[Advice] = []
@@ -141,13 +150,73 @@ def advise(
             basis=basis,
             advice=tuple(claimed),
             unproven=tuple(one for one in found if not one.claimed),
-            without=tuple(ABSENT[name] for name, one in claims.items() if one is None),
+            without=tuple(without),
             energy_per_year=sum(one.energy_per_year for one in counted),
             counted=tuple(one.name for one in counted),
             notes=tuple(evidence.notes),
             problems=tuple(problems),
         )
     )
+
+
+def _fine(
+    path: str, evidence: RecordedEvidence, model: RobotModel, named: str
+) -> dict[str, Claim | None]:
+    """What needs samples; speeds are looked for apart."""
+    degc = model.temperature.fallback_degc
+    shown = f"robot-energy replay {path} --model {named} --compare {degc:g}"
+    return {
+        "warm_up": warm_up(evidence, model, shown),
+        "speeds": None,
+        "waiting_pose": waiting_pose(evidence, model),
+    }
+
+
+def _speeds(
+    paths: Sequence[str],
+    each: Sequence[RecordedEvidence],
+    model: RobotModel,
+    named: str,
+    options: ReplayOptions,
+) -> Claim | None:
+    """Speeds in some of the bags, for all of them."""
+    if len(paths) == 1:
+        return speeds(paths[0], each[0], model, options, named)
+    places = evenly(len(paths))
+    claims = [speeds(paths[k], each[k], model, options, named) for k in places]
+    time = [one.observed_time for one in each]
+    return of_all(claims, [time[k] for k in places], sum(time), len(paths))
+
+
+def _sampled(
+    bags: Sequence[SampledBag],
+    whole: RecordedEvidence,
+    model: RobotModel,
+    named: str,
+    look_at_speeds: bool,
+    problems: list[str],
+    options: ReplayOptions,
+) -> dict[str, Claim | None]:
+    """The same in some bags of a dataset, for all of them."""
+    found: list[dict[str, Claim | None]] = []
+    time: list[float] = []
+    for bag in bags:
+        given: Any = {**bag.options, **options}
+        try:
+            own = _recorded(bag.address, model, problems, given)
+            fine = _fine(bag.address, own, model, named)
+            if look_at_speeds:
+                fine["speeds"] = speeds(bag.address, own, model, given, named)
+            found.append(fine)
+        except RobotEnergyError as error:
+            problems.append(f"{bag.address} was not looked at: {error}")
+            continue
+        time.append(own.observed_time)
+    names = ("warm_up", "speeds", "waiting_pose")
+    return {
+        name: of_all([one[name] for one in found], time, whole.observed_time, whole.recordings)
+        for name in names
+    }
 
 
 def _recorded(

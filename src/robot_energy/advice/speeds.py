@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    paths: Sequence[str],
+    path: str,
     evidence: RecordedEvidence,
     model: RobotModel,
     options: ReplayOptions,
@@ -32,17 +31,17 @@ def speeds(
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
-    All motion of the recordings is taken to save the same share of time as that part.
+    All motion of the bag is taken to save the same share as that part.
 
     Args:
-        paths: The bags.
-        evidence: What all of them show.
+        path: The bag.
+        evidence: What it shows.
         model: Of the robot.
-        options: How they were read.
+        options: How it was read.
         named: How the user named the model, for the next command.
     """
     part = _part(evidence)
-    if part is None or len(paths) != 1 or evidence.start_ns is None:
+    if part is None:
         return None
     start, end, moving = part
     topics: Any = options.get("joint_states")
@@ -52,7 +51,7 @@ def speeds(
     if (time := evidence.motion_time.sum()) > 0:
         degc = float((evidence.motion_time * middle).sum() / time)
     try:
-        found = optimize(paths[0], model, degc, topic=topic, start=start, end=end)
+        found = optimize(path, model, degc, topic=topic, start=start, end=end)
     except MotionError as error:
         evidence.notes.append(f"speeds were not looked at: {error}")
         return None
@@ -68,11 +67,11 @@ def speeds(
         one.energy * scale,
         np.array([one.half / Z90 * scale]),
         "predicted",
-        f"the moves from {start:.1f} to {end:.1f} s of {paths[0]}, taken for all {whole / 60:.3g} "
+        f"the moves from {start:.1f} to {end:.1f} s of {path}, taken for all {whole / 60:.3g} "
         f"min of motion, need {less} less at other speeds, no slower in all",
         "set the speeds and accelerations of each move that the next command prints",
         shlex.join(
-            ["robot-energy", "optimize", paths[0], "--model", named, "--temperature",
+            ["robot-energy", "optimize", path, "--model", named, "--temperature",
              f"{degc:.0f}", "--start", f"{start:.2f}", "--end", f"{end:.2f}"]
         ),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
 from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
 from robot_energy.model import RobotModel
-from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.constant_power import constant_power
 from robot_energy.results.base import Number, Result
 from robot_energy.results.model import ModelUsed, model_used
 from robot_energy.results.uncertainty import EnergyUncertainty, uncertainty_of
@@ -305,7 +305,7 @@ def comparison_of(
     predicted = comparison.predicted_energy if compared_ns else math.nan
     measured = comparison.measured_energy if compared_ns else math.nan
     known = comparison.location is not MeterLocation.UNKNOWN
-    constant = _constant_power(model, comparison.location)
+    constant = constant_power(model, comparison.location)
     beyond = measured - constant * seconds
     return MeterComparison(
         meter_location=comparison.location.name.lower() if known else None,
@@ -329,12 +329,3 @@ def comparison_of(
 
 def _ratio(part: float, whole: float) -> float:
     return part / whole if whole else math.nan
-
-
-def _constant_power(model: RobotModel, location: MeterLocation) -> float:
-    """Losses of the model that flow through the meter whether the robot moves or not. [W]"""
-    kind = DRIVE_MODELS[model.drive]
-    drives = [kind.constant_loss(entry) for entry in kind.entries(model.joints)]
-    constant = model.cabinet.loss_dc.value + math.fsum(drives)
-    at_grid = location is not MeterLocation.DC_BUS
-    return constant + (model.cabinet.loss_grid.value if at_grid else 0.0)

@@ -1,6 +1,7 @@
 """Advice: savings against figures worked out by hand, and what is claimed at all."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import robot_energy as re
 from fleets import dataset
 from places import ROOT
+from robot_energy.advice.bag_sample import of_all
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
 from robot_energy.advice.dataset_evidence import dataset_evidence
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
@@ -16,6 +18,7 @@ from robot_energy.cli.main import main
 from robot_energy.errors import DatasetError, ParameterError
 from robot_energy.fleet.dataset import read_tables
 from robot_energy.model import load
+from robot_energy.model.constant_power import constant_power
 from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.ptp_loop import Program
 from robot_energy.optimization.rest_states import RestState
@@ -39,17 +42,20 @@ def rest(duration, watts, position=0.0, measured=None):
     return found
 
 
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory):
+def record_cycle(path, long=LONG):
     """A cycle with one long and three short rests."""
     limits = Robot.from_model(MODEL).limits
     loop = program_for(read_program(MOVES), limits).program
-    program = Program(loop.via, loop.limits, [LONG, *[SHORT] * (len(loop.via) - 1)])
+    program = Program(loop.via, loop.limits, [long, *[SHORT] * (len(loop.via) - 1)])
     time = np.arange(0.0, program.period, 1.0 / RATE)
-    path = tmp_path_factory.mktemp("advice") / "bag"
     position = program.sample(time).joint_position
     write_states(path, MODEL.joint_names, RATE, position, np.empty((len(time), 0)))
     return path
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return record_cycle(tmp_path_factory.mktemp("advice") / "bag")
 
 
 def test_standby_saves_what_the_sums_by_hand_say():
@@ -90,6 +96,8 @@ def test_waiting_pose_takes_the_cheapest_place_that_a_meter_has_shown():
     assert claim.energy == pytest.approx(20.0 * 50.0, abs=20.0 * 30.0)
     assert claim.joint_position == pytest.approx(np.full(6, 0.5))
     # the third place has no meter, so nothing is claimed of it
+    assert claim.places == pytest.approx(np.array([np.zeros(6), np.full(6, 0.5)]))
+    assert " at 2 places" in claim.found
     assert "wait at the joint positions [0.50" in claim.change
 
 
@@ -104,6 +112,11 @@ def test_warm_friction_saves_the_difference_of_the_viscous_coefficients():
     at = [friction.viscous(np.full(6, DEGC_BINS[row] + 0.5)) for row in (cold, warm)]
     assert claim.energy == pytest.approx(1e4 * (at[0] - at[1]).sum())
     assert claim.energy > 0.0
+    # a fan may start: 5 % of what flows all the time, for as long as was recorded
+    evidence.observed_time = 100.0
+    longer = warm_up(evidence, MODEL)
+    fan = 1.645 * 0.05 * constant_power(MODEL) * 100.0
+    assert longer.half == pytest.approx(np.hypot(claim.half, fan), rel=1e-3)
     evidence.measured_temperature = False
     assert warm_up(evidence, MODEL) is None
 
@@ -130,7 +143,7 @@ def test_a_recording_with_rests_gives_a_ranked_list(bag):
     report = result.report
     everything = (*report.advice, *report.unproven)
     names = {one.name for one in everything}
-    assert {"standby", "waiting_pose", "speeds"} <= names
+    assert names == {"standby"}
     energies = [one.energy for one in report.advice]
     assert energies == sorted(energies, reverse=True)
     assert all(one.energy > one.half for one in report.advice)
@@ -179,7 +192,8 @@ def test_a_dataset_gives_standby_and_no_places(tmp_path):
     with pytest.raises(DatasetError, match="holds no bag of model"):
         dataset_evidence(folder, load("ur5e"))
     tables = read_tables(folder)
-    found = dataset_evidence(folder, MODEL)
+    found, bags = dataset_evidence(folder, MODEL)
+    assert bags == []  # this fleet was generated without any
     assert found.observed_time == pytest.approx(tables.runs["observed_time"].sum())
     standby_time = sum(one.duration for one in found.rests)
     assert 0 < standby_time <= tables.hours["standby_time"].sum() * (1 + 1e-9)
@@ -187,6 +201,40 @@ def test_a_dataset_gives_standby_and_no_places(tmp_path):
     assert 0 < energy <= tables.hours["standby_energy"].sum() * (1 + 1e-9)
     report = re.advise(folder, MODEL).report
     assert any("waiting pose" in sentence for sentence in report.without)
+    dearest = tables.runs.sort("grid_energy")["bag"][-1]
+    assert any(dearest in note for note in report.notes)
+
+
+def test_bags_of_a_dataset_say_what_its_sums_do_not(tmp_path):
+    for number in range(4):
+        record_cycle(tmp_path / "hall" / f"bag{number}", long=10.0 + number)
+    out = tmp_path / "fleet"
+    re.fleet_run(tmp_path / "hall", out, MODEL, workers=0, max_gap=0.5)
+    evidence, bags = dataset_evidence(out, MODEL)
+    assert len(bags) == evidence.recordings >= 3
+    assert bags[0].options == {"max_gap": 0.5}
+    report = re.advise(out, MODEL).report
+    assert any("4 of its 4 bags were looked at" in note for note in report.notes)
+    several = re.advise([bag.address for bag in bags], MODEL, max_gap=0.5).report
+    for each in (report, several):  # what this model sees in these bags is not worth a line
+        assert sum("less than 0.05 % of the energy" in line for line in each.without) == 2
+    for number in range(2):
+        shutil.rmtree(tmp_path / "hall" / f"bag{number}")
+    assert dataset_evidence(out, MODEL)[1] == []
+
+
+def test_some_bags_speak_for_all_of_a_dataset():
+    claims = [
+        Claim("x", energy, np.array([3.0, 4.0]), "predicted", "", "") for energy in (8.0, 4.0)
+    ]
+    both = of_all([*claims, None], [10.0, 10.0, 10.0], 300.0, 30)
+    assert both.energy == pytest.approx(120.0)
+    # model: 10 (5 + 5); spread: residuals 4, 0, -4, so 10 sqrt(0.9 * 1.5 * 32), t of two degrees
+    spread = 10.0 * np.sqrt(0.9 * 1.5 * 32.0) * 2.92
+    assert both.half == pytest.approx(np.hypot(1.6448536 * 100.0, spread), rel=1e-4)
+    assert "2 of 3 bags that were looked at, of 30" in both.found
+    assert of_all(claims, [10.0, 10.0], 300.0, 30) is None  # too few to know their spread
+    assert of_all([None] * 3, [10.0] * 3, 300.0, 30) is None
 
 
 def test_the_command_writes_json(bag, tmp_path, capsys):
@@ -196,7 +244,14 @@ def test_the_command_writes_json(bag, tmp_path, capsys):
     found = json.loads(path.read_text())
     assert found["result"] == "advice"
     assert "standby" in capsys.readouterr().out
-    assert "Not proven by these recordings" in page.read_text()
+    assert "standby instead of drives that hold" in page.read_text()
+
+
+def test_what_saves_next_to_nothing_is_not_listed():
+    report = re.advise(ROOT / "bags/drawn_train_warm", MODEL).report
+    names = {one.name for one in (*report.advice, *report.unproven)}
+    assert names == {"regenerative"}
+    assert sum("less than 0.05 % of the energy" in sentence for sentence in report.without) == 2
 
 
 def test_figures_that_make_no_sense_are_refused(bag):
