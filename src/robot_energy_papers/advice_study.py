@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.advice.claims import (
     REGENERATION,
@@ -35,6 +36,7 @@ from robot_energy.rig import RigConfig, VirtualRig, random_profile
 from robot_energy.rig.record import record
 from robot_energy_papers.band_coverage import AMBIENT, BODY, TRAINING, Recorded
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
+from robot_energy_papers.judged_savings import JudgedClaim
 from robot_energy_papers.savings_study import identified
 
 COLD = 24.0  # degC
@@ -46,7 +48,7 @@ NEAR = 0.02  # rad or m
 
 
 @dataclass(frozen=True)
-class JudgedAdvice:
+class JudgedAdvice(JudgedClaim):
     """One advice for one plant.
 
     Attributes:
@@ -68,19 +70,9 @@ class JudgedAdvice:
     energy: float
 
     @property
-    def claimed(self) -> bool:
-        """Whether the tool claims it."""
-        return self.claim > self.half > 0
-
-    @property
     def right_sign(self) -> bool:
         """Whether it saves on the rig what it is claimed to save."""
         return self.claim * self.truth > 0
-
-    @property
-    def inside(self) -> bool:
-        """Whether the band holds the truth."""
-        return abs(self.truth - self.claim) <= self.half
 
 
 class AdvisedPlant:
@@ -142,11 +134,16 @@ class AdvisedPlant:
             elif claim.motor_temperature_degc is not None:
                 warm = self._rig(claim.motor_temperature_degc, False).step(count).truth
                 saved = energy - float(warm.grid_power.sum()) * rig.period
-            elif claim.joint_position is not None:
-                short = [one for one in rests if one[1] < 60.0]
+            elif claim.joint_position is not None and claim.places is not None:
+                short = [
+                    (rows, time)
+                    for rows, time in rests
+                    if time < 60.0 and _near(claim.places, truth.joint_position[rows]).any()
+                ]
                 watts = np.array([truth.grid_power[rows].mean() for rows, _ in short])
-                place = np.array([truth.joint_position[rows].mean(axis=0) for rows, _ in short])
-                there = np.abs(place - claim.joint_position).max(axis=1) < NEAR
+                there = np.array(
+                    [_near(claim.joint_position, truth.joint_position[rows]) for rows, _ in short]
+                )
                 times = np.array([time for _, time in short])
                 saved = float((times * (watts - watts[there].mean())).sum())
             elif claim.state is not None:
@@ -202,6 +199,11 @@ def judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[
         (one, False) for one in (standby(alone, model, ASSUMED, True), waiting_pose(alone, model))
     ]
     return plant.judge(claims)
+
+
+def _near(places: Float, rest: Float) -> NDArray[np.bool_]:
+    """Whether a rest is at these places."""
+    return np.asarray(np.abs(places - rest.mean(axis=0)).max(axis=-1) < NEAR)
 
 
 def _claims(evidence: RecordedEvidence, model: RobotModel) -> list[Claim | None]:

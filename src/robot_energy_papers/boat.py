@@ -77,8 +77,8 @@ def _solid(rings: Sequence[Float], lids: Sequence[tuple[int, int, int]]) -> Floa
     """Sides between rings of corners, a bottom on the first and a lid on the last."""
     parts = [rings[0][np.array(lids)[:, ::-1]], rings[-1][np.array(lids)]]
     for low, high in pairwise(rings):
-        beside, above = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
-        parts += [np.stack([low, beside, above], axis=1), np.stack([low, above, high], axis=1)]
+        following, above = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+        parts += [np.stack([low, following, above], axis=1), np.stack([low, above, high], axis=1)]
     return np.concatenate(parts)
 
 

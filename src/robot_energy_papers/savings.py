@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
 from robot_energy.motion import Program, random_program
@@ -18,16 +17,10 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import load_profile
 from robot_energy_papers.band_coverage import BODY, TRAINING, Recorded
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
-from robot_energy_papers.savings_study import (
-    JudgedChoice,
-    JudgedSaving,
-    PlantAtWork,
-    judge_plant,
-    run_as,
-    task_of,
-)
+from robot_energy_papers.judged_savings import JudgedChoice, JudgedSaving, PlantAtWork
+from robot_energy_papers.savings_study import judge_plant, run_as, task_of
 
-FRESH = 200  # first plant on which no constant of the bands was chosen
+FRESH = 500  # first plant on which no constant of the bands was chosen
 PER_JOB = 50  # programs whose limits are checked in one job
 STANDING = (1.0, 0.1)  # share of the constant losses of the plant that is left
 COLD, HOT = 10.0, 70.0  # degC
@@ -57,7 +50,7 @@ class SavingsStudySize:
     limits: int
 
 
-FULL = SavingsStudySize(14, TRAINING, (22.0, 40.0, 62.0), 2, True, 1000)
+FULL = SavingsStudySize(24, TRAINING, (22.0, 40.0, 62.0), 2, True, 1000)
 QUICK = SavingsStudySize(1, SHORT, (40.0,), 1, False, 5)
 
 
@@ -250,16 +243,3 @@ def override_curves(seed: int) -> list[OverrideCurve]:
             energy = [work.energy(Program(drawn.via, limits, drawn.dwell, o)) for o in OVERRIDES]
             curves.append(OverrideCurve(degc, share, energy))
     return curves
-
-
-def calibration_curve(savings: list[JudgedSaving]) -> tuple[Float, Float]:
-    """Return claims and truths as shares of the energy as it was, shape (R,) each. [-]
-
-    Args:
-        savings: Changes of programs.
-    """
-    base = np.array([row.base for row in savings])
-    return (
-        np.array([row.claim for row in savings]) / base,
-        np.array([row.truth for row in savings]) / base,
-    )

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from robot_energy.results.base import plain
+from robot_energy_papers.judged_savings import UNCHANGED, JudgedSaving
 from robot_energy_papers.savings import OVERRIDES, Savings
-from robot_energy_papers.savings_study import JudgedSaving
 
 LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 
@@ -19,7 +19,8 @@ def figures(result: Savings) -> dict[str, Any]:
     Args:
         result: The study.
     """
-    rows = result.savings
+    rows = [row for row in result.savings if row.measure != UNCHANGED]
+    control = [row for row in result.savings if row.measure == UNCHANGED]
     regret = np.array([choice.regret for choice in result.choices])
     names = list(dict.fromkeys(row.measure for row in rows))
     degc = sorted({row.degc for row in rows})
@@ -37,6 +38,11 @@ def figures(result: Savings) -> dict[str, Any]:
             "mean": float(regret.mean()) if len(regret) else None,
             "at_most_2_percent": float((regret <= 0.02).mean()) if len(regret) else None,
             "greatest": float(regret.max()) if len(regret) else None,
+        },
+        "unchanged": {
+            "programs": len(control),
+            "predicted": max((abs(row.claim) / row.base for row in control), default=None),
+            "on_the_rig": max((abs(row.truth) / row.base for row in control), default=None),
         },
         "limits": {"programs": result.checked, "exceeded": result.exceeded},
         "overrides": OVERRIDES.tolist(),

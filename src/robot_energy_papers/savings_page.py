@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from robot_energy.report.canvas import SERIES, Target, canvas
+from robot_energy_papers.judged_savings import UNCHANGED, JudgedSaving
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.savings import OVERRIDES, STANDING, OverrideCurve, Savings
 from robot_energy_papers.savings_numbers import figures
-from robot_energy_papers.savings_study import JudgedSaving
 
 
 def context(result: Savings) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def pieces(result: Savings) -> dict[str, Piece]:
         result: The study.
     """
     return {
-        "claims": partial(claims, result.savings),
+        "claims": partial(claims, [row for row in result.savings if row.measure != UNCHANGED]),
         "curves": partial(curves, result.curves),
     }
 

@@ -11,14 +11,12 @@ on a robot.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.api.identify_all import identify_all
-from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.motion.ptp import MotionLimits
@@ -28,106 +26,22 @@ from robot_energy.optimization.plan import CostTable, CyclePlan, saving
 from robot_energy.optimization.run import Optimum, optimise, shares_of
 from robot_energy.optimization.search import cheapest
 from robot_energy.optimization.task import Task, make_task
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, random_profile
-from robot_energy_papers.band_coverage import AMBIENT, BODY, DrawnRig, Recorded
+from robot_energy.rig import RigConfig, random_profile
+from robot_energy_papers.band_coverage import BODY, DrawnRig, Recorded
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
+from robot_energy_papers.judged_savings import (
+    RATE,
+    UNCHANGED,
+    DrawnWork,
+    JudgedChoice,
+    JudgedSaving,
+    PlantAtWork,
+)
+from robot_energy_papers.savings_places import judge_new_moves
 
-RATE = 250.0  # Hz
 MOVES = 8  # of a program
 SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force [-]
 ACCELERATIONS = np.array([0.1, 0.3, 1.0])
-CONTROL = 0.97  # of the base's speed: a change so small that it should not be claimed
-
-
-@dataclass(frozen=True)
-class JudgedSaving:
-    """One change of one program at one temperature.
-
-    Attributes:
-        plant: Seed of the plant.
-        degc: Temperature of motors and gears. [degC]
-        measure: What was changed.
-        base: Energy of a cycle on the rig as it was. [J]
-        claim: Saving that the model predicts. [J]
-        half: Half width of its 90 % band. [J]
-        truth: Saving on the rig. [J]
-        faster: Time that a cycle lasts less. [s]
-        standing: Share of losses at rest in the energy, by the model. [-]
-    """
-
-    plant: int
-    degc: float
-    measure: str
-    base: float
-    claim: float
-    half: float
-    truth: float
-    faster: float
-    standing: float
-
-    @property
-    def claimed(self) -> bool:
-        """Whether the tool claims it."""
-        return self.claim > self.half > 0
-
-    @property
-    def inside(self) -> bool:
-        """Whether the band holds the truth."""
-        return abs(self.truth - self.claim) <= self.half
-
-
-@dataclass(frozen=True)
-class JudgedChoice:
-    """The choice of the model against the best that the rig itself allows.
-
-    Attributes:
-        plant: Seed of the plant.
-        degc: Temperature of motors and gears. [degC]
-        free: Whether cycles follow each other at once.
-        chosen: Energy on the rig of what the model chose. [J]
-        best: Least energy on the rig, of every combination. [J]
-    """
-
-    plant: int
-    degc: float
-    free: bool
-    chosen: float
-    best: float
-
-    @property
-    def regret(self) -> float:
-        """What the choice costs more. [-]"""
-        return self.chosen / self.best - 1.0
-
-
-class PlantAtWork:
-    """A plant that runs programs at one temperature.
-
-    Args:
-        profile: The plant.
-        degc: Of motors and gears. [degC]
-    """
-
-    def __init__(self, profile: PlantProfile, degc: float) -> None:
-        self._profile, self._degc = profile, degc
-        self._config = RigConfig.hard().without("warming")
-
-    def power(self, program: Program) -> Float:
-        """Return the power from the grid over one cycle, shape (N,). [W]
-
-        Args:
-            program: What it runs.
-        """
-        rig = VirtualRig(self._profile, program, self._config, 0, self._degc, AMBIENT, rate_hz=RATE)
-        return rig.step(max(1, round(program.period * RATE))).truth.grid_power
-
-    def energy(self, program: Program) -> float:
-        """Return the energy of one cycle from the grid. [J]
-
-        Args:
-            program: What it runs.
-        """
-        return float(self.power(program).mean()) * program.period
 
 
 def identified(folder: Path, seed: int, training: Sequence[Recorded]) -> RobotModel:
@@ -182,18 +96,22 @@ def judge_plant(
     savings: list[JudgedSaving] = []
     choices: list[JudgedChoice] = []
     for degc in temperatures:
-        truth = PlantAtWork(profile, degc)
+        rig = PlantAtWork(profile, degc)
         for _ in range(programs):
             program = random_program(
                 limits, int(random.integers(1 << 30)), MOVES, dwell=float(random.uniform(0.1, 1.0)),
                 override=float(random.uniform(0.35, 0.95)), accept=above,
             )  # fmt: skip
             stretch = float(random.uniform(1.05, 2.0))
+            work = DrawnWork(seed, degc, program, limits, rig)
             for cycle_time in (None, stretch * program.period):
                 task = task_of(model, program, limits, degc, cycle_time)
-                savings += _savings(seed, degc, task, program, limits, truth)
+                savings += _savings(work, task)
+                if cycle_time is None:
+                    savings.append(_unchanged(work, task))
+            savings += judge_new_moves(work, model)
             if brute:
-                choices += _choices(seed, degc, model, program, limits, truth, stretch)
+                choices += _choices(work, model, stretch)
     return savings, choices
 
 
@@ -242,45 +160,41 @@ def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) 
     return Program(program.via, bounds, plan.rest, 1.0, speed, acceleration)
 
 
-def _savings(
-    seed: int, degc: float, task: Task, program: Program, limits: MotionLimits, truth: PlantAtWork
-) -> list[JudgedSaving]:
+def _savings(work: DrawnWork, task: Task) -> list[JudgedSaving]:
     found: Optimum = optimise(task)
-    base = truth.energy(run_as(found.task, found.task.base, program, limits))
+    base = work.rig.energy(run_as(found.task, found.task.base, work.program, work.limits))
     standing = float((task.table.held.energy * found.base.duration).mean() / found.base.energy)
     rows: list[JudgedSaving] = []
     plans = {one.measure.name: one.plan for one in found.tried if one.plan is not None}
     plans["together"] = found.plan
     for name, plan in plans.items():
-        after = found.task.table.cost(plan)
-        claim = saving(found.base, after)
         if (plan.row == found.task.base.row).all():
             continue
-        rows.append(
-            JudgedSaving(
-                seed, degc, name, base, claim.energy, claim.half,
-                base - truth.energy(run_as(found.task, plan, program, limits)),
-                found.base.duration - after.duration, standing,
-            )
-        )  # fmt: skip
+        after = found.task.table.cost(plan)
+        changed = run_as(found.task, plan, work.program, work.limits)
+        faster = found.base.duration - after.duration
+        rows.append(work.judged(name, base, saving(found.base, after), changed, faster, standing))
     return rows
 
 
-def _choices(
-    seed: int,
-    degc: float,
-    model: RobotModel,
-    program: Program,
-    limits: MotionLimits,
-    truth: PlantAtWork,
-    stretch: float,
-) -> list[JudgedChoice]:
+def _unchanged(work: DrawnWork, task: Task) -> JudgedSaving:
+    """The control: the program goes through the optimiser as it is, is read again, and run."""
+    same = run_as(task, task.base, work.program, work.limits)
+    again = task_of(task.chain.model, same, work.limits, work.degc, None)
+    before, after = (one.table.cost(one.base) for one in (task, again))
+    base = work.rig.energy(work.program)
+    faster = before.duration - after.duration
+    return work.judged(UNCHANGED, base, saving(before, after), same, faster, 0.0)
+
+
+def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedChoice]:
     """Choose by the model and by the rig among the same candidates."""
-    chain = PowerChain(model, np.full((1, len(model.joints)), degc))
-    moves = PtpMoves.of_program(program, limits)
+    program = work.program
+    chain = PowerChain(model, np.full((1, len(model.joints)), work.degc))
+    moves = PtpMoves.of_program(program, work.limits)
     found = grid(moves, SPEEDS, ACCELERATIONS)
     use = chain.moves(moves, found)
-    real, held = _by_the_rig(found, use, program, limits, truth)
+    real, held = _by_the_rig(found, use, work)
     braked = chain.rests(program.via)
     table = CostTable(found, use, braked, braked)
     true_table = CostTable(found, real, held, held)
@@ -303,7 +217,7 @@ def _choices(
             + waits[1] * (time - float(real.duration[row].sum()))
             for row in picked
         )
-        rows.append(JudgedChoice(seed, degc, free, chosen, best))
+        rows.append(JudgedChoice(work.plant, work.degc, free, chosen, best))
     return rows
 
 
@@ -313,10 +227,9 @@ def _fastest(found: Candidates, use: Use, allowed: NDArray[np.bool_]) -> float:
     )
 
 
-def _by_the_rig(
-    found: Candidates, use: Use, program: Program, limits: MotionLimits, truth: PlantAtWork
-) -> tuple[Use, Use]:
+def _by_the_rig(found: Candidates, use: Use, work: DrawnWork) -> tuple[Use, Use]:
     """What each candidate and a second at rest need on the rig."""
+    program, limits = work.program, work.limits
     energy = np.full(len(found), np.nan)
     hold = np.zeros(program.moves)
     runs = 0
@@ -331,7 +244,7 @@ def _by_the_rig(
             if not len(rows):
                 continue
             same = Program(program.via, bounds, dwell, 1.0, speed, rise)
-            power = truth.power(same)
+            power = work.rig.power(same)
             total = np.concatenate([[0.0], np.cumsum(power) / RATE])
             clock = np.arange(len(total)) / RATE
             begin, end = same.instants.reshape(-1, 2).T

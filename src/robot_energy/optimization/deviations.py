@@ -13,8 +13,8 @@ columns are for what the form of the cabinet leaves out: the power at rest, whic
 (fans), and the energy that drives feed back, of which a DC link keeps a part that its model does
 not have. And each place of rest has a column of its own, for what holding there costs.
 
-The four constants were chosen on plants 100 to 111 of the rig (src/doc/decisions/0105); how often
-bands hold was counted on others.
+The constants were chosen on plants 100 to 111, 300 to 313 and 400 to 423 of the rig
+(src/doc/decisions/0105); how often bands hold was counted on others.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
+from robot_energy.model.constant_power import constant_power
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Tag
 from robot_energy.physics.drivetrain import Drivetrain
@@ -39,14 +40,14 @@ from robot_energy.uncertainty.priors import (
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 """Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""
-FORM = np.array([0.5, 0.25, 0.2, 0.2])
+FORM = np.array([0.115, 0.06, 0.045, 0.045])
 """Standard deviation of the share of friction and drive losses that their form leaves out, at each
 of these speeds. [-]"""
-FORM_AT_REST = 0.28
+FORM_AT_REST = 0.1
 """The same of the losses that flow all the time. [-]"""
-FORM_FED_BACK = 0.5
+FORM_FED_BACK = 0.2
 """The same of the power that the drives feed back. [-]"""
-FORM_OF_HOLDING = 0.17
+FORM_OF_HOLDING = 0.022
 """The same of the power at rest, different at each place. [-]"""
 
 
@@ -77,8 +78,7 @@ class EnergyDeviations:
         self._top_speed = ratio @ Robot.from_model(model).limits.velocity
         self._loss_grid = figure_std(model.cabinet.loss_grid, "loss_grid")
         self._loss_dc = figure_std(model.cabinet.loss_dc, "loss_dc")
-        at_rest = model.cabinet.loss_grid.value + model.cabinet.loss_dc.value
-        self._at_rest = FORM_AT_REST * (at_rest + sum(map(kind.constant_loss, entries)))
+        self._at_rest = FORM_AT_REST * constant_power(model)
 
     def columns(
         self,

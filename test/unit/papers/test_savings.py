@@ -7,9 +7,9 @@ import json
 import pytest
 
 from robot_energy.cli.main import main
+from robot_energy_papers.judged_savings import JudgedSaving
 from robot_energy_papers.savings import exceeded_limits
 from robot_energy_papers.savings_numbers import _shares
-from robot_energy_papers.savings_study import JudgedSaving
 
 
 def judged(claim, half, truth):
@@ -41,6 +41,10 @@ def test_the_short_form_writes_figures_and_a_page(found):
     figures, folder = found
     assert figures["by_measure"]["all"]["changes"] >= 4
     assert figures["limits"]["exceeded"] == 0
+    control = figures["unchanged"]
+    assert control["programs"] == 1
+    assert max(control["predicted"], control["on_the_rig"]) < 1e-9
+    assert "unchanged" not in figures["by_measure"]
     page = (folder / "report.html").read_text()
     assert "virtual rig" in page
     assert page.count("<img ") == 2

@@ -1,0 +1,157 @@
+"""What is claimed to be saved against what the virtual rig saves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robot_energy.blocks import Float
+from robot_energy.motion import Program
+from robot_energy.motion.ptp import MotionLimits
+from robot_energy.optimization.plan import Saving
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_papers.band_coverage import AMBIENT
+
+RATE = 250.0  # Hz
+UNCHANGED = "unchanged"  # measure of the control
+
+
+class JudgedClaim:
+    """A claim with its band, and the truth; a base of dataclasses with these three fields. [J]"""
+
+    claim: float
+    half: float
+    truth: float
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the tool claims it."""
+        return self.claim > self.half > 0
+
+    @property
+    def inside(self) -> bool:
+        """Whether the band holds the truth."""
+        return abs(self.truth - self.claim) <= self.half
+
+
+@dataclass(frozen=True)
+class JudgedSaving(JudgedClaim):
+    """One change of one program at one temperature.
+
+    Attributes:
+        plant: Seed of the plant.
+        degc: Temperature of motors and gears. [degC]
+        measure: What was changed.
+        base: Energy of a cycle on the rig as it was. [J]
+        claim: Saving that the model predicts. [J]
+        half: Half width of its 90 % band. [J]
+        truth: Saving on the rig. [J]
+        faster: Time that a cycle lasts less. [s]
+        standing: Share of losses at rest in the energy, by the model. [-]
+    """
+
+    plant: int
+    degc: float
+    measure: str
+    base: float
+    claim: float
+    half: float
+    truth: float
+    faster: float
+    standing: float
+
+
+@dataclass(frozen=True)
+class JudgedChoice:
+    """The choice of the model against the best that the rig itself allows.
+
+    Attributes:
+        plant: Seed of the plant.
+        degc: Temperature of motors and gears. [degC]
+        free: Whether cycles follow each other at once.
+        chosen: Energy on the rig of what the model chose. [J]
+        best: Least energy on the rig, of every combination. [J]
+    """
+
+    plant: int
+    degc: float
+    free: bool
+    chosen: float
+    best: float
+
+    @property
+    def regret(self) -> float:
+        """What the choice costs more. [-]"""
+        return self.chosen / self.best - 1.0
+
+
+class PlantAtWork:
+    """A plant that runs programs at one temperature.
+
+    Args:
+        profile: The plant.
+        degc: Of motors and gears. [degC]
+    """
+
+    def __init__(self, profile: PlantProfile, degc: float) -> None:
+        self._profile, self._degc = profile, degc
+        self._config = RigConfig.hard().without("warming")
+
+    def power(self, program: Program) -> Float:
+        """Return the power from the grid over one cycle, shape (N,). [W]
+
+        Args:
+            program: What it runs.
+        """
+        rig = VirtualRig(self._profile, program, self._config, 0, self._degc, AMBIENT, rate_hz=RATE)
+        return rig.step(max(1, round(program.period * RATE))).truth.grid_power
+
+    def energy(self, program: Program) -> float:
+        """Return the energy of one cycle from the grid. [J]
+
+        Args:
+            program: What it runs.
+        """
+        return float(self.power(program).mean()) * program.period
+
+
+@dataclass(frozen=True)
+class DrawnWork:
+    """One program of one plant at one temperature.
+
+    Attributes:
+        plant: Seed of the plant.
+        degc: Temperature of motors and gears. [degC]
+        program: The program.
+        limits: Its limits without an override.
+        rig: The plant at that temperature.
+    """
+
+    plant: int
+    degc: float
+    program: Program
+    limits: MotionLimits
+    rig: PlantAtWork
+
+    def judged(
+        self,
+        measure: str,
+        base: float,
+        claim: Saving,
+        changed: Program,
+        faster: float,
+        standing: float,
+    ) -> JudgedSaving:
+        """Run a changed program on the rig.
+
+        Args:
+            measure: What was changed.
+            base: Energy of a cycle on the rig as it was. [J]
+            claim: What the model predicts.
+            changed: The program then.
+            faster: Time that a cycle lasts less. [s]
+            standing: Share of losses at rest in the energy, by the model. [-]
+        """
+        truth = base - self.rig.energy(changed)
+        return JudgedSaving(
+            self.plant, self.degc, measure, base, claim.energy, claim.half, truth, faster, standing
+        )
