@@ -1,7 +1,8 @@
-"""The coverage that `make test` prints, and its floor."""
+"""The stages of `make test`: what they run, what they print, and the floor of coverage."""
 
 import importlib.util
 import json
+import sys
 
 import pytest
 
@@ -33,9 +34,16 @@ def test_coverage_that_was_not_measured_fails(check, tmp_path, text):
 
 @pytest.mark.parametrize(
     ("processors", "lint", "second", "code"),
-    [(2, "true", "1", 0), (1, "true", "1", 0), (2, "false", "1", 1), (2, "true", "0", 1)],
+    [
+        (2, "true", "1", 0),
+        (1, "true", "1", 0),
+        (8, "true", "1", 0),
+        (2, "false", "1", 1),
+        (1, "false", "1", 1),
+        (2, "true", "0", 1),
+    ],
 )
-def test_a_failure_in_either_lane_fails(
+def test_a_failure_in_any_lane_fails(
     check, tmp_path, monkeypatch, capfd, processors, lint, second, code
 ):
     for name, value in (("first", "1"), ("second", second)):
@@ -46,6 +54,7 @@ def test_a_failure_in_either_lane_fails(
         "tests": [*settings, str(tmp_path / "test_first.py")],
         "node tests": [*settings, str(tmp_path / "test_second.py")],
     }
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # they take most of a start
     monkeypatch.setattr(check, "BUILD", tmp_path)
     monkeypatch.setattr(check, "COVERAGE", tmp_path / "coverage.json")
     monkeypatch.setattr(check, "LINT", {"lint": [[lint]]})
@@ -55,3 +64,31 @@ def test_a_failure_in_either_lane_fails(
     assert check.main([]) == code
     passed = 1 + int(second)
     assert f"\n{passed} passed, {2 - passed} failed" in capfd.readouterr().out
+
+
+def test_every_test_is_run_by_one_stage(check):
+    for folder in ("test", "ros2_energy_monitor/test"):
+        for file in (ROOT / folder).rglob("test_*.py"):
+            stages = [name for name, words in check.TESTS.items() if runs(words, file)]
+            assert len(stages) == 1, f"{file}: {stages}"
+
+
+def runs(words, file):
+    """Whether pytest with these arguments runs a file."""
+    settings = words.index("-c") + 1
+    given = [ROOT / word for word in words if not word.startswith("-") and word != words[settings]]
+    left = [ROOT / word.removeprefix("--ignore=") for word in words if "--ignore=" in word]
+    return any(map(file.is_relative_to, given)) and not any(map(file.is_relative_to, left))
+
+
+def test_lanes_take_every_stage_that_there_is(check):
+    stages = {*check.LINT, *check.TESTS}
+    assert {*check.ORDER, *check.WAITING} <= stages
+    assert {*check.TESTS} <= {*check.ORDER, *check.WAITING}
+
+
+def test_stages_keep_compiled_modules(check, monkeypatch):
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    check.STOPPED.clear()  # as every run ends with it
+    code = "import sys; sys.exit(sys.dont_write_bytecode)"
+    assert check.run("start", [sys.executable, "-c", code]) == 0
