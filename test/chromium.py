@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-PATIENCE = 40.0  # s, on a machine that does much else
+PATIENCE = 120.0  # s, on a machine that does much else
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 OPTIONS = (
     "--headless=new", "--disable-gpu", "--hide-scrollbars", "--disable-dev-shm-usage",

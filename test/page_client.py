@@ -7,7 +7,7 @@ from contextlib import closing
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
 
-PATIENCE = 20.0  # s, on a busy machine
+PATIENCE = 120.0  # s, on a busy machine
 
 
 def request(url, path="/", method="GET", body=None, **headers):

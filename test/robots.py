@@ -86,7 +86,7 @@ def two_link(**changes: Any) -> RobotModel:
     return validate({**two_link_data(), **changes}, "two_link")
 
 
-def one_wheel(**changes: Any) -> RobotModel:
+def wheel_data() -> dict[str, Any]:
     """One joint about the vertical: no gravity, inertia 2 kg m^2, gear ratio 10."""
     urdf = """
     <robot name="wheel"><link name="base"/><link name="disc">
@@ -94,7 +94,7 @@ def one_wheel(**changes: Any) -> RobotModel:
         <inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link>
       <joint name="axle" type="continuous"><parent link="base"/><child link="disc"/>
         <axis xyz="0 0 1"/></joint></robot>"""
-    data = {
+    return {
         "schema_version": 1,
         "robot": {"type": "wheel"},
         "urdf": {"xml": urdf},
@@ -112,7 +112,11 @@ def one_wheel(**changes: Any) -> RobotModel:
         "cabinet": {"loss_grid": figure(30.0), "loss_dc": figure(20.0)},
         "temperature": {"fallback_degc": 25.0},
     }
-    return validate({**data, **changes}, "wheel")
+
+
+def one_wheel(**changes: Any) -> RobotModel:
+    """That robot with top-level entries replaced."""
+    return validate({**wheel_data(), **changes}, "wheel")
 
 
 def joint_block(

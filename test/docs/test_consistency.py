@@ -77,6 +77,7 @@ FILE = re.compile(r"(?<![\w./~{*-])((?:[\w.-]+/)+[\w-]+\.(?:py|md|yaml|gcode))\b
 NOT_NAMES = ("commands",)  # a group of entry points
 
 
+@cache
 def comments_and_strings(path: Path) -> str:
     """Docstrings and comments of a module; of a document, all of it."""
     text = path.read_text()

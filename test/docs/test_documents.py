@@ -2,15 +2,13 @@
 
 import re
 import shlex
-import subprocess
-import sys
 from itertools import pairwise
 
 import pytest
 
 from places import ROOT
 from robot_energy.blocks import MeterLocation, MeterMeaning, Phase, Quality, TemperatureOrigin
-from robot_energy.cli.main import build_parser
+from robot_energy.cli.main import build_parser, main
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 
 README = (ROOT / "README.md").read_text()
@@ -33,7 +31,8 @@ def test_readme_has_commands():
 
 
 @pytest.mark.parametrize("command", readme_commands())
-def test_readme_command_runs(command, tmp_path):
+def test_readme_command_runs(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
     words = shlex.split(command)[1:]
     if any(name in command for name in OWN_FILES):
         words = [*words[:2], "--help"] if words[0] in ("import", "model", "identify") else words
@@ -48,12 +47,8 @@ def test_readme_command_runs(command, tmp_path):
         steps.insert(0, shlex.split(before)[1:])
     for step in steps:
         places = [str(tmp_path / word[6:]) if word.startswith("build/") else word for word in step]
-        done = subprocess.run(
-            [sys.executable, "-m", "robot_energy", *places],
-            cwd=ROOT, capture_output=True, text=True, check=False, timeout=120,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert done.stdout
+        assert main(places) == 0, capsys.readouterr().err
+        assert capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

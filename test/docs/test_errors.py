@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from places import ROOT
@@ -22,6 +23,7 @@ ONE_PART = {
 }
 
 
+@cache
 def error_classes() -> set[str]:
     """Names of our error classes that take found, expected and remedy."""
     return {

@@ -25,11 +25,11 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary auxiliary_record averaging band_calibration comparison
         energy_calibration energy_curve event_log exact_sum held_energy integration job_intervals
-        load_curve meter_checks plain_text prediction_errors record record_repair registers
-        sample_counts settings shaft_comparison totals
+        late_meter load_curve meter_checks plain_text prediction_errors record record_repair
+        registers sample_counts settings shaft_comparison totals
     """,
     "robot_energy.advice": """
-        claims dataset_evidence evidence run speeds
+        bag_sample claims dataset_evidence evidence run speeds
     """,
     "robot_energy.api": """
         condition evaluate identify identify_all inputs online_monitor optimize power_table predict
@@ -121,8 +121,8 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema payload reference
-        schema thermal
+        auxiliary constant_power drive_models figure friction_laws joint load open_schema payload
+        reference schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
@@ -151,7 +151,7 @@ MODULES = {
         checks compare parse
     """,
     "robot_energy.pipeline": """
-        energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
+        consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
         payload_timeline power_stage settings torque_stage
     """,
     "robot_energy.presets": """
@@ -188,10 +188,10 @@ MODULES = {
     "robot_energy_papers": """
         accuracy advice_study band_coverage boat calibration certainty certainty_numbers
         certainty_page drawings drawn_plants drive_study effects experiment fleet_study
-        generated_fleet held_out
-        interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
-        models more_recordings pages paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers
-        paper_b_page savings savings_numbers savings_page savings_study sensitivity soaked_rigs
+        generated_fleet held_out interval_coverage job_pool judged_savings kr16_sensitivity
+        learning_study machines mantis map_sensitivity models more_recordings pages paper_a
+        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
+        savings_numbers savings_page savings_places savings_study sensitivity soaked_rigs
         thermal_study wall wall_sensitivity wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
 import signal
@@ -12,119 +11,18 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 from faulty_disk import FaultyDisk, inventory
-from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model
-from places import ROOT
-from robot_energy.bag import BagWriter
+from logbook import mapping, wheel_csv
 from robot_energy.cli import main
 from robot_energy.files.placement import PREFIX
 from robot_energy.logs import import_log
+from writing_commands import COMMANDS, FILES, SUFFIX, outputs, own_bag, refused, run
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-class Command(NamedTuple):
-    """A command line that writes.
-
-    Attributes:
-        words: Of the command and its inputs, in a folder of `inputs`.
-        files: Options that name a file.
-        folder: Whether --out names a folder.
-        given: Names of the inputs that it must not touch.
-    """
-
-    words: str
-    files: tuple[str, ...]
-    folder: bool
-    given: tuple[str, ...]
-
-
-IDENTIFY = ("--out", "--json", "--report")
-COMMANDS = {
-    "replay": Command("replay bag --model wheel.yaml", ("--json", "--plot"), True,
-                      ("bag", "bag/bag_0.mcap", "wheel.yaml")),
-    "report": Command("report bag --model wheel.yaml", ("--out",), False, ("bag", "wheel.yaml")),
-    "simulate": Command("simulate --duration 0.05", (), True, ()),
-    "import csv": Command("import csv wheel.csv --mapping map.yaml", (), True,
-                          ("wheel.csv", "map.yaml")),
-    "import ur-rtde": Command("import ur-rtde ur.csv", (), True, ("ur.csv",)),
-    "models check": Command("models check wheel.yaml", ("--json",), False, ("wheel.yaml",)),
-    "predict": Command("predict moves.yaml --model kr16 --temperature 20",
-                       ("--json", "--report", "--plot"), False, ("moves.yaml",)),
-    "excitation": Command("identify excitation --model kr16 --no-floor --starts 1 --iterations 1 "
-                          "--harmonics 2", ("--json",), True, ()),
-    "friction": Command("identify friction bag --model wheel.yaml --effort motor_torque",
-                        (*IDENTIFY, "--plot"), False, ("bag", "wheel.yaml")),
-    "cabinet": Command("identify cabinet bag --model wheel.yaml", IDENTIFY, False,
-                       ("bag", "wheel.yaml")),
-    "drives": Command("identify drives bag --model wheel.yaml", (*IDENTIFY, "--plot"), False,
-                      ("bag", "wheel.yaml")),
-    "dynamics": Command("identify dynamics bag --model wheel.yaml --effort motor_torque",
-                        IDENTIFY, False, ("bag", "wheel.yaml")),
-    "all": Command("identify all bag --model wheel.yaml", IDENTIFY, False, ("bag", "wheel.yaml")),
-    "paper-a": Command("reproduce paper-a --quick", (), True, ()),
-    "paper-b": Command("reproduce paper-b --quick", (), True, ()),
-}  # fmt: skip
-SUFFIX = {"--plot": ".svg"}
 WRITING = ("replay", "simulate", "import csv", "import ur-rtde", "models check")  # in no time
-FILES = [(name, option) for name, command in COMMANDS.items() for option in command.files]
-FOLDERS = [name for name, command in COMMANDS.items() if command.folder]
-
-
-@pytest.fixture(scope="module")
-def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The inputs of all commands."""
-    folder = tmp_path_factory.mktemp("given")
-    wheel_bag(folder, seconds=1.0)
-    wheel_model(folder)
-    (folder / "map.yaml").write_text(json.dumps(WHEEL_MAPPING))
-    joints = ",".join(f"actual_q_{index}" for index in range(6))
-    rows = [f"{10 + index / 100:.3f},0.1,0,0,0,0,0" for index in range(20)]
-    (folder / "ur.csv").write_text("\n".join([f"timestamp,{joints}", *rows, ""]))
-    examples = ROOT / "src" / "examples" / "programs"
-    shutil.copy(examples / "kr16_pick_and_place.yaml", folder / "moves.yaml")
-    return folder
-
-
-@pytest.fixture
-def place(given: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of them to run in."""
-    folder = tmp_path / "place"
-    shutil.copytree(given, folder)
-    monkeypatch.chdir(folder)
-    return folder
-
-
-def run(name: str, **options: str) -> int:
-    """Run a command with some options."""
-    words = COMMANDS[name].words.split()
-    for option, value in options.items():
-        words += [f"--{option}", value] if value else [f"--{option}"]
-    return main(words)
-
-
-def outputs(name: str, overwrite: bool = False) -> dict[str, str]:
-    """All outputs of a command, each in a place of its own."""
-    command = COMMANDS[name]
-    found = {option.strip("-"): f"new{SUFFIX.get(option, '.x')}" for option in command.files}
-    found = {option: f"{option}_{value}" for option, value in found.items()}
-    if command.folder:
-        found["out"] = "new_folder"
-        if overwrite:
-            found["overwrite"] = ""
-    return found
-
-
-def refused(capsys: pytest.CaptureFixture[str], name: str, **options: str) -> str:
-    """Run a command that must refuse in one sentence."""
-    assert run(name, **options) == 2
-    text = capsys.readouterr().err
-    assert text.count("\n") == 1
-    return text
 
 
 def a_foreign_file(path: Path) -> None:
@@ -171,118 +69,6 @@ def test_an_input_is_not_written_to(
     for target in (*inputs, *(["twin"] if "wheel.yaml" in inputs else [])):
         shown = f"{target}{suffix}" if target == "twin" else target
         refused(capsys, name, **folder, **{option.strip("-"): shown})
-    assert inventory(place) == before
-
-
-def own_bag(path: Path) -> None:
-    with BagWriter(path) as bag:
-        bag.add_topic("/a", "std_msgs/msg/Float64")
-
-
-def three_recordings(path: Path) -> None:
-    """A folder of recordings that is no bag."""
-    own_bag(path)
-    for day in ("mon", "tue", "wed"):
-        shutil.copy(path / f"{path.name}_0.mcap", path / f"{day}.mcap")
-    (path / f"{path.name}_0.mcap").unlink()
-    (path / "metadata.yaml").unlink()
-
-
-def a_bag_and_a_foreign_file(path: Path) -> None:
-    own_bag(path)
-    (path / "thesis.tex").write_text("dear")
-
-
-def a_bag_and_a_foreign_recording(path: Path) -> None:
-    own_bag(path)
-    (path / "z.mcap").write_bytes(b"\x89MCAP0\r\n of another tool")
-
-
-def a_bag_and_a_folder(path: Path) -> None:
-    own_bag(path)
-    (path / "x.mcap").mkdir()
-
-
-def a_bag_with_foreign_metadata(path: Path) -> None:
-    own_bag(path)
-    (path / "metadata.yaml").write_text("apiVersion: v1\nkind: ConfigMap\n")
-
-
-def a_recording_of_another_tool(path: Path) -> None:
-    own_bag(path)
-    file = path / f"{path.name}_0.mcap"
-    file.write_bytes(file.read_bytes().replace(b"robot_energy", b"other_writer", 1))
-
-
-def a_bag_with_a_link(path: Path) -> None:
-    own_bag(path)
-    file = path / f"{path.name}_0.mcap"
-    file.rename(path.parent / "elsewhere.mcap")
-    file.symlink_to("../elsewhere.mcap")
-
-
-def a_link_to_a_bag(path: Path) -> None:
-    own_bag(path.with_name("real"))
-    path.symlink_to("real")
-
-
-def a_file(path: Path) -> None:
-    path.write_text("mine")
-
-
-def a_pipe(path: Path) -> None:
-    os.mkfifo(path)
-
-
-STRANGE = [
-    three_recordings, a_bag_and_a_foreign_file, a_bag_and_a_foreign_recording,
-    a_bag_and_a_folder, a_bag_with_foreign_metadata, a_recording_of_another_tool,
-    a_bag_with_a_link, a_link_to_a_bag, a_file, a_pipe,
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("make", STRANGE)
-@pytest.mark.parametrize("name", FOLDERS)
-def test_a_folder_that_is_not_ours_stays(
-    place: Path, capsys: pytest.CaptureFixture[str], name: str, make: Callable[[Path], None]
-) -> None:
-    target = "there"
-    if name == "excitation":
-        if make in (a_file, a_pipe):
-            target = "there/excitation_bag"
-        (place / "there").mkdir()
-        make(place / "there" / "excitation_bag")
-    else:
-        make(place / target)
-    before = inventory(place)
-    for overwrite in ({}, {"overwrite": ""}):
-        text = refused(capsys, name, out="there", **overwrite)
-        assert "give --overwrite" not in text  # it would not help
-    assert inventory(place) == before
-
-
-@pytest.mark.parametrize("name", [name for name in FOLDERS if COMMANDS[name].given])
-def test_a_folder_that_holds_or_is_an_input_stays(
-    place: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
-    before = inventory(place)
-    targets = [*COMMANDS[name].given, "."]
-    if name == "replay":
-        targets += ["bag/energy", "../place/bag", "bag/../bag"]
-    for target in targets:
-        refused(capsys, name, out=target, overwrite="")
-    assert inventory(place) == before
-
-
-def test_a_recording_in_the_folder_that_is_to_be_replaced_stays(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The folder is an own bag as a whole, and the input is its one file by another name."""
-    os.link("bag/bag_0.mcap", "run.mcap")
-    before = inventory(place)
-    words = ["replay", "run.mcap", "--model", "wheel.yaml", "--out", "bag", "--overwrite"]
-    assert main(words) == 2
-    assert "the input" in capsys.readouterr().err
     assert inventory(place) == before
 
 

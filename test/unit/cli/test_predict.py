@@ -5,6 +5,7 @@ import json
 import pytest
 import yaml
 
+import command_line
 from places import ROOT
 from robot_energy.cli import main
 from robot_energy_papers.wall import Wall
@@ -20,12 +21,7 @@ def run(*args):
 
 
 def refused(capsys, *args):
-    assert run(*args) == 2
-    out, err = capsys.readouterr()
-    assert err.startswith("robot-energy: ")
-    assert err.count("\n") == 1
-    assert "Traceback" not in out + err
-    return err
+    return command_line.refused(capsys, "predict", *args)
 
 
 @pytest.fixture

@@ -203,7 +203,7 @@ def bags(tmp_path_factory):
     profile = load_profile("kr16")
     robot = profile.mechanics()[0]
     limits, high = profile.motion_limits(robot), tool_above(robot, "tool0", 0.2)
-    for seed, degc in enumerate((30.0, 45.0, 30.0, 45.0, 36.0), 1):
+    for seed, degc in enumerate((30.0, 45.0, 30.0, 36.0), 1):
         program = random_program(limits, seed, dwell=1.2, accept=high)
         rig = VirtualRig(profile, program, RigConfig(thermal_speedup=8.0), seed, degc)
         record(rig, 30.0, folder / f"run_{seed}")
@@ -217,7 +217,7 @@ def test_on_the_virtual_rig_the_energy_is_found_and_held_out_energies_get_better
         0.5 * supply.capacitance * (voltage**2 - supply.rectified_voltage**2)
         for voltage in (supply.chopper_off_voltage, supply.chopper_on_voltage)
     )
-    whole = identify_everything(bags[:4], load("kr16"))
+    whole = identify_everything(bags[:3], load("kr16"), ("dynamics",))  # its bodies are right
     step = whole.step("capacitor")
     assert step.taken
     assert off < step.found.energy < on
@@ -227,7 +227,7 @@ def test_on_the_virtual_rig_the_energy_is_found_and_held_out_energies_get_better
     assert whole.meter_delay.applied == 0.0
     capacitance = whole.model.cabinet.capacitor.capacitance
     assert (capacitance.tag, capacitance.std > 0.0) == ("identified", True)
-    kind, folds = folds_of(bags[:4], bags[4:], [])
+    kind, folds = folds_of(bags[:3], bags[3:], [])
     test = held_out_energy(kind, folds, whole)
     (entry,) = test.metered
     assert abs(entry.error("capacitor")) < 0.02

@@ -40,18 +40,34 @@ def data_of(recording):
     return drive_data([recording], [None], measured_torque=True)
 
 
+def total_of(recording):
+    """What the meter tells of the drives."""
+    return find_drives(data_of(recording), recording.model).total
+
+
+@pytest.fixture(scope="module")
+def in_time(recording):
+    """The same of a meter that keeps time."""
+    return total_of(recording)
+
+
+@pytest.fixture(scope="module")
+def own_delay(recording):
+    return estimate_meter_delay(data_of(recording)).value
+
+
 @pytest.mark.parametrize("delay", [-0.06, 0.04, 0.137])
-def test_a_known_delay_is_found_and_undone(recording, delay):
+def test_a_known_delay_is_found_and_undone(recording, own_delay, in_time, delay):
     late = recording.with_meter_earlier(-delay)
     found = estimate_meter_delay(data_of(late))
-    own = estimate_meter_delay(data_of(recording)).value
-    assert abs(own) < 0.015  # the model is not the plant: its braking ends a little early or late
-    assert found.applied == pytest.approx(delay + own, abs=0.002)
+    assert (
+        abs(own_delay) < 0.015
+    )  # the model is not the plant: its braking ends a little early or late
+    assert found.applied == pytest.approx(delay + own_delay, abs=0.002)
     back = late.with_meter_earlier(found.applied)
     assert abs(estimate_meter_delay(data_of(back)).value) < 0.002
-    total = find_drives(data_of(late), late.model).total
+    total = total_of(late)
     assert total.delay.applied == found.applied
-    in_time = find_drives(data_of(recording), recording.model).total
     assert total.fit.constant == pytest.approx(in_time.fit.constant, rel=0.02)
 
 
@@ -96,17 +112,20 @@ def filtered(tmp_path_factory):
     return read_recording(folder / "bag", model, EffortMeaning.MOTOR_TORQUE)
 
 
-def test_a_low_pass_is_found_and_undone(recording, filtered):
+@pytest.fixture(scope="module")
+def sharpened(filtered):
+    return total_of(filtered)
+
+
+def test_a_low_pass_is_found_and_undone(in_time, filtered, sharpened):
     found = estimate_time_constant(data_of(filtered))
     assert found.applied == pytest.approx(0.25, rel=0.25)  # the model is not the plant
     back = filtered.with_meter_earlier(0.0, found.applied)
     assert estimate_time_constant(data_of(back)).applied == 0.0
-    sharp = find_drives(data_of(recording), recording.model).total
-    found_again = find_drives(data_of(filtered), filtered.model).total
-    assert found_again.low_pass.applied == found.applied
-    assert found_again.fit.constant == pytest.approx(sharp.fit.constant, rel=0.12)
+    assert sharpened.low_pass.applied == found.applied
+    assert sharpened.fit.constant == pytest.approx(in_time.fit.constant, rel=0.12)
     blurred = fit_total(sums(data_of(filtered), filtered.model))
-    assert found_again.fit.losses.rms < 0.5 * blurred.losses.rms
+    assert sharpened.fit.losses.rms < 0.5 * blurred.losses.rms
 
 
 def test_a_meter_without_low_pass_and_a_late_one_are_left_as_they_are(recording):

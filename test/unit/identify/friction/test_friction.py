@@ -49,23 +49,28 @@ def test_the_exponential_law_is_recovered_within_its_deviations():
         assert figure.std < 0.1 * truth
 
 
-def test_intervals_of_fc_a_and_c_cover_the_truth():
-    """Two standard deviations over 60 short recordings: about 95 %."""
+@pytest.fixture(scope="module")
+def short_fits():
+    """Of 40 short recordings."""
+    return [fit_friction(measurement(seed, minutes=5)) for seed in range(40)]
+
+
+def test_intervals_of_fc_a_and_c_cover_the_truth(short_fits):
+    """Two standard deviations over 40 short recordings: about 95 %."""
     inside = np.zeros(4)
-    for seed in range(60):
-        fit = fit_friction(measurement(seed, minutes=5))
+    for fit in short_fits:
         law = fit.laws["exponential"]
         found = np.array([fit.coulomb, law.a.value, law.b.value, law.c.value])
         std = np.array([fit.coulomb_std, law.a.std, law.b.std, law.c.std])
         inside += np.abs(found - [COULOMB, A, B, C]) <= 2.0 * std
-    assert (inside >= 51).all(), inside
+    assert (inside >= 34).all(), inside
 
 
-def test_the_deviation_of_the_law_covers_the_true_curve():
-    """Two of its standard deviations, over 60 short recordings and the whole fitted range."""
+def test_the_deviation_of_the_law_covers_the_true_curve(short_fits):
+    """Two of its standard deviations, over 40 short recordings and the whole fitted range."""
     inside = []
-    for seed in range(60):
-        law = fit_friction(measurement(seed, minutes=5)).laws["exponential"]
+    for fit in short_fits:
+        law = fit.laws["exponential"]
         degc = np.linspace(*law.fitted_degc, 20)
         found = viscous_law(law)
         inside.append(np.abs(found.viscous(degc) - (A + B * np.exp(-degc / C))) <= 2 * law.std)

@@ -1,0 +1,56 @@
+"""Drive losses identified from real drives: a UR3e, a motor on a bench, a cobot."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from places import ROOT
+from robot_energy.cli.main import main
+from robot_energy.model import load
+
+DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_a_real_ur3e_is_predicted_better_than_by_shaft_power_and_a_constant(tmp_path, capsys):
+    """Measured on its 48 V bus, every recording predicted from the two others."""
+    logs = sorted(map(str, (Path(DATA) / "rad_ur3e").glob("L*.csv")))
+    out, report = tmp_path / "ur3e.yaml", tmp_path / "report.json"
+    words = ["identify", "drives", *logs, "--ur-rtde", "--model", "ur3e"]
+    assert main([*words, "--out", str(out), "--json", str(report)]) == 0
+    ways = json.loads(report.read_text())["total"]["ways"]
+    assert ways["identified"]["rms"] < 0.7 * ways["shaft"]["rms"] < 0.7 * ways["constant"]["rms"]
+    assert abs(ways["identified"]["worst"]) < 0.03
+    assert load(out).cabinet.loss_dc.tag == "identified"
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_the_curves_of_a_real_motor_on_a_test_bench_are_predicted(tmp_path):
+    """Each voltage predicted from the four others, without positions and times."""
+    folder = Path(DATA) / "drive_efficiency" / "frc_motors" / "motors" / "dc" / "rev-neo"
+    logs, report = sorted(map(str, folder.glob("measured/*.csv"))), tmp_path / "report.json"
+    mapping = ROOT / "src" / "examples" / "mappings" / "rev_neo_bench.yaml"
+    words = ["identify", "drives", "--log", *logs, "--mapping", str(mapping)]
+    assert main([*words, "--json", str(report)]) == 0
+    comparisons = json.loads(report.read_text())["drives"]["comparisons"]
+    scores = next(c for c in comparisons if c["split"] == "recordings")["scores"]
+    assert scores["losses"]["accuracy"] > 0.98
+    assert scores["losses"]["rms"] < 0.3 * min(scores["none"]["rms"], scores["constant"]["rms"])
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_the_drives_of_a_real_cobot_are_predicted(tmp_path):
+    """Every second of four predicted from the three others, each drive and their sum."""
+    log, report = Path(DATA) / "voraus" / "test.parquet", tmp_path / "report.json"
+    mapping = ROOT / "src" / "examples" / "mappings" / "voraus.yaml"
+    words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
+    assert main([*words, "--json", str(report)]) == 0
+    found = json.loads(report.read_text())
+    held = next(c for c in found["drives"]["comparisons"] if c["split"] == "recordings")
+    rms = {way: score["rms"] for way, score in held["scores"].items()}
+    assert rms["losses"] < 0.3 * min(rms["none"], rms["constant"], rms["map"])
+    assert held["scores"]["losses"]["accuracy"] > 0.98
+    ways = found["total"]["ways"]
+    assert ways["identified"]["rms"] < 0.8 * ways["shaft"]["rms"] < 0.8 * ways["constant"]["rms"]
