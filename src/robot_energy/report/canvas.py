@@ -106,7 +106,7 @@ def panels(figure: Any, count: int, columns: int = 3) -> Any:
 
 
 def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
-    """Put names from outside beside the places of an axis, made safe to show.
+    """Name the places of an axis with texts from outside, made safe to show.
 
     Args:
         axis: The x or y axis of matplotlib.

@@ -161,7 +161,7 @@ def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings
 def outlet_readings(
     recording: Recording, loads: Sequence[AuxiliaryLoad], held: LoadRecording
 ) -> StateReadings:
-    """Return what a meter of the outlet shows beside the cabinet while the robot stands still.
+    """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
 
     Loads with a meter of their own are taken off by it.
 
