@@ -150,6 +150,9 @@ class DrawnWork:
             changed: The program then.
             faster: Time that a cycle lasts less. [s]
             standing: Share of losses at rest in the energy, by the model. [-]
+
+        Returns:
+            What was claimed, and what the rig saves.
         """
         truth = base - self.rig.energy(changed)
         return JudgedSaving(
