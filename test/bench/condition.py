@@ -22,7 +22,7 @@ from robot_energy_papers.wear_shift import Shift, detection, stuck_thermometer
 from robot_energy_papers.wear_study import FoundRow, SimulatedRow, meter_only, simulated
 
 LAST = 10  # minutes over which the error at the end is taken
-PLANTS = (("kr16", 620), ("irb4600", 621), ("kr16", 622), ("kr16", 623))
+PLANTS = (("kr16", 623), ("irb4600", 624), ("kr16", 625), ("kr16", 626))
 CHANGING = (("kr16", 640), ("irb4600", 641), ("kr16", 642), ("kr16", 643))
 CHANGES = (2.0, 48.0)  # h with one program, at least and at most
 METER_PLANT = 401

@@ -38,7 +38,9 @@ PRIOR_PROGRAMS = 3.0  # programs that this level is worth
 LEAST_SCATTER = 0.001  # of a record of `RECORD_TIME` [-]
 DRIFTING = 0.001  # what neighbours differ by for slow causes [-]
 PAYLOAD = 0.003  # what no feature says of a payload, before any record [-]
-PRIOR_PAYLOADS = 10.0  # pairs that this is worth
+PRIOR_PAIRS = (6.0, 10.0)  # pairs that the stated scatter and this are worth
+LEVELS = 8  # lengths of records, each twice the one before
+ROUNDS = 5
 MIN_PAYLOAD = 0.003  # where programs change [-]
 BRIEF_HOURS = 0.5  # how long it is the same, of motion
 MAX_OFF = 4.0  # standard deviations of a pair; what is farther off counts as much
@@ -69,8 +71,9 @@ class Contrasts:
         target: Shape (m,). [-]
         square: Of the differences of the excess. [-]
         count: Pairs. [-]
-        payload_square: Of what no feature explains for half an hour, weighted. [-]
-        payload_weight: Sum of the weights. [-]
+        levels: Of the pairs of each length of record: weight, weighted square of what nothing known
+            explains, weighted variance by scatter of one, weighted share of a payload in it, shape
+            (LEVELS, 4). [-]
     """
 
     def __init__(self) -> None:
@@ -78,8 +81,7 @@ class Contrasts:
         self.target: Float = np.zeros(FEATURES)
         self.square = 0.0
         self.count = 0
-        self.payload_square = 0.0
-        self.payload_weight = 0.0
+        self.levels: Float = np.zeros((LEVELS, 4))
         self._baseline: Baseline | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
@@ -114,8 +116,8 @@ class Contrasts:
         hours, time = np.array([[one.hours, one.time] for one in (before, after)]).T
         shared = correlated(hours, time, BRIEF_HOURS)
         share = float(shared[0, 0] + shared[1, 1] - 2.0 * shared[0, 1])
+        self._learn_payload(before, after, apart, share)
         own = scatter(before) + scatter(after)
-        self._learn_payload(after.excess - before.excess, apart, own, share)
         weight = 1.0 / (own + DRIFTING**2 + self.payload * share)
         self.information += weight * np.outer(apart, apart)
         self.target += weight * (after.excess - before.excess) * apart
@@ -130,20 +132,38 @@ class Contrasts:
 
     @property
     def payload(self) -> float:
-        """Variance of what no feature says of a payload. [-]"""
-        square = PRIOR_PAYLOADS * PAYLOAD**2 + self.payload_square
-        least = MIN_PAYLOAD if self.programs else 0.0
-        return max(square / (PRIOR_PAYLOADS + self.payload_weight), least**2)
+        """Variance of what no feature says of a payload. [-]
 
-    def _learn_payload(self, difference: float, apart: Float, own: float, share: float) -> None:
+        A pair of records of length T differs by ``scatter s(T) + payload h(T)`` in variance. Scatter
+        falls with the length, a payload does not until it changes, so pairs of several lengths
+        tell the two apart. Least squares over the lengths, errors in proportion to what is expected.
+        """
+        found = np.array([1.0, PAYLOAD**2])
+        weight, square, own, share = self.levels.T
+        rows = np.stack([own, share])
+        for _ in range(ROUNDS):
+            expected = found @ rows + DRIFTING**2 * weight
+            gain = np.divide(weight, expected**2, out=np.zeros(LEVELS), where=weight > 0)
+            prior = PRIOR_PAIRS / np.maximum(found, [1.0, PAYLOAD**2]) ** 2
+            inner = (rows * gain) @ rows.T + np.diag(prior)
+            outer = (rows * gain) @ square + prior * [1.0, PAYLOAD**2]
+            found = _not_negative(inner, outer)
+        return max(float(found[1]), MIN_PAYLOAD**2 if self.programs else 0.0)
+
+    def _learn_payload(
+        self, before: WearRecord, after: WearRecord, apart: Float, share: float
+    ) -> None:
         """A pair counts as far as all else in it is known."""
         known = self.baseline()
-        rest = known.scatter * own + DRIFTING**2 + float(apart @ known.covariance @ apart)
-        now = self.payload * share
-        weight = now / (now + rest)
-        off = min((difference - float(apart @ known.mean)) ** 2, MAX_OFF**2 * (rest + now))
-        self.payload_square += weight * (off - rest) / share
-        self.payload_weight += weight
+        own = scatter(before) + scatter(after)
+        unknown = DRIFTING**2 + float(apart @ known.covariance @ apart)
+        now = known.scatter * own + self.payload * share
+        weight = (now / (now + unknown)) ** 2
+        off = after.excess - before.excess - float(apart @ known.mean)
+        square = min(off**2, MAX_OFF**2 * (unknown + now)) - unknown
+        length = (before.time + after.time) / 2.0 / RECORD_TIME
+        level = min(max(round(np.log2(length)), 0), LEVELS - 1)
+        self.levels[level] += weight * np.array([1.0, square, own, share])
 
     def forget(self, number: int) -> Float:
         """Forget the coefficients of a program; what they said of the others is kept.
@@ -180,8 +200,7 @@ class Contrasts:
             target=flat(self.target),
             square=self.square,
             count=self.count,
-            payload_square=self.payload_square,
-            payload_weight=self.payload_weight,
+            levels=flat(self.levels),
         )
 
     @classmethod
@@ -204,7 +223,8 @@ class Contrasts:
         found.information = filled(entry.information, np.zeros((size, size)))
         found.target = filled(entry.target, np.zeros(size))
         found.square, found.count = entry.square, entry.count
-        found.payload_square, found.payload_weight = entry.payload_square, entry.payload_weight
+        if entry.levels:
+            found.levels = filled(entry.levels, found.levels)
         return found
 
     def _solved(self) -> Baseline:
@@ -229,6 +249,15 @@ class Contrasts:
                 PRIOR_PROGRAMS + self.programs
             )
         return Baseline(mean, covariance, share)
+
+
+def _not_negative(inner: Float, outer: Float) -> Float:
+    """Least squares of two figures, neither below zero."""
+    found = np.linalg.solve(inner, outer)
+    if (found >= 0).all():
+        return np.asarray(found)
+    alone = np.maximum(outer / np.diag(inner), 0.0)
+    return np.where(found < 0, 0.0, alone)
 
 
 def _prior_of(own: Float) -> Float:

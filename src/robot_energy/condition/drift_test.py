@@ -41,8 +41,8 @@ CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
 MIN_Z, MIN_Z_YOUNG = 5.0, 10.0  # deviations of a step that has lasted, of a young one
 LARGE = 0.08  # a young step that is larger counts as one that has lasted; no payload does it [-]
-# Of a ramp, of a step that has lasted, of a young one, once another program was seen.
-MANY_Z_RAMP, MANY_Z, MANY_Z_YOUNG = 8.0, 9.75, 18.0
+# Of a ramp, a step that has lasted, a young large one, a young one, once another program was seen.
+MANY_Z_RAMP, MANY_Z, MANY_Z_LARGE, MANY_Z_YOUNG = 8.0, 8.0, 12.0, 18.0
 MIN_SIZE = 0.005  # of a change [-]
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 12.0  # shortest ramp, and reference before it; what is shorter is a step [h]
@@ -308,7 +308,8 @@ class DriftTest:
     def _least(self, ramp: bool, young: bool, large: bool) -> float:
         """How far a change must stand out; a program can do what a payload cannot. [-]"""
         if self.contrasts.programs:
-            return MANY_Z_RAMP if ramp else MANY_Z_YOUNG if young else MANY_Z
+            least = (MANY_Z_LARGE if large else MANY_Z_YOUNG) if young else MANY_Z
+            return MANY_Z_RAMP if ramp else least
         least = MIN_Z_YOUNG if young and not large else MIN_Z
         return self._subject.min_z_ramp if ramp else least
 

@@ -104,8 +104,7 @@ class ContrastEntry(ConditionPart):
     target: Numbers
     square: Number
     count: Count
-    payload_square: Number = 0.0
-    payload_weight: Number = 0.0
+    levels: Numbers = ()
 
 
 class ProgramEntry(ConditionPart):
