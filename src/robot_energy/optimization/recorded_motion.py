@@ -7,6 +7,7 @@ velocity, and stays within `MAX_CREEP`, the robot is taken to rest.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from robot_energy.errors import MotionError
 from robot_energy.identify.data.signals import motion_from_position, uniform
 from robot_energy.model import RobotModel
 from robot_energy.motion.joint_trajectory import JointTrajectory
+from robot_energy.optimization.trajectory_form import MAX_CREEP
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay_topics import Topics
 
@@ -26,7 +28,6 @@ CUTOFF = 10.0  # of the filter [Hz]
 KNOT_EVERY = 2  # samples of the grid between two points of the trajectory
 STILL = 0.01  # of the greatest velocity of a joint, below which it rests [-]
 MIN_STILL = 1e-3  # rad/s or m/s, for joints that hardly move
-MAX_CREEP = 2e-3  # rad or m, during a rest
 MAX_TIME = 900.0  # s
 
 
@@ -113,5 +114,17 @@ def _with_rests(
             position[rows] = position[rows].mean(axis=0)
             velocity[rows] = acceleration[rows] = 0.0
             rests.append(rows)
+    for before, after in pairwise(rests):  # a jump there would be an acceleration that never was
+        rows = slice(before.stop, after.start)
+        own = (position[rows], velocity[rows], acceleration[rows])
+        to_first = position[before.stop - 1] + _first_step(own[1][0], own[2][0]) - own[0][0]
+        to_last = position[after.start] - _first_step(own[1][-1], -own[2][-1]) - own[0][-1]
+        position[rows] += np.linspace(to_first, to_last, len(own[0]))
     kept = slice(rests[0].start, rests[-1].stop) if rests else slice(0)
     return position[kept], velocity[kept], acceleration[kept], kept
+
+
+def _first_step(velocity: Float, acceleration: Float) -> Float:
+    """How far joints get from rest until they have these: ``h v / 2 - h^2 a / 12``."""
+    step = KNOT_EVERY / RATE
+    return 0.5 * step * velocity - step**2 / 12.0 * acceleration

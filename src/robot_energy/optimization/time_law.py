@@ -32,8 +32,8 @@ class LawLimits:
 
     Attributes:
         velocity: [rad/s] or [m/s]
-        acceleration: [rad/s^2] or [m/s^2]
-        jerk: [rad/s^3] or [m/s^3]
+        acceleration: Infinite where a joint does not move. [rad/s^2] or [m/s^2]
+        jerk: The same. [rad/s^3] or [m/s^3]
         torque: Of the motors, infinite where none is known. [N m]
     """
 
@@ -162,16 +162,19 @@ class _ConeProgram:
         self._at_least(-self._unit(self.b), -(most**2))
         self._at_least(self._unit(self.y), np.full(self.parts + 1, MIN_SPEED))
         for joint in range(places.velocity.shape[1]):
-            moved = self._square(places.acceleration[:, joint], share) + self._rise(
-                places.velocity[:, joint], step
-            )
-            bound = np.full(self.parts, limits.acceleration[joint])
-            self._at_least(moved, -bound)
-            self._at_least(-moved, -bound)
-            change = moved[1:] - moved[:-1]
-            time = self._unit(self.u[1:-1], step)
-            for sign in (1.0, -1.0):
-                self._at_least(limits.jerk[joint] * time + sign * change, np.zeros(self.parts - 1))
+            if np.isfinite(limits.acceleration[joint]):
+                moved = self._square(places.acceleration[:, joint], share) + self._rise(
+                    places.velocity[:, joint], step
+                )
+                bound = np.full(self.parts, limits.acceleration[joint])
+                self._at_least(moved, -bound)
+                self._at_least(-moved, -bound)
+                change = moved[1:] - moved[:-1]
+                time = self._unit(self.u[1:-1], step)
+                for sign in (1.0, -1.0):
+                    self._at_least(
+                        limits.jerk[joint] * time + sign * change, np.zeros(self.parts - 1)
+                    )
             if np.isfinite(limits.torque[joint]):
                 torque = self._torque(places, step, joint, share)
                 for sign in (1.0, -1.0):

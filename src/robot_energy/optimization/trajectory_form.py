@@ -22,6 +22,7 @@ from robot_energy.optimization.written_trajectory import WrittenTrajectory
 from robot_energy.physics.rigid_body import Robot
 
 STILL = 1e-4  # rad/s or m/s, below which all joints rest
+MAX_CREEP = 2e-3  # rad or m; a joint that turns less in a move or in a rest is at rest
 PROBES = 200  # of a move, for its greatest velocity and acceleration
 
 
@@ -35,7 +36,8 @@ class StretchedMoves:
         velocity: Velocity limits, shape (n,). [rad/s] or [m/s]
 
     Attributes:
-        hardest: Greatest acceleration of each joint, shape (n,). [rad/s^2] or [m/s^2]
+        hardest: Greatest acceleration of each joint in the moves in which it moves, infinite where
+            there are none, shape (n,). [rad/s^2] or [m/s^2]
         fastest: Greatest factor on the speed of each move, shape (K,). [-]
     """
 
@@ -45,10 +47,14 @@ class StretchedMoves:
         paths = [motion.sample(b + inner * (e - b)) for b, e in zip(begin, end, strict=True)]
         fast = np.array([np.abs(path.joint_velocity).max(axis=0) for path in paths])
         hard = np.array([np.abs(path.joint_acceleration).max(axis=0) for path in paths])
+        # what a joint at rest shows in a recording is noise
+        moved = np.array([np.ptp(path.joint_position, axis=0) > MAX_CREEP for path in paths])
+        moved |= ~moved.any(axis=1, keepdims=True)
+        most = np.where(moved, hard, 0.0).max(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             by_speed = np.where(fast > 0, velocity / fast, np.inf).min(axis=1)
-            by_force = np.where(hard > 0, hard.max(axis=0) / hard, np.inf).min(axis=1)
-        self.hardest: Float = hard.max(axis=0)
+            by_force = np.where(moved & (hard > 0), most / hard, np.inf).min(axis=1)
+        self.hardest: Float = np.where(moved.any(axis=0), most, np.inf)
         self.fastest = np.maximum(np.minimum(by_speed, np.sqrt(by_force)), 1e-9)
 
     @property

@@ -9,7 +9,10 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.errors import MotionError
 from robot_energy.model import load
 from robot_energy.motion.ptp_file import program_for, read_program
+from robot_energy.motion.ptp_loop import Program
 from robot_energy.motion.trajectory_io import read_csv_trajectory
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.forms import read_form
 from robot_energy.optimization.recorded_motion import recorded_motion
 from robot_energy.physics.rigid_body import Robot
 from sound_recordings import write_states
@@ -21,9 +24,11 @@ NOISE = 2e-5  # rad
 BAG = ROOT / "bags/kr16_warm"
 
 
-def measured(path, kept=slice(None)):
+def measured(path, kept=slice(None), shares=None):
     """Noisy joint states of the program's cycle, with half a second of rest at both ends."""
     program = program_for(read_program(MOVES), Robot.from_model(MODEL).limits).program
+    if shares is not None:
+        program = Program(program.via, program.limits, program.dwell, 1.0, shares, shares**2)
     time = np.arange(-0.5, program.period + 0.5, 1.0 / RATE)
     motion = program.sample(np.clip(time, 0.0, program.period))
     noise = np.random.default_rng(1).normal(0.0, NOISE, motion.joint_position.shape)
@@ -72,6 +77,22 @@ def test_free_rests_are_filled_with_slower_moves_in_the_same_time(tmp_path):
     made = recorded_motion(tmp_path / "bag", MODEL)
     ends = [one.sample(np.array([0.0, one.duration])).joint_position for one in (cheap, made)]
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+
+
+def test_a_joint_that_rests_keeps_no_move_slow(tmp_path):
+    """Joints 4 and 5 never move and show noise alone; moves 1 and 3 are the same way down."""
+    measured(tmp_path / "bag", shares=np.array([0.5, 0.5, 1.0, 1.0]))
+    chain = PowerChain(MODEL, np.full((1, 6), 30.0))
+    form = read_form(tmp_path / "bag", MODEL, chain.robot, None, TimeRange())
+    # a factor of two by the program; the filter takes more from the peaks of a fast move
+    assert ((form.moves.fastest[:2] > 1.4) & (form.moves.fastest[:2] <= 2.0)).all()
+    assert form.moves.fastest[2:] == pytest.approx([1.0, 1.0])
+    assert np.isinf(form.acceleration).tolist() == [False, False, True, True, True, False]
+    found = re.optimize(tmp_path / "bag", MODEL, 30.0, time_law=True).report
+    saved = {one.name: one.saving for one in found.measures}
+    assert saved["move_overrides"].relative > 0.03
+    assert saved["time_law"].energy >= saved["move_overrides"].energy
+    assert found.problems == ()
 
 
 def test_what_is_no_whole_cycle_is_refused(tmp_path):
