@@ -134,9 +134,9 @@ class Contrasts:
     def payload(self) -> float:
         """Variance of what no feature says of a payload. [-]
 
-        A pair of records of length T differs by ``scatter s(T) + payload h(T)`` in variance. Scatter
-        falls with the length, a payload does not until it changes, so pairs of several lengths
-        tell the two apart. Least squares over the lengths, errors in proportion to what is expected.
+        Records of length T differ by ``scatter s(T) + payload h(T)`` in variance. Scatter falls
+        with the length, a payload does not until it changes, so pairs of several lengths tell
+        the two apart: least squares over the lengths, errors in proportion to what is expected.
         """
         found = np.array([1.0, PAYLOAD**2])
         weight, square, own, share = self.levels.T

@@ -196,7 +196,7 @@ def test_a_smaller_step_counts_once_it_has_lasted():
 
 
 def test_scatter_is_told_from_what_lasts_half_an_hour():
-    """Both are learned from pairs of records: scatter falls with their length, a payload does not."""
+    """Of pairs of records: scatter falls with their length, a payload does not."""
     rng = np.random.default_rng(5)
     for scattered, lasting in ((0.014, 0.0), (0.003, 0.014)):
         test, level = DriftTest(), 0.0
