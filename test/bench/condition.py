@@ -97,7 +97,7 @@ def stuck(quick: bool) -> tuple[Table, Goals]:
             f"kr16, drawn {number}",
             f"A{row.joint + 1}",
             f"{before:.0f} h",
-            f"{100 * row.refused:.0f} % of the time",
+            f"{100 * max(row.refused, 0.0):.0f} % of the time",
             _axes(row.changes),
         )
     return table, {"rig: a thermometer that stands still is no wear": reached}
@@ -131,10 +131,11 @@ def _days(
     table.add_row("all", *_figures(rows))
     hours, alarms = sum(row.hours for row in rows), sum(len(row.alarms) for row in rows)
     at_once = [found for row in rows for found in (*row.steps, *row.falls)]
+    slow = [found for row in rows for found in row.slow]
     return table, {
         f"{name}: at most one false alarm in 1,000 h": alarms <= max(1.0, hours / 1000.0),
         f"{name}: +15 %, and -15 % said as a fall, within one hour": not _late(at_once, 1.0),
-        f"{name}: +5 % in 100 h within a day": not _late([f for r in rows for f in r.slow], 24.0),
+        f"{name}: +5 % in 100 h within a day, 19 of 20": len(_late(slow, 24.0)) <= 0.05 * len(slow),
     }
 
 

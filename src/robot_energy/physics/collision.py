@@ -143,7 +143,7 @@ def _keep_shapes(root: ET.Element) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for link in root.findall("link"):
         name = str(link.get("name"))
         for part in link.findall("collision"):
-            shape = next(iter(part.find("geometry") or ()), None)
+            shape = part.find("geometry/*")
             if shape is None or shape.tag not in SHAPES:
                 link.remove(part)
                 left[name] = None
