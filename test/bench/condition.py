@@ -1,6 +1,6 @@
 """How fast a learner learns and when wear is found, on the virtual rig; exit code 1 if missed.
 
-Usage: ``python test/bench/condition.py [--quick]``; whole: about half an hour.
+Usage: ``python test/bench/condition.py [--quick]``; whole: about 20 minutes.
 """
 
 from __future__ import annotations
@@ -105,13 +105,34 @@ def stuck(quick: bool) -> tuple[Table, Goals]:
 
 def one_program(quick: bool) -> tuple[Table, Goals]:
     """Alarms without wear and delays with it, on simulated days of plants drawn for this alone."""
-    return _days("one program", PLANTS[:1] if quick else PLANTS, 12 if quick else 25, None)
+    plants = PLANTS[:1] if quick else PLANTS
+    rows, table = _days("one program", plants, 12 if quick else 25, None)
+    slow = [found for row in rows for found in row.slow]
+    return table, {
+        **_at_once("one program", rows, 1.0),
+        "one program: +5 % in 100 h within a day, 95 %": _mostly(slow, 24.0, 0.95),
+    }
 
 
 def changing(quick: bool) -> tuple[Table, Goals]:
     """The same with programs that change: motions, range, speed and payloads."""
     plants = CHANGING[:1] if quick else CHANGING
-    return _days("programs change", plants, 8 if quick else 20, CHANGES)
+    rows, table = _days("programs change", plants, 8 if quick else 20, CHANGES)
+    return table, _at_once("programs change", rows, 0.9)
+
+
+def _at_once(name: str, rows: list[SimulatedRow], share: float) -> Goals:
+    hours, alarms = sum(row.hours for row in rows), sum(len(row.alarms) for row in rows)
+    found = [found for row in rows for found in (*row.steps, *row.falls)]
+    steps = f"{name}: +15 %, and -15 % said as a fall, within one hour, {100 * share:.0f} %"
+    return {
+        f"{name}: at most one false alarm in 1,000 h": alarms <= max(1.0, hours / 1000.0),
+        steps: _mostly(found, 1.0, share),
+    }
+
+
+def _mostly(found: list[FoundRow], limit: float, share: float) -> bool:
+    return len(_late(found, limit)) <= (1.0 - share) * len(found)
 
 
 def _days(
@@ -119,7 +140,7 @@ def _days(
     plants: Sequence[tuple[str, int]],
     days: int,
     changes: tuple[float, float] | None,
-) -> tuple[Table, Goals]:
+) -> tuple[list[SimulatedRow], Table]:
     title = f"Simulated days, {name}: 15 to 60 degC, payloads, collisions; h of motion of an axis"
     table = Table(title=title)
     headings = ("plant", "hours", "in motion", "false alarms", "+15 %", "-15 %", "+5 % in 100 h")
@@ -129,14 +150,7 @@ def _days(
     for (body, seed), row in zip(plants, rows, strict=True):
         table.add_row(f"{body}, drawn {seed}", *_figures([row]))
     table.add_row("all", *_figures(rows))
-    hours, alarms = sum(row.hours for row in rows), sum(len(row.alarms) for row in rows)
-    at_once = [found for row in rows for found in (*row.steps, *row.falls)]
-    slow = [found for row in rows for found in row.slow]
-    return table, {
-        f"{name}: at most one false alarm in 1,000 h": alarms <= max(1.0, hours / 1000.0),
-        f"{name}: +15 %, and -15 % said as a fall, within one hour": not _late(at_once, 1.0),
-        f"{name}: +5 % in 100 h within a day, 19 of 20": len(_late(slow, 24.0)) <= 0.05 * len(slow),
-    }
+    return rows, table
 
 
 def _figures(rows: list[SimulatedRow]) -> list[str]:
@@ -188,7 +202,7 @@ def meter(quick: bool) -> tuple[Table, Goals]:
 def main() -> int:
     """Run all studies and print their tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few plants, short")
+    parser.add_argument("--quick", action="store_true", help="few plants, short: shows that it runs, judges little")
     quick = parser.parse_args().quick
     console, missed = Console(width=140), 0
     for study in (learner, wear, stuck, one_program, changing, meter):
