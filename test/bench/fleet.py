@@ -49,8 +49,12 @@ def linked(folder: Path, count: int) -> None:
 def processor_time() -> float:
     """Of this process and its children that live. [s]"""
     own = psutil.Process()
-    times = [one.cpu_times() for one in (own, *own.children(recursive=True))]
-    return sum(one.user + one.system for one in times)
+    total = 0.0
+    for one in (own, *own.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):  # a worker may have ended since
+            times = one.cpu_times()
+            total += times.user + times.system
+    return total
 
 
 class Bench:
