@@ -220,7 +220,7 @@ def on_dask(
                     host="127.0.0.1",
                     dashboard_address=HTTP,  # of the scheduler: None would be any interface
                     worker_dashboard_address=HTTP,
-                    silence_logs=logging.ERROR,
+                    silence_logs=logging.CRITICAL,  # what went wrong with a bag is its row
                 )
                 keep = threading.Thread(target=_keep, args=(cluster, workers, ended), daemon=True)
                 keep.start()
