@@ -202,7 +202,9 @@ def meter(quick: bool) -> tuple[Table, Goals]:
 def main() -> int:
     """Run all studies and print their tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few plants, short: shows that it runs, judges little")
+    parser.add_argument(
+        "--quick", action="store_true", help="few plants, short: shows that it runs, judges little"
+    )
     quick = parser.parse_args().quick
     console, missed = Console(width=140), 0
     for study in (learner, wear, stuck, one_program, changing, meter):
