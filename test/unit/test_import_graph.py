@@ -160,7 +160,7 @@ MODULES = {
     "robot_energy.report": """
         advice auxiliary canvas condition document drives dynamics efficiency_figure energy
         energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout model optimization
+        held_out html identification identify_all jobs kinds layout load_states model optimization
         optimization_figure parameters power_figure prediction prediction_figure printing recordings
         replay series temperature_figure thermal torque_figure trend_figure
     """,
@@ -345,4 +345,12 @@ def test_two_modules_import_pinocchio():
 def test_nothing_online_imports_what_only_reports_need(heavy):
     online = ", ".join(f"robot_energy.{name}" for name in ONLINE)
     code = f"import sys, {online}; sys.exit('{heavy}' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_replay_with_its_report_loads_no_identification():
+    code = (
+        "import sys, robot_energy.api.replay, robot_energy.report.replay; "
+        "sys.exit(any(name.startswith('robot_energy.identify') for name in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

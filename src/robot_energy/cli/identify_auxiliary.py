@@ -62,8 +62,8 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If recordings or model cannot be used.
     """
     from robot_energy.api.identify import identify_auxiliary
-    from robot_energy.report.auxiliary import states_document
     from robot_energy.report.document import Document
+    from robot_energy.report.load_states import states_document
 
     check_results(args)
     result = identify_auxiliary(
