@@ -10,7 +10,7 @@ from figure import Figure
 from robot_energy.rig import random_profile
 from robot_energy_papers.wear_study import simulated, worn_in_plant
 
-MINUTES = (90.0, 4.0)
+MINUTES = (15.0, 2.0)
 PLANTS = (3, 7, 11)
 DAYS = 42  # 1,008 h of each plant
 WORN = (1, 4)
