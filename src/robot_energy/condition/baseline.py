@@ -135,8 +135,8 @@ class Contrasts:
         """Variance of what no feature says of a payload. [-]
 
         Records of length T differ by ``scatter s(T) + payload h(T)`` in variance. Scatter falls
-        with the length, a payload does not until it changes, so pairs of several lengths tell
-        the two apart: least squares over the lengths, errors in proportion to what is expected.
+        with the length, a payload does not until it changes, so pairs of several lengths
+        separate the two: least squares over the lengths, errors in proportion to what is expected.
         """
         found = np.array([1.0, PAYLOAD**2])
         weight, square, own, share = self.levels.T

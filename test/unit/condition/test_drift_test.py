@@ -195,7 +195,7 @@ def test_a_smaller_step_counts_once_it_has_lasted():
     assert 55.5 < found[0] < 62.0
 
 
-def test_scatter_is_told_from_what_lasts_half_an_hour():
+def test_scatter_is_separated_from_what_lasts_half_an_hour():
     """Of pairs of records: scatter falls with their length, a payload does not."""
     rng = np.random.default_rng(5)
     for scattered, lasting in ((0.014, 0.0), (0.003, 0.014)):
