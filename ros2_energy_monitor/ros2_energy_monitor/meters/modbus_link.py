@@ -16,7 +16,6 @@ from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry, ProfileEntry
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
-MAX_REGISTERS = 125  # of one request, by the Modbus specification
 FUNCTIONS = {"holding": "read_holding_registers", "input": "read_input_registers"}
 
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]

@@ -165,13 +165,3 @@ def meter(evidence: Evidence, sign: bool = False, scale: float = 1.0, delay: flo
     if delay:
         entries.append(f"stamp_offset: {source.stamp_offset - delay:.2f}")
     return f"meter: {{{', '.join(entries)}}}", PARAMETERS
-
-
-def temperature_unit(source: str, unit: str) -> Remedy:
-    """Return the line that states the unit of a source of temperatures.
-
-    Args:
-        source: Name of the source.
-        unit: ``degc`` or ``kelvin``.
-    """
-    return f"{source}: {{unit: {unit}}}", PARAMETERS

@@ -1,4 +1,4 @@
-"""The tables that reports of a fleet are made from, and the rows that one bag gives them."""
+"""The tables that reports of a fleet are made from."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import polars as pl
-
-from robot_energy.fleet.hour_sums import HourSums
-from robot_energy.results.replay import ReplayReport
 
 FLOATS = pl.List(pl.Float64)
 SCHEMAS: dict[str, dict[str, Any]] = {
@@ -88,56 +85,11 @@ class FleetTables:
     joints: pl.DataFrame
 
 
-def bag_rows(
-    key: str, robot: str, report: ReplayReport, joints: list[dict[str, Any]], hours: HourSums
-) -> Rows:
-    """Return the rows of one bag.
-
-    Args:
-        key: Unique in the fleet.
-        robot: Name of the robot.
-        report: Of the replay of the bag.
-        joints: From `JointSums.table`.
-        hours: Of the same replay.
-    """
-    own = {"key": key, "robot": robot}
-    time = sum(row["motion_time"] for row in joints if row["motor_temperature_degc"] is not None)
-    heat = sum(
-        row["motion_time"] * row["motor_temperature_degc"]
-        for row in joints
-        if row["motor_temperature_degc"] is not None
-    )
-    run = {
-        **own,
-        "bag": report.bag,
-        "model_id": report.model.model_id,
-        "reason": "",
-        "start_ns": report.time.start_ns,
-        "end_ns": report.time.end_ns,
-        "observed_time": report.time.observed_time,
-        "grid_energy": report.energy.grid_import,
-        "brake_energy": report.energy.brake,
-        "measured_energy": report.comparison.measured_energy,
-        "predicted_energy_at_meter": report.comparison.predicted_energy_at_meter,
-        "motor_temperature_degc": heat / time if time else None,
-    }
-    names = SCHEMAS["jobs"]
-    return {
-        "runs": [run],
-        "jobs": [
-            own | {name: getattr(job, name) for name in names if name not in own}
-            for job in report.jobs
-        ],
-        "hours": [own | row for row in hours.table()],
-        "joints": [own | row for row in joints],
-    }
-
-
 def tables_of(bags: Iterable[Rows]) -> FleetTables:
     """Return the rows of many bags as tables.
 
     Args:
-        bags: From `bag_rows`.
+        bags: Of each bag, the rows of every table by its name.
     """
     rows: Rows = {name: [] for name in SCHEMAS}
     for bag in bags:
