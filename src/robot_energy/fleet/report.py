@@ -72,8 +72,8 @@ def fleet_report(
         comparisons = max(comparisons, compared.comparisons)
         if len(sisters) < MIN_SISTERS:
             notes.append(
-                f"{len(sisters)} robot(s) with model {model_id}: sisters are compared from "
-                f"{MIN_SISTERS} on; each was compared with itself before"
+                f"sisters are compared from {MIN_SISTERS} robots of a model on, {model_id} has "
+                f"{len(sisters)}: each was compared with itself before"
             )
     if not read["measured_energy"].is_not_null().any():
         notes.append("no bag has a power meter: all energies are predicted")

@@ -115,7 +115,7 @@ def test_links_and_joints_may_share_a_name():
         (
             robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="0"/>'),
             RobotDescriptionError,
-            "no mass to the moving link.*fore",
+            "no mass to moving links.*fore",
         ),
         (
             robots.TWO_LINK_URDF.replace('type="revolute"', 'type="floating"'),

@@ -86,7 +86,7 @@ def check_motion(rows: Observations, robot: Robot, filters: Filters) -> None:
     ]
     if still:
         raise NotIdentifiableError(
-            f"{', '.join(still)} never move(s) faster than {filters.standing_velocity:g} rad/s",
+            f"no motion faster than {filters.standing_velocity:g} rad/s of {', '.join(still)}",
             "motion of every joint",
             "record an excitation trajectory of all joints",
         )
@@ -97,7 +97,7 @@ def check_motion(rows: Observations, robot: Robot, filters: Filters) -> None:
     ]
     if fast:
         raise NotIdentifiableError(
-            f"{', '.join(fast)} move(s) over {MAX_SPEED_RATIO:g} times faster than the URDF allows",
+            f"motion over {MAX_SPEED_RATIO:g} times faster than the URDF allows: {', '.join(fast)}",
             "positions in rad and m, at the rate they were recorded",
             "check units, gear ratios and rate",
         )

@@ -194,7 +194,7 @@ def take_inventory(
     refused = [link for link in empty if link not in set(massless_links)]
     if refused:
         raise RobotDescriptionError(
-            f"the URDF gives no mass to the moving link(s) {', '.join(refused)}",
+            f"the URDF gives no mass to moving links: {', '.join(refused)}",
             "an inertial with mass for every body that moves",
             "use a URDF with inertias, or name them under massless_links on purpose",
         )

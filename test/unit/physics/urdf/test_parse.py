@@ -112,7 +112,7 @@ def test_links_without_mass_of_their_own_are_listed():
         (urdf(ONE).replace('ixx="1"', 'ixx="inf"'), "ixx='inf'"),
         (urdf(ONE).replace('lower="-1"', 'lower="nan"'), "lower='nan'"),
         (urdf(ONE).replace('upper="2"', 'upper="wide"'), "upper='wide'"),
-        (urdf(ONE).replace(MASS.format(1.0), ""), "no mass to the moving link.*a"),
+        (urdf(ONE).replace(MASS.format(1.0), ""), "no mass to moving links.*a"),
     ],
 )
 def test_what_cannot_be_modelled_is_refused_in_one_sentence(text, words):
