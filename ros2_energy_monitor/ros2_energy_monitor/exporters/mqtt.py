@@ -87,6 +87,7 @@ class MqttExporter(Exporter):
         self._announced = False
         self._status, self._parts = "", ((), ())
         self._sent: dict[Topic, tuple[Any, float]] = {}
+        self._refused: dict[str, str] = {}  # retained messages that found no room, by topic
         self._dropped = self._published = 0
         client = self._client = mqtt.Client(
             mqtt.CallbackAPIVersion.VERSION2, client_id=f"robot_energy_{robot}"
@@ -148,6 +149,9 @@ class MqttExporter(Exporter):
             return
         if not self._announced:
             self._announce()
+        for topic, text in list(self._refused.items()):
+            if not self._send(topic, text, retain=True):
+                break
         for topic in Topic:
             message = newest.message(topic)
             last, sent = self._sent.get(topic, (None, -1e9))
@@ -195,10 +199,16 @@ class MqttExporter(Exporter):
             self._status = status
             self._send(f"{self._base}/status", status, retain=True)
 
-    def _send(self, topic: str, text: str, retain: bool) -> None:
+    def _send(self, topic: str, text: str, retain: bool) -> bool:
+        """Send a message, unless too many wait; one that is to be retained goes out later."""
+        self._refused.pop(topic, None)
         done = self._client.publish(topic, text, QOS, retain)
         self._published += done.rc == 0
-        self._dropped += done.rc != 0
+        if done.rc != 0 and retain:
+            self._refused[topic] = text
+        else:
+            self._dropped += done.rc != 0
+        return done.rc == 0
 
     # Callbacks of the thread of the client
 
@@ -208,6 +218,7 @@ class MqttExporter(Exporter):
             return
         self._status, self._announced = "", False
         self._sent.clear()
+        self._refused.clear()
         self._connected.set()
 
     def _take_loss(self, _client: Any, _data: Any, _flags: Any, reason: Any, _more: Any) -> None:
