@@ -42,7 +42,7 @@ MET = {  # inputs of the monitors by the status that counts their publishers
     ),
 }
 SAME = 1e-6  # share by which energies of nodes and replay may differ
-MAX_START_TIME = 30.0  # s until the monitors listen
+MAX_START_TIME = 60.0  # s until the monitors listen
 
 
 @dataclass(frozen=True)

@@ -115,9 +115,10 @@ class MeterDriver(Node):
         """Publish what the meter has answered since the last tick."""
         if self.poller is None:
             return
-        for reading in self.poller.take():
-            now_ns = self.get_clock().now().nanoseconds
-            age = time.monotonic() - reading.at + self.profile.lag
+        readings = self.poller.take()
+        now_ns, now = self.get_clock().now().nanoseconds, time.monotonic()
+        for reading in readings:
+            age = now - reading.at + self.profile.lag
             self._outputs[reading.quantity].publish(
                 self._message(reading, bounded(now_ns - round(age / NANOSECOND)))
             )

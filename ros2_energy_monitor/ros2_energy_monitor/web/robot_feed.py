@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future
 from typing import Any
@@ -25,7 +26,7 @@ SERVICES: dict[str, Any] = {
     "close_interval": CloseInterval,
     "reset_registers": ResetRegisters,
 }
-SILENCE = 10.0  # of a topic with publishers, after which it is subscribed again [s]
+SILENCE = 10.0  # of a topic with publishers, or of a service, after which it is asked again [s]
 INTERVAL_FIELDS = (
     "id", "name", "is_open", "predicted_import_energy", "measured_energy",
     "predicted_energy_at_meter", "observed_time", "gap_time", "coverage", "predicted_peak_power",
@@ -52,6 +53,7 @@ class RobotFeed:
         )
         self._clients: dict[str, Client] = {}
         self._listing: Any = None  # the answer that is awaited
+        self._asked = 0.0  # when, steady time [s]
 
     def drain(self, now: float) -> None:
         """Take what has arrived.
@@ -73,9 +75,12 @@ class RobotFeed:
         for inbox in (self._power, self._registers):
             inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():
+            if time.monotonic() - self._asked < SILENCE:
+                return
             self._listing.cancel()
         client = self._client("list_intervals")
         if client is not None:
+            self._asked = time.monotonic()
             self._listing = client.call_async(ListIntervals.Request())
             self._listing.add_done_callback(self._take_list)
 
