@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -29,6 +30,7 @@ class Steps:
         self._count = count
         self._share = share
         self._done = 0
+        self._lock = threading.Lock()  # jobs end in several threads
 
     def done(self, _job: Any = None) -> None:
         """Count one more job as finished.
@@ -36,9 +38,10 @@ class Steps:
         Args:
             _job: The job.
         """
-        self._done += 1
-        if self._progress is not None:
-            self._progress(min(1.0, self._share * self._done / self._count))
+        with self._lock:
+            self._done += 1
+            if self._progress is not None:
+                self._progress(min(1.0, self._share * self._done / self._count))
 
 
 @contextmanager

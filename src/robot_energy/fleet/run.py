@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, cast
@@ -207,11 +207,10 @@ def on_dask(
         "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
         "distributed.deploy.lost-worker-timeout": LOST,
     }
-    ended = threading.Event()
     logging.getLogger("tornado.application").setLevel(logging.CRITICAL)  # workers that died
-    with dask.config.set(cast("Any", settings)):
-        cluster = None
+    with dask.config.set(cast("Any", settings)), ExitStack() as ends:
         try:
+            cluster = None
             if scheduler is None:
                 cluster = LocalCluster(
                     n_workers=workers,
@@ -222,36 +221,40 @@ def on_dask(
                     worker_dashboard_address=HTTP,
                     silence_logs=logging.CRITICAL,  # what went wrong with a bag is its row
                 )
-                keep = threading.Thread(target=_keep, args=(cluster, workers, ended), daemon=True)
-                keep.start()
+                ends.callback(cluster.close)
+                ends.enter_context(_kept(cluster, workers))
             client = Client(cluster or scheduler, timeout=TIMEOUT)
+            ends.callback(cast("Any", client).close)
         except (OSError, ValueError) as error:
-            ended.set()
-            if cluster is not None:
-                cluster.close()
             raise DatasetError(
                 f"the scheduler {scheduler or 'of this host'} does not answer ({error})",
                 "a running dask scheduler",
                 "start one with `dask scheduler`",
             ) from error
-        try:
-            yield lambda bags, models: _on_client(client, bags, models, max_scratch)
-        finally:
-            ended.set()
-            client.close()  # pyright: ignore[reportUnknownMemberType]
-            if cluster is not None:
-                cluster.close()
+        yield lambda bags, models: _on_client(client, bags, models, max_scratch)
 
 
-def _keep(cluster: Any, workers: int, ended: threading.Event) -> None:
+@contextmanager
+def _kept(cluster: Any, workers: int) -> Generator[None]:
     """Replace workers that died before they were ready, which Dask leaves dead."""
     from distributed.core import Status
 
-    while not ended.wait(HEAL_EVERY):
-        for name, worker in list(cluster.workers.items()):
-            if worker.status in (Status.failed, Status.closed):
-                cluster.workers.pop(name, None)
-        cluster.scale(workers)
+    ended = threading.Event()
+
+    def keep() -> None:
+        while not ended.wait(HEAL_EVERY):
+            for name, worker in list(cluster.workers.items()):
+                if worker.status in (Status.failed, Status.closed):
+                    cluster.workers.pop(name, None)
+            cluster.scale(workers)
+
+    thread = threading.Thread(target=keep, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()  # a cluster that closes is not asked for workers
 
 
 def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int) -> Source:
