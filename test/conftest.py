@@ -1,10 +1,17 @@
 """Options of the tests."""
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-# A busy machine is no failure: properties have no deadline.
-settings.register_profile("robot_energy", deadline=None)
+# A busy machine is no failure: properties have no deadline, and examples may be slow to draw.
+# Examples are the same in every run, so that only a change of the code makes a test fail; test/fuzz
+# looks for new ones.
+settings.register_profile(
+    "robot_energy",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("robot_energy")
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import socket
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import wait
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.rig.record import RigEncoder
+from robot_energy.store import account_store, condition_store
 from ros2_energy_monitor.base import monitor_node
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.inbox import Inbox
@@ -179,6 +183,8 @@ def no_internal_errors(
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     monkeypatch.setattr(monitor_node, "REPORT_PERIOD", 0.2)  # nobody waits a second for each
+    for store in (account_store, condition_store):  # a busy disk is not what is tested
+        monkeypatch.setattr(store, "wait", lambda jobs, _: wait(jobs, PATIENCE))
     bench = Bench()
     yield bench
     bench.close()
@@ -192,6 +198,20 @@ def loopback_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
+
+
+@pytest.fixture(scope="session")
+def free_port() -> Iterator[Callable[[], int]]:
+    """Finds ports that nobody else gets: they stay bound, and SO_REUSEADDR lets a server in."""
+    with ExitStack() as held:
+
+        def find() -> int:
+            found = held.enter_context(socket.socket())
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            found.bind(("127.0.0.1", 0))
+            return int(found.getsockname()[1])
+
+        yield find
 
 
 @pytest.fixture

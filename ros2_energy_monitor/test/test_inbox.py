@@ -69,12 +69,12 @@ def test_a_drained_subscription_never_wakes_the_executor(bench):
 def test_batch_says_topic_type_and_time_of_the_node(bench):
     inbox = bench.inbox(JointState, "states")
     publisher = bench.publisher(JointState, "states")
-    before = bench.tester.get_clock().now().nanoseconds
+    before, begin = bench.tester.get_clock().now().nanoseconds, time.monotonic()
     publisher.publish(state(1))
     batch = bench.spin_until(inbox.drain, "a message")
     assert (batch.topic, batch.msgtype) == ("/states", "sensor_msgs/msg/JointState")
     assert before <= batch.log_time_ns[0] <= bench.tester.get_clock().now().nanoseconds
-    assert 0 <= inbox.age < 5.0
+    assert 0 <= inbox.age < time.monotonic() - begin
     assert inbox.publishers == 1
 
 

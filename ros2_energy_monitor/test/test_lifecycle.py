@@ -204,9 +204,9 @@ def test_two_robots_of_a_type_have_different_hardware_ids(
 @pytest.mark.parametrize("monitor", MONITORS)
 def test_a_constructor_opens_nothing(bench, monitor):
     """Threads, files, publishers and services come with configure."""
-    before = set(threading.enumerate())
+    before = set(threading.enumerate())  # some of earlier tests may just be ending
     node = bench.add(monitor, model="kr16", autostart=False)
-    assert set(threading.enumerate()) == before
+    assert set(threading.enumerate()) <= before
     assert not list(Path(os.environ["ROS_HOME"]).rglob("*"))
     kept = {service.srv_name for service in node.services}
     node.trigger_configure()

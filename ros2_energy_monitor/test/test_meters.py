@@ -47,7 +47,7 @@ def test_a_pair_of_topics_gives_power(bench):
         "meter.current_topic": "/ampere",
         "meter.location": "dc_bus",
     }
-    node = bench.add(EnergyMonitor, model="kr16", **parameters)
+    node = bench.add(EnergyMonitor, model="kr16", meter_max_gap=60.0, **parameters)
     volt, ampere = bench.publisher(Float64, "volt"), bench.publisher(Float64, "ampere")
     account = node.inputs[-1][1]
     start = time.time_ns()

@@ -299,7 +299,7 @@ def test_joints_of_two_topics_make_one_torque(bench, messages):
 
 
 def test_rejected_messages_are_counted_by_reason(bench):
-    bench.add(TorqueMonitor, model="kr16")
+    bench.add(TorqueMonitor, model="kr16", input_timeout=60.0)
     diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states")
     for second in (1, 1, 1, 2):

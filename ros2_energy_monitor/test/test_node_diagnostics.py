@@ -24,30 +24,38 @@ def test_state_pace_and_memory_are_numbers(bench):
     bench.add(TorqueMonitor, model="kr16", tick_rate=50.0)
     diagnosed = bench.diagnosed()
     diagnosed.wait(NAME, "all is well")
-    bench.spin_until(lambda: diagnosed.values(diagnosed[NAME])["tick_rate"], "a report with ticks")
-    values = diagnosed.values(diagnosed[NAME])
+
+    def paced() -> dict:
+        """A report; a stall of the machine spoils one or two."""
+        values = diagnosed.values(diagnosed[NAME])
+        sound = 0 < values["busy_share"] < 1 and values["longest_tick_s"] < 1
+        return values if sound and 0 < values["tick_rate"] < 75 else {}
+
+    values = bench.spin_until(paced, "a report with ticks")
     assert values["lifecycle_state"] == "active"
-    assert 0 < values["busy_share"] < 1
-    assert 0 < values["tick_rate"] < 75  # less where the machine is busy
-    assert values["longest_tick_s"] < 1
     assert 20 < values["memory_mb"] < 4000
     assert values["findings"] == 0
 
 
-def test_pace_is_measured_between_reports():
+def test_pace_is_measured_between_reports(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
     tick_statistics = TickStatistics(0.01)
     for pause in (0.0, 0.05):
-        time.sleep(pause)  # a late tick is what is measured here
+        now += pause  # the second tick is late
         with tick_statistics.tick():
-            pass
+            now += 0.001
     found = tick_statistics.take()
-    assert 0.039 < found["latest_tick_s"] < 0.5
-    assert found["busy_share"] < 0.5
+    assert found["latest_tick_s"] == pytest.approx(0.041)
+    assert found["busy_share"] == pytest.approx(0.002 / 0.052)
+    assert found["tick_rate"] == pytest.approx(2 / 0.052)
     with tick_statistics.tick():
-        time.sleep(0.02)
+        now += 0.02
+    now += 0.02
     found = tick_statistics.take()
-    assert 0.02 <= found["longest_tick_s"] < 0.5
-    assert found["busy_share"] > 0.3
+    assert found["longest_tick_s"] == pytest.approx(0.02)
+    assert found["busy_share"] == pytest.approx(0.5)
+    now += 1.0
     assert tick_statistics.take()["tick_rate"] == 0.0
 
 
@@ -87,7 +95,7 @@ def test_no_defect_is_found_in_a_healthy_node(bench, monitor, messages):
 @pytest.mark.parametrize("monitor", [TorqueMonitor, EnergyMonitor])
 def test_an_effort_that_is_not_what_it_is_taken_for_is_named(bench, monitor, messages):
     taken_for = {"joint_states.effort_meaning": "joint_torque"}  # the virtual robot's is of motors
-    node = bench.add(monitor, model="kr16", **taken_for)
+    node = bench.add(monitor, model="kr16", input_timeout=60.0, **taken_for)
     diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states", 0)
     for row in messages["/joint_states"][:500]:
@@ -186,7 +194,7 @@ def test_steps_of_the_system_clock_change_nothing(bench, messages, monkeypatch):
                 ),
                 "states",
             )
-            assert 0 <= node.joint_states.age < 20
+            assert 0 <= node.joint_states.age < 1000  # less than any step
             monkeypatch.undo()
             monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
         node.close()

@@ -138,7 +138,7 @@ def test_a_bag_imports_nothing_from_the_working_folder(child_environment, tmp_pa
     reader = odd_bag(tmp_path, topics, text)
     done = subprocess.run(
         [sys.executable, "-c", PLAY, str(reader.path)], cwd=tmp_path, env=child_environment,
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["/b"]
@@ -157,7 +157,7 @@ def test_a_module_of_another_place_is_not_taken_for_the_installed_one(monkeypatc
 def run(environment, module: str, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "ros2_energy_monitor", module, *words],
-        env=environment, capture_output=True, text=True, check=False, timeout=120,
+        env=environment, capture_output=True, text=True, check=False, timeout=600,
     )  # fmt: skip
 
 
@@ -179,7 +179,10 @@ def test_a_study_that_is_none_is_refused(tmp_path):
 def test_three_processes_give_the_energies_of_the_replay(
     child_environment, recording, tmp_path, capsys
 ):
-    """A recording with a gap and a repeated sample, four times as fast as nature."""
+    """A recording with a gap and a repeated sample, four times as fast as nature.
+
+    Slower where this machine is too busy for that, as the program itself advises.
+    """
     books = replay(recording, load("kr16")).ledger.comparison
     entry = {
         "bag": "rig",
@@ -191,7 +194,10 @@ def test_three_processes_give_the_energies_of_the_replay(
     (tmp_path / "bags" / "rig").symlink_to(recording)
     (tmp_path / "figures.json").write_text(json.dumps({"sets": [entry]}))
     save(load("kr16"), tmp_path / "identified.yaml")
-    done = run(child_environment, "live_study", str(tmp_path), "--rate", str(RATE / 2))
+    for rate in (RATE / 2, RATE / 16):
+        done = run(child_environment, "live_study", str(tmp_path), "--rate", str(rate))
+        if "messages are lost where the computer is too busy" not in done.stdout:
+            break
     assert done.returncode == 0, done.stdout + done.stderr
     assert "nodes and replay agree" in done.stdout
     (expected,) = live_study.read_study(tmp_path)

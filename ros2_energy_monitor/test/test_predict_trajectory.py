@@ -190,7 +190,7 @@ def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, monkey
 
     def slow(*args, **options):
         entered.set()
-        assert held.wait(30)
+        assert held.wait(120)
         return predict(*args, **options)
 
     monkeypatch.setattr(prediction, "predict", slow)

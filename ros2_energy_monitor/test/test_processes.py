@@ -140,10 +140,10 @@ def test_a_managed_node_ends_when_it_is_shut_down(start, child_environment):
         "rclpy.init()\n"
         "node = rclpy.create_node('manager')\n"
         "client = node.create_client(ChangeState, '/torque_monitor/change_state')\n"
-        "assert client.wait_for_service(20)\n"
+        "assert client.wait_for_service(100)\n"
         "shutdown = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)\n"
         "future = client.call_async(ChangeState.Request(transition=shutdown))\n"
-        "rclpy.spin_until_future_complete(node, future, timeout_sec=20)\n"
+        "rclpy.spin_until_future_complete(node, future, timeout_sec=100)\n"
         "assert future.result().success\n"
     )
     manager = subprocess.run(

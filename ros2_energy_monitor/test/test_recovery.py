@@ -2,7 +2,8 @@
 
 The middleware takes a second or two until publisher and subscription know each other, three
 where its first announcements are lost. That is printed apart; what is asserted counts from
-the first message that arrives.
+the first message that arrives, in ticks of the monitor's executor: a machine that does much else
+may hold up monitor and robot, and then nothing is there to recover from.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
 NAME = "energy_monitor: joint states"
 LIMIT = 2.0  # s, from the first message that arrives to counting and OK
+TICK = 0.02  # s, of the clock that measures it
+TIMEOUT = 0.3  # s, input_timeout
 ROBOT = """
 import math, time
 import rclpy
@@ -65,34 +68,48 @@ def robot(child_environment) -> Iterator:
         process.communicate()
 
 
-def recovered(bench, node, diagnosed, since_ns: int) -> tuple[float, float]:
-    """Wait for new messages, until they are counted and the node is well; return both times."""
+class Stopwatch:
+    """Time since data return, which is anew after each silence of the robot."""
+
+    def __init__(self, bench, node) -> None:
+        self.time, self._inbox = 0.0, node.joint_states
+        bench.tester.create_timer(TICK, self._tick)
+
+    def _tick(self) -> None:
+        self.time = self.time + TICK if self._inbox.age < TIMEOUT else 0.0
+
+
+def recovered(bench, node, diagnosed, watch: Stopwatch, since_ns: int) -> tuple[float, float]:
+    """Wait for new messages, until they are counted and the node is well.
+
+    Returns:
+        When the first message arrived, and how long the rest took. [s]
+    """
     received = node.joint_states.received
     bench.spin_until(lambda: node.joint_states.received > received, "a message")
-    arrived = time.monotonic()
+    arrived, watch.time = time.monotonic(), 0.0
     account = node.ledger.registers.time
     bench.spin_until(lambda: (account.end_ns or 0) > since_ns + 50_000_000, "counting")
     diagnosed.wait(NAME, "all is well")
-    return arrived, time.monotonic()
+    return arrived, watch.time
 
 
 def test_a_monitor_recovers_within_two_seconds(loopback_bench, robot):
     bench = loopback_bench
-    node = bench.add(EnergyMonitor, model="kr16", input_timeout=0.3)
-    diagnosed = bench.diagnosed()
+    node = bench.add(EnergyMonitor, model="kr16", input_timeout=TIMEOUT)
+    diagnosed, watch = bench.diagnosed(), Stopwatch(bench, node)
     diagnosed.wait(NAME, "no joint state has arrived")
     times, discoveries = [], []
     for number in range(4):
         process, first, stamp_ns = robot()
-        arrived, well = recovered(bench, node, diagnosed, stamp_ns)
+        arrived, took = recovered(bench, node, diagnosed, watch, stamp_ns)
         discoveries.append(arrived - first)
-        times.append(well - arrived)
+        times.append(took)
         if number == 1:  # stands still, and goes on
             process.send_signal(signal.SIGSTOP)
             assert diagnosed.wait(NAME, "no joint state for").level == DiagnosticStatus.STALE
             process.send_signal(signal.SIGCONT)
-            arrived, well = recovered(bench, node, diagnosed, time.time_ns())
-            times.append(well - arrived)
+            times.append(recovered(bench, node, diagnosed, watch, time.time_ns())[1])
         process.kill()
         process.wait()
         assert diagnosed.wait(NAME, "no joint state for").level == DiagnosticStatus.STALE
@@ -113,7 +130,7 @@ def test_a_subscription_that_lost_its_publisher_is_made_anew(bench):
     publisher = bench.publisher(JointState, "joint_states")
     bench.spin_until(lambda: inbox.renewals, "a new subscription")
     bench.spin_until(lambda: inbox.publishers, "the publisher")
-    publisher.publish(JointState())
-    bench.spin_until(lambda: inbox.received, "a message")
+    # Once more if the subscription is made anew just then.
+    bench.spin_until(lambda: publisher.publish(JointState()) or inbox.received, "a message")
     values = diagnosed.values(diagnosed.wait(NAME, "no joint state for"))
     assert values["subscription_renewals"] >= 1

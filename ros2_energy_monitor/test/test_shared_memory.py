@@ -110,7 +110,7 @@ def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[s
         text=True,
     )
     assert monitor.stderr is not None
-    guard = threading.Timer(60.0, monitor.kill)
+    guard = threading.Timer(120.0, monitor.kill)
     guard.start()
     try:
         told = []

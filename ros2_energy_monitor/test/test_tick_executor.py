@@ -58,7 +58,8 @@ def test_timers_run_between_looks_at_services(executor):
     spin_until(executor, answer.service_is_ready)
     future = answer.call_async(Trigger.Request())
     spin_until(executor, lambda: future.done() and len(called) > 50)
-    assert len(set(called)) < len(called) / 2  # most of them came without a wait set
+    # Most of them come without a wait set, as soon as the machine has time for it.
+    spin_until(executor, lambda: len(set(called)) < len(called) / 2)
 
 
 def test_a_timer_may_destroy_another_and_a_fault_comes_out(executor):

@@ -64,12 +64,16 @@ def test_an_impossible_warm_up_is_refused():
 
 
 def test_pump_and_extruder_on_request(bench):
+    powers, states = [], []  # the first counts: both loads switch on after some seconds
+    for kind, topic, rows in (
+        (PowerReading, "auxiliary/pump/power", powers),
+        (UInt8, "auxiliary/extruder/state", states),
+    ):
+        bench.tester.create_subscription(kind, topic, rows.append, best_effort(1000))
     bench.add(VirtualRobot, auxiliary=True)
-    power = bench.latest(PowerReading, "auxiliary/pump/power")
-    state = bench.latest(UInt8, "auxiliary/extruder/state")
-    bench.spin_until(lambda: power() and state(), "readings and states")
-    assert power().power == pytest.approx(PUMP_OFF, rel=0.02)
-    assert state().data == 0
+    bench.spin_until(lambda: powers and states, "readings and states")
+    assert powers[0].power == pytest.approx(PUMP_OFF, rel=0.02)
+    assert states[0].data == 0
 
 
 def test_loads_without_an_end_are_those_of_one_run():

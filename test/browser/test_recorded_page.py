@@ -99,7 +99,8 @@ def test_the_headline(opened, recording):
     assert opened.text("energy") == f"{joule / 3600:.2f} Wh"
     assert opened.text("cost") == f"{joule / 3.6e6 * 0.3:.4f} EUR"
     assert opened.text("co2") == f"{joule / 3.6e6 * 400:.1f} g"
-    assert "recording" in opened.text("status") or "saved page" in opened.text("status")
+    status = "document.getElementById('status').textContent"
+    opened.wait(f"/recording|saved page/.test({status})", "the kind of the page")
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])

@@ -30,21 +30,15 @@ def wait_for(condition: Callable[[], Any], what: str) -> Any:
     return result
 
 
-def unused_port() -> int:
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return server.getsockname()[1]
-
-
 class ModbusServer:
     """The TCP server of pymodbus with registers that a test changes while it runs.
 
     It answers with an exception for registers that were not there at the start.
     """
 
-    def __init__(self, registers: dict[int, int], unit: int = 1) -> None:
+    def __init__(self, port: int, registers: dict[int, int], unit: int = 1) -> None:
         self.registers = dict(registers)
-        self.unit, self.port = unit, unused_port()
+        self.unit, self.port = unit, port
         self.refusal: int | None = None  # number of a Modbus exception
         self.delay = 0.0  # of every answer [s]
         self.requests: list[tuple[int, int, int]] = []  # function, address, count
@@ -109,12 +103,12 @@ class ModbusServer:
 
 
 @pytest.fixture
-def modbus() -> Iterator[Callable[..., ModbusServer]]:
+def modbus(free_port: Callable[[], int]) -> Iterator[Callable[..., ModbusServer]]:
     pytest.importorskip("pymodbus", reason="pymodbus is not installed")
     servers: list[ModbusServer] = []
 
     def make(registers: dict[int, int], unit: int = 1) -> ModbusServer:
-        servers.append(ModbusServer(registers, unit))
+        servers.append(ModbusServer(free_port(), registers, unit))
         servers[-1].start()
         return servers[-1]
 
@@ -175,8 +169,8 @@ def http_meter() -> Iterator[HttpMeter]:
 class Broker:
     """A mosquitto process that can be stopped and started again."""
 
-    def __init__(self, program: str, folder: Path, *lines: str) -> None:
-        self.port = unused_port()
+    def __init__(self, port: int, program: str, folder: Path, *lines: str) -> None:
+        self.port = port
         self._program, self._folder = program, folder
         self._process: subprocess.Popen[bytes] | None = None
         self._file = folder / "mosquitto.conf"
@@ -212,7 +206,7 @@ def _user() -> str:
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Callable[..., Broker]]:
+def broker(tmp_path: Path, free_port: Callable[[], int]) -> Iterator[Callable[..., Broker]]:
     pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
     program = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin:/usr/local/sbin")
     if program is None:
@@ -220,7 +214,7 @@ def broker(tmp_path: Path) -> Iterator[Callable[..., Broker]]:
     brokers: list[Broker] = []
 
     def make(*lines: str) -> Broker:
-        brokers.append(Broker(program, tmp_path, *lines))
+        brokers.append(Broker(free_port(), program, tmp_path, *lines))
         brokers[-1].start()
         return brokers[-1]
 
@@ -280,8 +274,3 @@ def certificates(tmp_path: Path) -> Callable[[str], Certificates]:
 @pytest.fixture(scope="session")
 def eventually() -> Callable[[Callable[[], Any], str], Any]:
     return wait_for
-
-
-@pytest.fixture(scope="session")
-def free_port() -> Callable[[], int]:
-    return unused_port

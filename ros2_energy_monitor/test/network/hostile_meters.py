@@ -23,7 +23,7 @@ from ros2_energy_monitor.meters.kinds import load_profile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 
 TIMEOUT = 0.15  # of the links [s]
-SLACK = 5.0  # that an answer may take beyond the timeout, on a machine that does much else [s]
+SLACK = 30.0  # that an answer may take beyond the timeout, on a machine that does much else [s]
 READS = 3  # of one connection
 SHELLY = {
     "em:0": {"id": 0, "total_act_power": 512.25, "errors": []},
@@ -223,10 +223,10 @@ PROTOCOLS = {
 }
 
 
-def make_link(name: str, port: int) -> MeterLink:
+def make_link(name: str, port: int, timeout: float = TIMEOUT) -> MeterLink:
     """A link of a protocol, not connected."""
     kind, profile = load_profile(PROTOCOLS[name].profile)
-    endpoint = Endpoint(host="127.0.0.1", port=port, timeout=TIMEOUT, device="meter")
+    endpoint = Endpoint(host="127.0.0.1", port=port, timeout=timeout, device="meter")
     return kind.make(profile, endpoint)
 
 

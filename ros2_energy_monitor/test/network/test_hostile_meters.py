@@ -3,6 +3,7 @@
 Long runs: ``python hostile_meters.py SECONDS``, in this folder.
 """
 
+import itertools
 import sys
 import threading
 from pathlib import Path
@@ -34,10 +35,13 @@ def thread_errors(monkeypatch):
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
-def test_no_answer_gives_an_untyped_error(name, thread_errors):
-    said = [one for seed in range(8) for one in one_round(name, seed)]
+def test_no_answer_gives_an_untyped_error(name, thread_errors, eventually):
+    said, seeds = [], itertools.count()
+    for seed in itertools.islice(seeds, 8):
+        said += one_round(name, seed)
+    # On a busy machine all of these may have come too late.
+    eventually(lambda: len(set(said)) > 1 or said.extend(one_round(name, next(seeds))), "two kinds")
     assert set(said) <= {"read", "MeterLinkError", "MeterAnswerError"}
-    assert len(set(said)) > 1
     assert not thread_errors
 
 
@@ -51,9 +55,9 @@ def test_a_topic_that_is_no_text_is_left_out(thread_errors):
         ]
 
     server = HostileServer(answer)
-    link = make_link("mqtt", server.port)
+    link = make_link("mqtt", server.port, timeout=60.0)
     link.connect()
-    found = [exchange for _ in range(3) for exchange in link.read()]
+    found = link.read()  # of the first message that counts
     link.close()
     server.close()
     assert len(found) == 2  # energy and power of the good message
@@ -62,7 +66,7 @@ def test_a_topic_that_is_no_text_is_left_out(thread_errors):
 
 @pytest.mark.parametrize("name", ["modbus", "http", "mqtt"])
 def test_a_poller_outlives_a_hostile_meter_and_reads_the_sound_one(
-    name, thread_errors, monkeypatch
+    name, thread_errors, monkeypatch, eventually
 ):
     monkeypatch.setattr("ros2_energy_monitor.meters.poller.MIN_BACKOFF", 0.01)
     guard, tried = Guard("poller"), threading.Semaphore(0)
@@ -78,17 +82,11 @@ def test_a_poller_outlives_a_hostile_meter_and_reads_the_sound_one(
     poller.start()
     try:
         for _ in range(12):
-            assert tried.acquire(timeout=30.0)
-        assert poller.state.errors
+            assert tried.acquire(timeout=120.0)
+        eventually(lambda: poller.state.errors, "errors")
         server.become(sound_answers(name))
         poller.take()
-        done = threading.Event()
-        for _ in range(3000):
-            if poller.take() and poller.state.connected:
-                break
-            done.wait(0.01)
-        else:
-            pytest.fail(f"no reading of the sound meter: {poller.state}")
+        eventually(lambda: poller.take() and poller.state.connected, "a reading of the sound meter")
     finally:
         poller.stop()
         server.close()

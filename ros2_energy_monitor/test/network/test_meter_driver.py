@@ -134,7 +134,7 @@ def test_tasmota_over_mqtt(bench, broker, eventually):
     sender.connect("127.0.0.1", server.port)
     sender.loop_start()
     stale = json.dumps({"ENERGY": {"Total": 1.0, "Power": 1.0}})
-    sender.publish("tele/plug/SENSOR", stale, qos=1, retain=True).wait_for_publish(10)
+    sender.publish("tele/plug/SENSOR", stale, qos=1, retain=True).wait_for_publish(120)
     energy = bench.latest(PowerReading, "power_meter")
     power = bench.latest(PowerReading, "power_meter/power")
     node = bench.add(

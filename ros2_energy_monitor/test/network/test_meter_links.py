@@ -23,7 +23,7 @@ SHIPPED = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 def link(profile, port, **options):
     kind, found = load_profile(str(profile))
-    given = {"host": "127.0.0.1", "timeout": 2.0, **options}
+    given = {"host": "127.0.0.1", "timeout": 60.0, **options}
     made = kind.make(found, Endpoint(port=port, **given))
     made.connect()
     return made
@@ -179,17 +179,24 @@ def test_a_register_that_is_missing_and_another_unit(modbus):
     stranger.close()
 
 
-def test_no_answer_in_time_ends_the_connection(modbus):
+def test_no_answer_in_time_ends_the_connection(modbus, eventually):
     server = modbus(laid(a19068=[0, 0], a19026=[0, 0]))
-    server.delay = 1.0
+    server.delay = 60.0
     meter = link("janitza_umg604", server.port, timeout=0.2)
     with pytest.raises(MeterLinkError, match=r"no answer for register 19068; expected one within"):
         meter.read()
     with pytest.raises(MeterLinkError, match="not connected"):  # not the late answer
         meter.read()
     server.delay = 0.0
-    meter.connect()
-    assert values(meter.read())[Quantity.POWER] == [0.0]
+
+    def read_again():
+        try:
+            meter.connect()
+            return values(meter.read())
+        except MeterLinkError:  # a busy machine answers as late
+            return None
+
+    assert eventually(read_again, "an answer")[Quantity.POWER] == [0.0]
     meter.close()
 
 
@@ -349,11 +356,11 @@ def test_an_answer_that_drips_is_given_up(http_meter, eventually):
 
     drips, ended = threading.Event(), []
     http_meter.answer = drip
-    meter = link("shelly_pro_3em_http", http_meter.port, timeout=0.3)
+    meter = link("shelly_pro_3em_http", http_meter.port, timeout=2.0)
     begin = time.monotonic()
     with pytest.raises(MeterLinkError, match="does not end its answer"):
         meter.read()
-    assert time.monotonic() - begin < 10  # the whole answer takes a thousand seconds
+    assert time.monotonic() - begin < 100  # the whole answer takes a thousand seconds
     meter.close()
     eventually(lambda: ended, "the end of the connection")
 

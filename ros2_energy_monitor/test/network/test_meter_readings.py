@@ -87,7 +87,7 @@ def polled(modbus):
         server = modbus(floats(100.0, 5.0))
         kind, profile = load_profile("janitza_umg604")
         given = {"period": 0.02, "max_backoff": 0.5, **options}
-        endpoint = Endpoint(host="127.0.0.1", port=server.port, timeout=0.5)
+        endpoint = Endpoint(host="127.0.0.1", port=server.port, timeout=5.0)
         readings = ReadingFilter(1e6, 0.3)
 
         def guarded(path, work):

@@ -20,6 +20,7 @@ asyncua = pytest.importorskip("asyncua", reason="asyncua is not installed")
 ua = asyncua.ua
 
 POWER, ENERGY = "AcActivePowerTotal", "AcActiveEnergyTotalImportHp"
+PATIENCE = 120.0  # s, on a machine that does much else
 
 
 def power(watt=500.25, measured=480.5, location=PowerState.LOCATION_GRID, quality=0):
@@ -47,7 +48,7 @@ def served(port, eventually, **options):
         yield out, f"opc.tcp://127.0.0.1:{port}/robot_energy"
     finally:
         out.stop()
-    assert out._ended.is_set()
+    eventually(out._ended.is_set, "the end of the server")
 
 
 @pytest.fixture(scope="module")
@@ -65,15 +66,19 @@ def serve(eventually, free_port):
 
 
 def updated(out, newest, eventually):
-    before = out._updates
-    eventually(
-        lambda: out.publish(newest, time.monotonic()) or out._updates > before + 1, "an update"
-    )
+    """Hand out values and wait until they are written; one write comes after the other."""
+    before = out._last
+    eventually(lambda: out.publish(newest, time.monotonic()) or out._last > before, "an update")
+    asyncio.run_coroutine_threadsafe(out._write({}), out._loop).result(PATIENCE)
+
+
+def patient(url):
+    return asyncua.Client(url, timeout=PATIENCE, watchdog_intervall=PATIENCE)
 
 
 async def read(url, *names, **login):
     """Data values of variables, by object and browse name."""
-    client = asyncua.Client(url)
+    client = patient(url)
     if login:
         client.set_user(login["username"])
         client.set_password(login["password"])
@@ -104,7 +109,7 @@ def test_power_and_energy_with_units_and_numbers(server, eventually):
     assert values[0].SourceTimestamp.timestamp() == 1_700_000_000
 
     async def properties():
-        async with asyncua.Client(url) as client:
+        async with patient(url) as client:
             space = await client.get_namespace_index(NAMESPACE)
             place = await client.nodes.objects.get_child(
                 [f"{space}:kr16", f"{space}:PredictedEnergy"]
@@ -171,7 +176,7 @@ def test_nobody_writes_or_adds(server):
     _, url = server
 
     async def try_it():
-        async with asyncua.Client(url) as client:
+        async with patient(url) as client:
             space = await client.get_namespace_index(NAMESPACE)
             robot = await client.nodes.objects.get_child([f"{space}:kr16"])
             node = await robot.get_child([f"{space}:PredictedEnergy", f"{space}:{POWER}"])
@@ -222,7 +227,7 @@ def test_signed_and_encrypted(serve, eventually, certificates):
         asyncio.run(read(url, ("PredictedEnergy", POWER)))  # without security
 
     async def secure():
-        client = asyncua.Client(url)
+        client = patient(url)
         client.application_uri = "urn:robot-energy:opcua:kr16"
         await client.set_security_string(
             f"Basic256Sha256,SignAndEncrypt,{made.certificate},{made.key}"

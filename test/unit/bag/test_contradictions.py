@@ -212,7 +212,7 @@ def test_chunk_indexes_inside_one_another_are_not_followed(tmp_path, bags):
     path.write_bytes(head + message + END + summary + footer)
     begin = time.process_time()
     reader = BagReader(path)
-    assert time.process_time() - begin < 5
+    assert time.process_time() - begin < 20
     assert 1 <= len(reader.problems) <= 5
     assert any("overlap" in problem for problem in reader.problems)
 
@@ -228,7 +228,7 @@ def test_records_between_loose_messages_do_not_cost_a_megabyte_each(tmp_path, ba
     path.write_bytes(inserted(data, body - FRAME.size, (message + FRAME.pack(0x80, 0)) * 5000))
     begin = time.process_time()
     found, reader = bags.read_all(path)
-    assert time.process_time() - begin < 5
+    assert time.process_time() - begin < 20
     assert len(found) == 5001
     assert len(reader.problems) == 1
 

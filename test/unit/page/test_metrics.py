@@ -4,7 +4,6 @@ import json
 import math
 import re
 import shutil
-import socket
 import subprocess
 import urllib.parse
 import urllib.request
@@ -12,7 +11,7 @@ import urllib.request
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
-from page_client import wait_until
+from page_client import PATIENCE, wait_until
 from page_messages import power_states, recorded, registers
 from robot_energy.cli import main
 from robot_energy.page.access import page_access
@@ -136,9 +135,6 @@ def test_the_files_are_valid_for_prometheus(files):
 @pytest.mark.skipif(PROMETHEUS is None, reason="no prometheus: apt-get install prometheus")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_real_prometheus_reads_counters_and_a_reset(files, hub, tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     hub.tick(0.0)
     server = PageServer(hub, page_access())
     folder = files("--target", server.url.removeprefix("http://").rstrip("/"))
@@ -146,15 +142,19 @@ def test_a_real_prometheus_reads_counters_and_a_reset(files, hub, tmp_path):
     config.write_text(config.read_text().replace("5s", "1s"))
     log = (tmp_path / "log").open("wb")
     process = subprocess.Popen(
-        [PROMETHEUS, f"--config.file={config}", f"--web.listen-address=127.0.0.1:{port}",
+        [PROMETHEUS, f"--config.file={config}", "--web.listen-address=127.0.0.1:0",
          f"--storage.tsdb.path={tmp_path / 'data'}"],
         stdout=log, stderr=log,
     )  # fmt: skip
 
+    def listens_on():
+        assert process.poll() is None
+        return re.search(r'"Listening on".* address=(\S+)\n', (tmp_path / "log").read_text())
+
     def ask(path, **query):
-        address = f"http://127.0.0.1:{port}/api/v1/{path}?{urllib.parse.urlencode(query)}"
+        address = f"http://{place}/api/v1/{path}?{urllib.parse.urlencode(query)}"
         try:
-            with urllib.request.urlopen(address, timeout=5) as answer:
+            with urllib.request.urlopen(address, timeout=PATIENCE) as answer:
                 return json.load(answer)["data"]
         except OSError:
             return {}
@@ -164,6 +164,7 @@ def test_a_real_prometheus_reads_counters_and_a_reset(files, hub, tmp_path):
 
     counter = 'robot_energy_joules_total{part="predicted_import"}'
     try:
+        place = wait_until(listens_on, "the port of Prometheus")[1]
         wait_until(lambda: values(counter) == [7200.0], "the counter")
         with hub.lock:
             hub.robot("r").take_registers(registers(9000.0, stamp=30.0, start=2.0))
@@ -172,8 +173,7 @@ def test_a_real_prometheus_reads_counters_and_a_reset(files, hub, tmp_path):
             hub.robot("r").take_registers(registers(5.0, stamp=60.0, start=50.0))
         wait_until(lambda: values(counter) == [5.0], "the counter after a reset")
         assert values(f"resets({counter}[10m])") == [1.0]
-        up = ask("targets")["activeTargets"]
-        assert [one["health"] for one in up] == ["up"], up
+        wait_until(lambda: health(ask) == ["up"], "a target that is up")
         wait_until(
             lambda: {rule["health"] for rule in rules_now(ask)} not in (set(), {"unknown"}),
             "the rules",
@@ -182,9 +182,13 @@ def test_a_real_prometheus_reads_counters_and_a_reset(files, hub, tmp_path):
         wait_until(lambda: stale_state(ask) in ("pending", "firing"), "the alert on stale figures")
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(PATIENCE)
         log.close()
         server.close()
+
+
+def health(ask):
+    return [one["health"] for one in ask("targets").get("activeTargets", [])]
 
 
 def rules_now(ask):

@@ -72,5 +72,5 @@ def test_wrist_coupling_is_not_lost(identified):
 
 
 def test_it_is_quick(identified):
-    """0.3 s on an idle core; the limit leaves room for a busy machine."""
-    assert identified[2] < 3.0
+    """0.3 s on an idle core, 1.4 s on a busy one; the limit leaves room for slower machines."""
+    assert identified[2] < 15.0

