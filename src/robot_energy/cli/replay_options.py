@@ -114,16 +114,17 @@ def add_replay(
         fixed: Whether friction can be kept fixed instead.
     """
     add_robot(parser)
-    group = parser.add_argument_group("friction").add_mutually_exclusive_group()
-    if fixed:
-        group.add_argument(
+    friction = parser.add_argument_group("friction") if fixed or compare else None
+    either = friction.add_mutually_exclusive_group() if friction else None
+    if either and fixed:
+        either.add_argument(
             "--fixed-friction",
             metavar="DEGC",
             type=degc,
             help="keep friction at its value at this temperature, whatever was measured",
         )
-    if compare:
-        group.add_argument(
+    if either and compare:
+        either.add_argument(
             "--compare", metavar="DEGC", nargs="?", const=AT_FALLBACK, type=degc, help=compare
         )
     topics = parser.add_argument_group("topics")

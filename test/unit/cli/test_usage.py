@@ -1,8 +1,12 @@
 """Wrong arguments: one line says what is wrong, what was probably meant, and where the help is."""
 
+from argparse import ArgumentParser, _SubParsersAction
+from collections.abc import Iterator
+
 import pytest
 
 from robot_energy.cli import main
+from robot_energy.cli.main import build_parser
 
 
 @pytest.mark.parametrize("words", [[], ["help"], ["--help"]])
@@ -11,6 +15,24 @@ def test_the_command_alone_prints_its_help(words, capsys):
     out, err = capsys.readouterr()
     assert "exit codes:" in out
     assert err == ""
+
+
+def every(parser: ArgumentParser) -> Iterator[ArgumentParser]:
+    """The parser and those of all its commands."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, _SubParsersAction):
+            for command in action.choices.values():
+                yield from every(command)
+
+
+@pytest.mark.parametrize("columns", ["40", "80", "200"])
+def test_every_command_has_help_and_usage(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    parsers = list(every(build_parser()))
+    assert len(parsers) > 40
+    for parser in parsers:
+        assert parser.format_help().startswith(parser.format_usage())
 
 
 def test_help_of_a_subject(capsys):
