@@ -18,8 +18,7 @@ class HistoryRing:
     """The newest buckets of one length; older ones are dropped, or all are merged in pairs.
 
     The minimum and the maximum of every bucket are kept, so that no peak is lost to averaging.
-    A stamp behind the newest bucket by more than the ring is long begins it again, as when a
-    recording is played once more.
+    Stamps may step back, as clocks do; by more than the ring is long, they begin it again.
 
     Args:
         width: Length of a bucket. [s]
@@ -65,11 +64,14 @@ class HistoryRing:
         if not len(stamp_ns):
             return
         # A period belongs to the bucket in which it ends: (start, end].
-        if self.newest is not None and int(stamp_ns[0] - 1) // self.width_ns < self.newest:
+        first, last = int(stamp_ns[0] - 1), int(stamp_ns[-1] - 1)
+        if self.newest is not None and first // self.width_ns <= self.newest - MAX_BUCKETS:
             self._begin()
         if self.newest is None:
-            self._first = int(stamp_ns[0] - 1) // self.width_ns
-        while self._whole and int(stamp_ns[-1] - 1) // self.width_ns - self._first >= MAX_BUCKETS:
+            self._first = self.newest = first // self.width_ns
+        self._first = min(self._first, first // self.width_ns)
+        newest_ns = max(last, self.newest * self.width_ns)
+        while self._whole and newest_ns // self.width_ns - self._first >= MAX_BUCKETS:
             self._merge()
         number = (stamp_ns - 1) // self.width_ns
         starts = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
@@ -87,7 +89,7 @@ class HistoryRing:
             number[starts][keep].tolist(), *(column[keep] for column in table), strict=True
         ):
             self._merge_into(one, *values)
-        self.newest = int(number[-1])
+        self.newest = newest_ns // self.width_ns
 
     def _merge_into(
         self, number: int, energy: Float, seconds: Float, low: Float, high: Float
@@ -108,13 +110,12 @@ class HistoryRing:
         old = self._number[rows], self._energy[rows], self._time[rows]
         numbers, energy, seconds = (column.copy() for column in old)
         low, high = self._low[rows].copy(), self._high[rows].copy()
-        width_ns = 2 * self.width_ns
+        width_ns, first, newest = 2 * self.width_ns, self._first, self.newest
         self._begin()
-        self.width_ns = width_ns
-        self._first = int(numbers[0]) // 2
+        self.width_ns, self._first = width_ns, first // 2
+        self.newest = None if newest is None else newest // 2
         for row, number in enumerate(numbers.tolist()):
             self._merge_into(number // 2, energy[row], seconds[row], low[row], high[row])
-            self.newest = number // 2
 
     def _rows(self, count: int) -> NDArray[np.int64]:
         """Slots of the newest buckets that hold something, in order of time."""

@@ -70,6 +70,27 @@ def test_a_backward_jump_begins_the_ring_again():
     assert len(ring.table()["number"]) == 25
 
 
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_clock_that_steps_back_keeps_the_history(whole):
+    stamp, power, period = rows(2_000)
+    ring = HistoryRing(0.2, 2, whole)
+    ring.add(stamp, power, period)
+    ring.add(stamp[-1:] + np.arange(-60, 140) * 50_000_000, power[:200], period[:200])
+    np.testing.assert_allclose(ring.seconds(), 2_200 * 0.05, rtol=1e-9)
+    table = ring.table()
+    assert (np.diff(table["number"]) == 1).all()
+    assert len(table["number"]) == pytest.approx(2_140 * 0.05 / table["width"], abs=2)
+
+
+def test_buckets_before_the_first_are_merged_like_others():
+    stamp, power, period = rows(1_000)
+    ring = HistoryRing(0.2, 2, whole=True)
+    for seconds in (0, -60, 100, 200):
+        ring.add(stamp + seconds * 1_000_000_000, power, period)
+    np.testing.assert_allclose(ring.energy(), 4 * (power * 0.05).sum(axis=0), rtol=1e-9)
+    assert ring.table()["width"] == pytest.approx(0.8)
+
+
 def test_gaps_stay_gaps():
     stamp, power, period = rows(8)
     ring = HistoryRing(0.2, 2)
