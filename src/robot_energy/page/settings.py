@@ -14,9 +14,10 @@ from robot_energy.units import JOULE_PER_KWH
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
+MAX_PRICE = 1e6  # [currency/kWh]; some currencies count in thousands
 SECOND_NS = 1_000_000_000
 
-Price = Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)]
+Price = Annotated[float, Field(ge=0.0, le=MAX_PRICE, allow_inf_nan=False)]
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
 Clock = Annotated[str, Field(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$|^24:00$")]
 Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\x7f]+$")]
