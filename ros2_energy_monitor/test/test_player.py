@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag_replay import replay
@@ -113,6 +114,15 @@ def test_a_bag_of_which_nothing_can_be_played_is_refused(bench, child_environmen
     assert done.returncode == 2
     assert len(done.stdout.splitlines()) == 1
     assert "Traceback" not in done.stderr
+
+
+def test_a_bag_is_played_to_other_topics(loopback_bench, child_environment, tmp_path):
+    reader = odd_bag(tmp_path, {"/plain": FLOAT})
+    loopback_bench.tester.create_subscription(Float64, "/cell/plain", lambda _: None, 10)
+    words = ["player", str(reader.path), "--ros-args", "-r", "/plain:=/cell/plain"]
+    done = run(child_environment, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1].split() == ["1", "/plain"]
 
 
 PLAY = """

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import heapq
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +22,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
@@ -182,17 +184,22 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0; 1 if nobody listens; 2 if the bag cannot be played; 130 if interrupted.
     """
-    parser = argparse.ArgumentParser(prog="player", description="Play a bag to the monitors.")
+    parser = argparse.ArgumentParser(
+        prog="player",
+        description="Play a bag to the monitors.",
+        epilog="To another topic: --ros-args -r /joint_states:=/cell1/joint_states",
+    )
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
     parser.add_argument("--rate", type=float, default=1.0, help="times the speed of nature")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these")
-    options = parser.parse_args(args)
+    words = list(sys.argv[1:] if args is None else args)
+    options = parser.parse_args(remove_ros_args([parser.prog, *words])[1:])
     if not 0 < options.rate < float("inf"):
         parser.error(f"--rate is {options.rate:g}; expected a finite factor > 0")
     stop = StopSignal()
     try:
         bag = BagReader(options.bag)
-        with ros([]) as context:
+        with ros(words) as context:
             for sentence in clear_ports():
                 print(sentence, flush=True)
             node = rclpy.create_node("player", context=context)
