@@ -47,9 +47,13 @@ if TYPE_CHECKING:
         UnknownJointError,
     )
     from robot_energy.fleet.api import fleet_identify, fleet_report, fleet_run
+    from robot_energy.identify.stats.systematic import SensorLimits
     from robot_energy.model import RobotModel
     from robot_energy.model import load as load_model
     from robot_energy.model import save as save_model
+    from robot_energy.model.payload import Payload
+    from robot_energy.motion.load_motion import ToolOptions
+    from robot_energy.optimization.rest_states import RestState
     from robot_energy.pipeline import EnergyPipeline
     from robot_energy.pipeline import Settings as PipelineSettings
     from robot_energy.results.advice import AdviceReport
@@ -88,7 +92,11 @@ _NAMES = {
         "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
     "fleet.api": ("fleet_identify", "fleet_report", "fleet_run"),
+    "identify.stats.systematic": ("SensorLimits",),
     "model": ("RobotModel", "load_model:load", "save_model:save"),
+    "model.payload": ("Payload",),
+    "motion.load_motion": ("ToolOptions",),
+    "optimization.rest_states": ("RestState",),
     "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
     "results.advice": ("AdviceReport",),
     "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
@@ -107,14 +115,14 @@ _EXPORTS = {
 __all__ = [
     "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBreakdown",
     "EnergyPipeline", "EvaluationReport", "FleetFriction", "FleetReport", "FleetRunReport",
-    "IdentificationResult",
-    "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
-    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
-    "OptimizationReport", "OptimizationResult", "ParameterError", "PayloadError", "Phase",
-    "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
-    "ReplayReport", "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError",
-    "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "advise", "evaluate",
-    "fleet_identify", "fleet_report", "fleet_run", "identify_all",
+    "IdentificationResult", "ImplausibleIdentificationError", "JointEnergy", "LogFormatError",
+    "MeterComparison", "MissingTopicError", "ModelFileError", "MotionError",
+    "NotIdentifiableError", "OnlineMonitor", "OptimizationReport", "OptimizationResult",
+    "ParameterError", "Payload", "PayloadError", "Phase", "PhaseEnergy", "PipelineSettings",
+    "PredictionReport", "PredictionResult", "Quality", "ReplayReport", "ReplayResult",
+    "ReportError", "RestState", "RobotDescriptionError", "RobotEnergyError", "RobotModel",
+    "SensorLimits", "ShapeError", "TimeSeries", "ToolOptions", "UnknownJointError", "advise",
+    "evaluate", "fleet_identify", "fleet_report", "fleet_run", "identify_all",
     "identify_auxiliary", "identify_cabinet", "identify_dynamics", "identify_friction",
     "identify_thermal", "load_model", "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip

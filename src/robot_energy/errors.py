@@ -23,12 +23,15 @@ class RobotEnergyError(Exception):
         self.found = found
         self.expected = expected
         self.remedy = remedy
-        text = found
-        if expected:
-            text += f"; expected {expected}"
+        text = _ended(f"{found}; expected {expected}" if expected else found)
         if remedy:
-            text += f". {remedy[0].upper()}{remedy[1:]}"
-        super().__init__(text.rstrip(".") + ".")
+            word = remedy.split(maxsplit=1)[0]  # a command or a key is quoted as it is
+            text += f" {remedy[0].upper() if word.isalpha() else remedy[0]}{_ended(remedy[1:])}"
+        super().__init__(text)
+
+
+def _ended(sentence: str) -> str:
+    return sentence if sentence.endswith("?") else f"{sentence.rstrip('.')}."
 
 
 class KindError(RobotEnergyError, KeyError):

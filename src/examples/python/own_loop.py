@@ -22,8 +22,8 @@ for step in range(500):  # 5 s at 100 Hz
         velocity,
         motor_temperature_degc=np.full(joints, 35.0) if step % 100 == 0 else None,
     )
-    if len(power) and step % 100 == 0:  # what is complete by now, about 0.1 s late
-        print(f"{time:.1f} s: {power['predicted_grid_power'][-1]:.0f} W")
+    if rows // 100 < (rows + len(power)) // 100:  # a line for each second
+        print(f"{time:.1f} s: {power['predicted_grid_power'][-1]:.0f} W, about 0.1 s late")
     rows += len(power)
 rows += len(monitor.flush())
 print(f"{rows} samples, {monitor.energy.grid_import:.0f} J from the grid")

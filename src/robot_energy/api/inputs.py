@@ -178,7 +178,9 @@ class BagSource:
         meaning, _ = self.meaning()
         if meaning is EffortMeaning.NONE:
             raise ModelFileError(
-                f"{self.inputs or 'nothing'} does not say what the effort means",
+                f"{self.inputs} does not say what the effort means"
+                if self.inputs
+                else "it is not said what the effort means",
                 f"an effort, one of {', '.join(EFFORTS)}",
                 NEVER_GUESSED,
             )

@@ -200,13 +200,18 @@ class OnlineMonitor:
     def rejected(self) -> dict[str, dict[str, int]]:
         """How many inputs were refused, by input and reason."""
         accounts = {
-            "joint_states": self._joints.account,
-            "temperatures": self._temperatures.account,
-            "meter": self._meter.account,
+            "joint_states": (self._joints.account,),
+            "temperatures": (self._temperatures.account, self.pipeline.friction.account),
+            "meter": (self._meter.account, self.account.comparison.curve.account),
         }
         return {
-            name: {reason: count for reason, count in one.rejected.items() if count}
-            for name, one in accounts.items()
+            name: {
+                reason: count
+                for one in both
+                for reason, count in one.rejected.items()
+                if count
+            }
+            for name, both in accounts.items()
         }
 
     def _step(

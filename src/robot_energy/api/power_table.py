@@ -40,6 +40,7 @@ UNITS = {
     "motor_temperature_degc": "degC",
     "viscous_friction": "N m s/rad",
 }
+WHOLE: dict[str, Any] = {"phase": np.uint8, "quality": np.uint32}  # columns without a fraction
 MEASURED = ("measured_power", "predicted_power_at_meter", "residual_power")
 ALL_ROWS = 2**62  # a table keeps every interval of the comparison
 
@@ -117,7 +118,7 @@ def empty_table(joint_names: Sequence[str]) -> TimeSeries:
     first = names.index("joint_shaft_power")
     return TimeSeries(
         np.empty(0, dtype=np.int64),
-        {name: np.empty(0) for name in names[:first]},
+        {name: np.empty(0, dtype=WHOLE.get(name)) for name in names[:first]},
         {name: np.empty(shape) for name in names[first:]},
         tuple(joint_names),
         {name: UNITS[name] for name in names},

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack
+
+import numpy as np
 
 from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
@@ -21,10 +23,13 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
 from robot_energy.condition.record import ConditionRecord
+from robot_energy.errors import ParameterError
+from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
-from robot_energy.physics.friction import with_fixed_friction
+from robot_energy.physics.friction import FrictionModel, with_fixed_friction
 from robot_energy.pipeline import Output, Settings
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.recorded_jobs import load_jobs
 from robot_energy.replay_topics import Topics
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
@@ -33,6 +38,19 @@ from robot_energy.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's
 FALLBACK = "fallback"  # instead of a temperature: the model's
+FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed, as on the command line
+CHECKED = (
+    *(
+        Parameter(name, float, MISSING, "", low, 1e6, ())
+        for name, low in (
+            ("power_period", 1e-6), ("derivative_window", 1e-6), ("temperature_wait", 0.0),
+            ("max_gap", 0.0), ("meter_max_gap", 1e-6),
+        )
+    ),
+    Parameter("reorder_window", float, MISSING, "", 0.0, 0.5, ()),
+    Parameter("stamp_source", str, MISSING, "", None, None, (HEADER, RECEIVE)),
+    Parameter("processes", int, MISSING, "", 1, 3, ()),
+)  # fmt: skip
 
 
 class ReplayOptions(TypedDict, total=False):
@@ -230,9 +248,26 @@ def fixed_friction(
     Args:
         model: Any model.
         temperature: The operating point, or ``fallback`` for that of the model. [degC]
+
+    Raises:
+        ParameterError: If no motor can be at that temperature.
     """
     degc = model.temperature.fallback_degc if temperature == FALLBACK else float(temperature)
-    return with_fixed_friction(model, degc), f"friction fixed at {degc:g} degC"
+    low, high = FRICTION_DEGC
+    if not low <= degc <= high:
+        raise ParameterError(
+            f"friction is to be fixed at {degc:g} degC",
+            f"{low:g} to {high:g} degC, or '{FALLBACK}'",
+        )
+    everywhere = np.full(len(model.joints), degc)
+    std, _ = FrictionCertainty(model).std(everywhere[None])
+    change = f"friction fixed at {degc:g} degC"
+    beyond = FrictionModel.from_model(model).extrapolated(everywhere)
+    if beyond.any():
+        names = [name for name, is_out in zip(model.joint_names, beyond, strict=True) if is_out]
+        of = "" if beyond.all() else f" of {', '.join(names)}"
+        change += f", outside the fitted temperatures{of}"
+    return with_fixed_friction(model, degc, std[0]), change
 
 
 def run_replay(
@@ -266,6 +301,10 @@ def run_replay(
     if unknown := sorted(options.keys() - ReplayOptions.__annotations__.keys()):
         known = ", ".join(sorted(ReplayOptions.__annotations__))
         raise TypeError(f"replay has no option {', '.join(unknown)}; expected: {known}")
+    for option in CHECKED:
+        value = power_period if option.name == "power_period" else options.get(option.name)
+        if value is not None:
+            option.check(value, "replay")
     read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
     settings: dict[str, Any] = {
         name: options.get(name)

@@ -10,8 +10,9 @@ from robot_energy.cli.terminal import add_command
 
 DESCRIPTION = """\
 Print the JSON Schema of what a command writes with --json, by the value of its key "result":
-replay, prediction, friction, friction_study, cabinet, drives, dynamics, excitation,
-identification, model, check. Without a name: one schema for all of them.
+replay, prediction, optimization, advice, friction, friction_study, thermal, cabinet,
+auxiliary, drives, dynamics, excitation, identification, model, check, test, fleet_run,
+fleet_report, fleet_friction. Without a name: one schema for all of them.
 """
 
 

@@ -108,6 +108,27 @@ def test_what_cannot_be_right_is_counted_and_not_raised():
     assert monitor.rejected["joint_states"] == {"not_finite": 1, "zero_stamp": 1}
 
 
+def test_what_the_stages_refuse_is_counted_too():
+    monitor = re.OnlineMonitor("kr16")
+    for step in range(100):
+        monitor.push(START + step * 10_000_000, np.full(6, 0.1), np.zeros(6))
+    monitor.push_temperatures(START + 1_000_000_000, np.full(6, 30.0))
+    monitor.push_temperatures(START + 1_100_000_000, np.full(6, 318.0))  # kelvin
+    monitor.push_meter(START + 500_000_000, 1e9)
+    assert monitor.rejected["temperatures"] == {"temperature_implausible": 6}
+    assert monitor.rejected["meter"] == {"meter_implausible": 1}
+
+
+def test_columns_have_one_type_with_rows_and_without():
+    monitor = re.OnlineMonitor("kr16")
+    stamps = START + np.arange(100) * 10_000_000
+    full = monitor.push(stamps, np.full((100, 6), 0.1), np.zeros((100, 6)))
+    empty = re.OnlineMonitor("kr16").flush()
+    assert len(full) > len(empty) == 0
+    for name in empty.columns:
+        assert empty[name].dtype == full[name].dtype, name
+
+
 def test_the_power_of_one_push_is_empty_until_it_is_complete():
     monitor = re.OnlineMonitor("kr16")
     table = monitor.push(START, np.zeros(6))

@@ -29,6 +29,24 @@ def test_replay_gives_the_json_of_the_command(replayed, tmp_path, capsys):
     assert replayed.to_dict() == command_json(tmp_path, "replay", BAG, "--model", "kr16")
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("stamp_source", "recieve"), ("power_period", -1.0), ("power_period", 0.0),
+        ("power_period", float("nan")), ("derivative_window", 0.0), ("max_gap", -0.1),
+        ("processes", 0), ("processes", 2.5), ("reorder_window", 1.0),
+    ],
+)  # fmt: skip
+def test_options_that_make_no_sense_are_refused(name, value):
+    with pytest.raises(re.ParameterError, match=f"'{name}' of replay is"):
+        re.replay(BAG, "kr16", **{name: value})
+
+
+def test_errors_end_once_and_quote_keys_as_they_are():
+    assert str(re.ParameterError("a", "b.", "look at it.")) == "a; expected b. Look at it."
+    assert str(re.ParameterError("no x; did you mean y?", "", "k_z: {}")).endswith("y? k_z: {}.")
+
+
 def test_fields_hold_the_figures_of_the_summary(replayed):
     figures = replayed.to_dict()
     assert replayed.energy.__dict__ == figures["energy"]
