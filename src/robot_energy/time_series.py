@@ -51,6 +51,15 @@ class TimeSeries:
         """Return the number of rows."""
         return len(self.stamp_ns)
 
+    def __repr__(self) -> str:
+        span = f", {self.time[-1]:.3f} s" if len(self) else ""
+        names = ", ".join((*self.columns, *self.joint_columns))
+        return f"TimeSeries({len(self)} rows{span}; joints {', '.join(self.joint_names)}; {names})"
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a column of that name."""
+        return name in self.columns or name in self.joint_columns
+
     def __getitem__(self, name: str) -> Column:
         """Return a column, shape (W,) or (W, n).
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robot_energy.errors import ShapeError
+from robot_energy.model import load
 from robot_energy.time_series import TimeSeries
 
 SERIES = TimeSeries(
@@ -32,6 +33,15 @@ def test_csv_keeps_every_digit_and_leaves_unmeasured_cells_empty():
     assert int(rows[1]["stamp_ns"]) == 10**18 + 20_000_000
     assert rows[1]["grid_power"] == ""
     assert float(rows[1]["a2.friction_power"]) == 4.5
+
+
+def test_it_says_what_it_holds_in_one_line():
+    assert repr(SERIES) == (
+        "TimeSeries(2 rows, 0.020 s; joints a1, a2; grid_power, phase, friction_power)"
+    )
+    assert "friction_power" in SERIES
+    assert "speed" not in SERIES
+    assert repr(load("kr16")).startswith("RobotModel('KR 16 class', 6 joints, id ")
 
 
 def test_a_column_of_another_length_is_refused():

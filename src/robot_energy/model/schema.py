@@ -219,6 +219,9 @@ class RobotModel(ModelEntry):
     _urdf_xml: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="<memory>")
 
+    def __repr__(self) -> str:
+        return f"RobotModel({self.robot.type!r}, {len(self.joints)} joints, id {self.model_id})"
+
     @model_validator(mode="after")
     def _check(self) -> RobotModel:
         names = self.joint_names
