@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
 robot and date. What the dataset holds unchanged is not done again, so a run that was stopped
-is continued by the same command. A bag that cannot be used becomes a row with the reason.
+is continued by the same command. A bag that cannot be used becomes a row with the reason; what
+can be read of a damaged one counts.
 
 Bags are those of a folder, of a pattern ("/bags/2026-*/*"), or of a CSV table with the columns
 bag, model, robot, programme, shift, jobs, effort (bag is needed). Addresses may be URLs such as
@@ -44,7 +45,7 @@ examples:
       --scheduler tcp://10.0.0.5:8786
   robot-energy fleet run /bags --model kr16 --out energy --watch 30
 """
-SHOWN = 10  # reasons
+SHOWN = 10  # reasons, and damaged bags
 PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
@@ -61,7 +62,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("--out", required=True, metavar="DATASET", help="folder of the dataset")
     parser.add_argument(
         "--name", metavar="NAME", help="name of the robot in the fleet (default: that of the "
-        "folder in which a bag lies); a column 'robot' of a table goes before",
+        "folder in which a recording lies); a column 'robot' of a table goes before",
     )  # fmt: skip
     parser.add_argument(
         "--split-files",
@@ -106,7 +107,7 @@ def run(args: Namespace) -> int:
         args: Of the sub-command.
 
     Returns:
-        0, or 3 if a bag could not be used.
+        0, or 3 if a bag could not be used, or is damaged and was read in part.
 
     Raises:
         RobotEnergyError: If bags, models or dataset cannot be used.
@@ -135,7 +136,7 @@ def run(args: Namespace) -> int:
                     write_json(args.json, done.report(dataset).to_dict())
     if args.json != "-":
         _print(args, done.report(dataset))
-    return DAMAGED if done.refused else 0
+    return DAMAGED if done.refused or done.damaged else 0
 
 
 def _bags(args: Namespace, models: FleetModels) -> list[FleetBag]:
@@ -160,11 +161,14 @@ def _shown(
     bags: list[FleetBag], done: FleetRun
 ) -> Generator[Callable[[FleetRun], None], None, None]:
     """A bar with the time left on a terminal; else a line every half minute."""
+    from robot_energy.report.formats import counted
+
+    named = counted(len(bags), "bag")
     whole, before = max(1, sum(bag.place.size for bag in bags)), done.done_size
     begun = last = time.monotonic()
     skipped = 0
     tty = sys.stderr.isatty() and sys.stdout.isatty()
-    with progress(f"replaying {len(bags)} bags") as bar:
+    with progress(f"replaying {named}") as bar:
 
         def show(now: FleetRun) -> None:
             nonlocal last, skipped, begun
@@ -178,7 +182,7 @@ def _shown(
             last = time.monotonic()
             left = elapsed * (whole * (1.0 - share)) / (share * whole - skipped)
             count = now.there + now.read + len(now.refused)
-            text = f"{count} of {len(bags)} bags, {100 * share:.0f} %, {_time(left)} left"
+            text = f"{count} of {named}, {100 * share:.0f} %, {_time(left)} left"
             print(text, file=sys.stderr, flush=True)
 
         yield show
@@ -191,11 +195,12 @@ def _time(seconds: float) -> str:
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
     from robot_energy.fleet.run import why_refused
+    from robot_energy.report.formats import counted
 
     out, time_ = console(), report.observed_time
     out.print(
-        f"{report.bags} bags: {report.replayed} replayed, {report.there} there already, "
-        f"{len(report.refused)} refused; dataset {shown(args.out)}",
+        f"{counted(report.bags, 'bag')}: {report.replayed} replayed, {report.there} there already, "
+        f"{len(report.refused)} refused, {len(report.damaged)} damaged; dataset {shown(args.out)}",
         soft_wrap=True,
     )
     if report.replayed:
@@ -209,5 +214,10 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         )
     for reason, count in why_refused(report.refused)[:SHOWN]:
         out.print(f"  {count} refused: {reason}", soft_wrap=True)
+    for bag in report.damaged[:SHOWN]:
+        problems = "; ".join(bag.problems)
+        out.print(f"  damaged, read in part: {bag.bag}: {problems}", soft_wrap=True)
+    if more := len(report.damaged[SHOWN:]):
+        out.print(f"  {more} more damaged: see `robot-energy fleet report`", soft_wrap=True)
     if args.json is not None:
         wrote(out, args.json, "all figures as JSON")

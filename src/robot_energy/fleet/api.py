@@ -44,7 +44,7 @@ def fleet_run(
         out: Folder of the dataset.
         model: Of bags for which a table names none: the model, its file, or the name of a
             shipped one.
-        name: Name of the robot of all bags; None: that of the folder in which a bag is.
+        name: Name of the robot of all bags; None: that of the folder in which a recording lies.
         split_files: Whether each MCAP file is a bag of its own.
         workers: Processes to start; None: one for each core; 0: in this process.
         scheduler: Address of a Dask scheduler, instead of processes of this host.
@@ -54,7 +54,7 @@ def fleet_run(
             ``overwrite``, ``learned``.
 
     Returns:
-        What was done, with the bags that could not be used.
+        What was done, with the bags that could not be used or were read in part.
 
     Raises:
         DatasetError: If bags or dataset cannot be used, or the scheduler is lost.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -107,6 +108,11 @@ class FleetBag:
         return f"{digest(self.place.address)}-{self.place.state}-{self.settings}"
 
     @property
+    def parts(self) -> tuple[str, ...]:
+        """Hashes of the addresses that its files have as bags of their own."""
+        return tuple(digest(file) for file in self.place.files if file != self.place.address)
+
+    @property
     def unread_name(self) -> str:
         """Of its file if it cannot be read, which the next run tries again."""
         return f"{digest(self.place.address)}-{UNREAD}-{self.settings}"
@@ -160,7 +166,9 @@ class FleetModels:
 def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterator[BagPlace]:
     """Find bags.
 
-    A folder with a metadata.yaml is a bag; elsewhere each MCAP file is.
+    A folder with a metadata.yaml is a bag, and so is one whose MCAP files have its name and a
+    number, as rosbag2 names them: a recording that is not closed yet, or never was. Elsewhere, and
+    where files are named themselves, each MCAP file is.
 
     Args:
         where: Folder, pattern with ``*``, or one bag.
@@ -184,6 +192,7 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
         raise DatasetError(
             f"{where} cannot be read ({error})", "a folder, pattern or bag"
         ) from error
+    named = set(roots)
     folders: dict[str, list[str]] = {}
     for path in sorted(infos):
         folders.setdefault(str(PurePosixPath(path).parent), []).append(path)
@@ -191,13 +200,20 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
         messages = [path for path in paths if path.endswith(MESSAGES)]
         metadata = f"{folder}/{FILE_NAME}"
         mcap = [path for path in messages if path.endswith(".mcap")]
-        if messages and (metadata in paths or not mcap) and not (split and mcap):
+        unclosed = all(_of_folder(path) and path not in named for path in mcap)
+        if messages and (metadata in paths or unclosed) and not (split and mcap):
             if not complete or (metadata in paths and infos[metadata].get("size")):
-                yield _place(system, folder, infos, [*messages, metadata][: len(paths)])
+                yield _place(system, folder, infos, [*messages, metadata])
             continue
         for path in mcap:
             if not complete or _has_end(system, path, infos[path]):
                 yield _place(system, path, infos, [path])
+
+
+def _of_folder(path: str) -> bool:
+    """Whether an MCAP file has the name of its folder and a number."""
+    file = PurePosixPath(path)
+    return re.fullmatch(re.escape(file.parent.name) + r"_\d+\.mcap", file.name) is not None
 
 
 def _place(system: Any, address: str, infos: Infos, files: list[str]) -> BagPlace:
@@ -244,7 +260,7 @@ def list_bags(
         models: Where models are kept.
         model: File or name of the model of bags for which a table names none.
         options: Of the replay, for all bags.
-        robot: Name of the robot of all bags; None: that of the folder in which a bag lies.
+        robot: Name of the robot of all bags; None: that of the folder in which a recording lies.
         split: As of `find_bags`.
         complete: As of `find_bags`.
 
@@ -272,14 +288,20 @@ def list_bags(
             raise DatasetError(
                 f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
             )
-        folder = PurePosixPath(bag.place.address.rstrip("/")).parent.name
-        named = bag.robot or folder or "robot"
+        named = bag.robot or _folder_of(bag.place) or "robot"
         found.append(replace(bag, robot=named, model_digest=models.digest_of(bag.model)))
     if not found and not complete:
         raise DatasetError(
             f"{where} holds no bag", "MCAP files or folders of rosbag2", "check the path"
         )
     return found
+
+
+def _folder_of(place: BagPlace) -> str:
+    """Name of the folder in which a recording lies, whether the bag is all of it or one file."""
+    folder = PurePosixPath(place.address.rstrip("/")).parent
+    is_part = not place.is_folder and _of_folder(place.address)
+    return (folder.parent if is_part else folder).name
 
 
 def _text(name: str, path: Path) -> str:

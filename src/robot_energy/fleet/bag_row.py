@@ -46,6 +46,7 @@ class BagRow:
         date: UTC day of the first sample.
         data: The Parquet file.
         reason: Why the bag could not be used; empty where it could.
+        problems: What was wrong with a bag that was used.
         observed_time: Predicted. [s]
         peak_memory: Most memory that the process has held so far. [bytes]
     """
@@ -55,6 +56,7 @@ class BagRow:
     date: str
     data: bytes
     reason: str
+    problems: tuple[str, ...]
     observed_time: float
     peak_memory: int
 
@@ -285,6 +287,7 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
         date,
         row_bytes(_fitting(row | {"name": name})),
         row["reason"],
+        tuple(row.get("problems", ())),
         observed_time,
         peak,
     )

@@ -258,6 +258,15 @@ class Dataset:
         self._keep(name)
         return path
 
+    def remove(self, bags: Iterable[str]) -> None:
+        """Remove the rows of bags.
+
+        Args:
+            bags: Hashes of their addresses.
+        """
+        for bag in bags:
+            self._keep(bag)
+
     def pack(self, least: int = 2) -> None:
         """Merge the files of each robot and day, which are quicker to read as one.
 
@@ -284,7 +293,7 @@ class Dataset:
         return self._rows.setdefault(name.partition("-")[0], {})
 
     def _keep(self, name: str) -> None:
-        """Remove all other rows of the bag."""
+        """Remove all other rows of the bag; all where the name is its hash alone."""
         own = self._of(name)
         for other in [other for other in own if other != name]:
             for path in own.pop(other):
@@ -320,13 +329,9 @@ class Dataset:
 def _scan(files: list[Path]) -> pl.LazyFrame:
     """Rows of files, of earlier versions too."""
     return pl.scan_parquet(
-        files,
-        hive_partitioning=False,
-        glob=False,
-        schema=SCHEMA,
-        missing_columns="insert",
+        files, hive_partitioning=False, glob=False, schema=SCHEMA, missing_columns="insert",
         extra_columns="ignore",
-    )
+    )  # fmt: skip
 
 
 def _names(path: Path) -> list[str]:
@@ -364,12 +369,8 @@ def read_tables(folder: str | Path) -> FleetTables:
     """
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
-    energy = {
-        "grid_energy": "grid_import",
-        "brake_energy": "brake",
-        "measured_energy": "measured",
-        "predicted_energy_at_meter": "predicted_at_meter",
-    }
+    energy = {"grid_energy": "grid_import", "brake_energy": "brake", "measured_energy": "measured",
+              "predicted_energy_at_meter": "predicted_at_meter"}  # fmt: skip
     wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
     tables = [name for name in SCHEMAS if name in TABLES]
     rows = scan(folder).select([name for name in RUNS if name in wanted] + tables).collect()

@@ -15,9 +15,9 @@ from robot_energy.blocks import Float, Int
 from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.fleet.bag_joints import BagJoints, wear_records
-from robot_energy.fleet.sisters import Deviation, Levels, levels, stand_out
+from robot_energy.fleet.sisters import MIN_SISTERS, Deviation, Levels, levels, stand_out
 from robot_energy.fleet.tables import FleetTables
-from robot_energy.fleet.wear_history import wear_history
+from robot_energy.fleet.wear_history import is_enough, wear_history
 from robot_energy.results.fleet import FleetFinding
 
 RECENT = 0.25  # share of the time, at its end, for which robots are compared
@@ -39,11 +39,15 @@ class RobotsCompared:
         findings: What was found.
         friction: Levels of the friction of each joint, logarithms; in the order of the model.
         comparisons: Kinds of figures, of all models.
+        with_sisters: Robots that were compared with sisters, by one kind of figure at least.
+        with_before: Robots that were compared with themselves before, by one joint at least.
     """
 
     findings: tuple[FleetFinding, ...]
     friction: tuple[Levels, ...]
     comparisons: int
+    with_sisters: frozenset[str]
+    with_before: frozenset[str]
 
 
 def compare(
@@ -65,8 +69,12 @@ def compare(
     comparisons = models * (len(bags.joints) + 2 + len(programmes))
     recent = _recent(bags.stamp_ns, bags.robot)
     findings: list[FleetFinding] = []
+    with_sisters = set[str]()
 
     def found(levels: Levels) -> list[Deviation]:
+        known: list[int] = np.flatnonzero(np.isfinite(levels.level)).tolist()
+        if len(known) >= MIN_SISTERS:
+            with_sisters.update(bags.robots[one] for one in known)
         return stand_out(levels.level, levels.std, comparisons)
 
     speeds = bags.work[..., -2]
@@ -85,7 +93,8 @@ def compare(
             for one in found(own)
             if abs(expm1(one.size)) >= MIN_FRICTION
         ]
-    findings += _worn(tables, bags, friction, duty)
+    worn, with_before = _worn(tables, bags, friction, duty)
+    findings += worn
     standby, number = _standby(tables, bags.robots)
     by_day = levels(standby, number, np.empty((len(standby), 0)), np.ones(len(standby), bool))
     findings += [
@@ -100,7 +109,9 @@ def compare(
             for one in found(_of_jobs(part, tables.runs, bags.robots))
             if abs(expm1(one.size)) >= MIN_ENERGY
         ]
-    return RobotsCompared(_ordered(findings), tuple(friction), comparisons)
+    return RobotsCompared(
+        _ordered(findings), tuple(friction), comparisons, frozenset(with_sisters), with_before
+    )
 
 
 def _recent(stamp_ns: Int, robot: Int) -> NDArray[np.bool_]:
@@ -155,9 +166,14 @@ def _hours(level: float) -> float:
 
 def _worn(
     tables: FleetTables, bags: BagJoints, friction: Sequence[Levels], duty: Sequence[float]
-) -> list[FleetFinding]:
-    """Joints whose friction has changed for good, by the test for wear over all their bags."""
+) -> tuple[list[FleetFinding], frozenset[str]]:
+    """Joints whose friction has changed for good, by the test for wear over all their bags.
+
+    Returns:
+        What was found, and the robots with enough bags to find something.
+    """
     findings: list[FleetFinding] = []
+    tested = set[str]()
     rows = (
         tables.joints.lazy()
         .filter(pl.col("robot").is_in(bags.robots) & (pl.col("friction_rows") > 0))
@@ -167,6 +183,8 @@ def _worn(
     for (robot, joint), own in rows.partition_by("robot", "joint", as_dict=True).items():
         number, place = bags.robots.index(str(robot)), bags.joints.index(str(joint))
         test = wear_history(wear_records(own), duty[number])
+        if is_enough(test):
+            tested.add(str(robot))
         if not test.changes:
             continue
         mine = bags.robot == number
@@ -186,7 +204,7 @@ def _worn(
                 str(robot), "wear", str(joint), size, std, alarm.sure, test.drift.since_ns, text
             )
         )
-    return findings
+    return findings, frozenset(tested)
 
 
 def _change(rest: Float, stamp_ns: Int) -> tuple[float, float]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -14,10 +15,14 @@ import polars as pl
 from robot_energy.blocks import Float
 from robot_energy.fleet.bag_joints import BagJoints, bag_joints
 from robot_energy.fleet.findings import RobotsCompared, compare
-from robot_energy.fleet.sisters import MIN_SISTERS, Levels
+from robot_energy.fleet.hour_sums import HOUR_NS
+from robot_energy.fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
 from robot_energy.fleet.tables import FleetTables
+from robot_energy.fleet.wear_history import MIN_HOURS, MIN_RECORDS
 from robot_energy.page.settings import PageSettings
+from robot_energy.report.formats import counted
 from robot_energy.results.fleet import (
+    DamagedBag,
     FleetFinding,
     FleetReport,
     FrictionCurve,
@@ -33,6 +38,7 @@ DEGC_STEP = 10.0  # of the table of the model's error [K]
 CURVE_STEP = 5.0  # of the curves of friction [K]
 MIN_ROBOTS = 3  # that make a middle and a range
 RANGE = (0.1, 0.9)
+MINUTE_NS = 60_000_000_000
 WEEK_NS = 7 * 86_400_000_000_000
 SHIFTS = (6, 14, 22)  # hours at which a shift begins, where nothing else is said
 
@@ -56,13 +62,14 @@ def fleet_report(
     """
     used = settings or PageSettings()
     read = tables.runs.filter(pl.col("reason") == "")
-    hours = _priced(tables.hours, used, shifts)
+    hours = _priced(tables.hours, read, used, shifts)
     robots = sorted(read["robot"].unique().to_list())
     notes: list[str] = []
     models = sorted(read["model_id"].unique().to_list())
     findings: list[FleetFinding] = []
     friction: list[FrictionCurve] = []
     comparisons = 0
+    with_sisters, with_before = frozenset[str](), frozenset[str]()
     for model_id in models:
         sisters = sorted(read.filter(pl.col("model_id") == model_id)["robot"].unique().to_list())
         bags = bag_joints(tables, model_id, sisters)
@@ -70,14 +77,17 @@ def fleet_report(
         findings += compared.findings
         friction += _curves(bags, compared)
         comparisons = max(comparisons, compared.comparisons)
-        if len(sisters) < MIN_SISTERS:
-            notes.append(
-                f"sisters are compared from {MIN_SISTERS} robots of a model on, {model_id} has "
-                f"{len(sisters)}: each was compared with itself before"
-            )
+        with_sisters |= compared.with_sisters
+        with_before |= compared.with_before
     if not read["measured_energy"].is_not_null().any():
         notes.append("no bag has a power meter: all energies are predicted")
+    if len(hours) > len(tables.hours):
+        notes.append(
+            "a price or a shift changes within a UTC hour, and a dataset holds sums of UTC hours: "
+            "those of such an hour are shared by the time that the bag has before and after"
+        )
     refused = tables.runs.filter(pl.col("reason") != "")
+    damaged = read.filter(pl.col("problems").list.len() > 0)
     return FleetReport(
         dataset,
         tuple(models),
@@ -85,6 +95,10 @@ def fleet_report(
         _known(read["end_ns"].max()),
         len(read),
         tuple(RefusedBag(*row) for row in refused.select("bag", "robot", "reason").iter_rows()),
+        tuple(
+            DamagedBag(bag, robot, tuple(problems))
+            for bag, robot, problems in damaged.select("bag", "robot", "problems").iter_rows()
+        ),
         _robots(read, tables.jobs, hours, robots),
         _programmes(tables.jobs),
         _shifts(hours, shifts),
@@ -92,32 +106,83 @@ def fleet_report(
         tuple(findings),
         tuple(friction),
         comparisons,
+        len(with_sisters),
+        len(with_before),
+        tuple(_not_compared(len(robots), len(with_sisters), len(with_before))),
         tuple(notes),
     )
+
+
+def _not_compared(robots: int, with_sisters: int, with_before: int) -> Iterator[str]:
+    """How many robots could be compared, and what it takes, where not all could be."""
+    if with_sisters < robots:
+        yield (
+            f"compared with sisters: {with_sisters} of {counted(robots, 'robot')}; it takes "
+            f"{MIN_SISTERS} robots of a model with {MIN_BAGS} bags of each"
+        )
+    if with_before < robots:
+        yield (
+            f"compared with itself before: {with_before} of {counted(robots, 'robot')}; it takes "
+            f"{MIN_RECORDS} bags with measured torque that span {MIN_HOURS:g} h of motion"
+        )
 
 
 def _known(value: Any) -> int | None:
     return None if value is None else int(value)
 
 
-def _priced(hours: pl.DataFrame, settings: PageSettings, shifts: Sequence[int]) -> pl.DataFrame:
-    """Hours with their price and the number of their shift."""
-    zone = ZoneInfo(settings.timezone)
-    begins = hours["hour_ns"].unique().to_list()
-    local = [datetime.fromtimestamp(begin // 10**9, UTC).astimezone(zone).hour for begin in begins]
-    shift = [sum(one >= begin for begin in shifts) - 1 for one in local]
-    known = pl.DataFrame(
-        {
-            "hour_ns": begins,
-            "price": [settings.price_at(begin) for begin in begins],
-            "shift": [one % len(shifts) for one in shift],
-        },
-        schema={"hour_ns": pl.Int64, "price": pl.Float64, "shift": pl.Int64},
-    )
+def _priced(
+    hours: pl.DataFrame, read: pl.DataFrame, settings: PageSettings, shifts: Sequence[int]
+) -> pl.DataFrame:
+    """Hours with their price and the number of their shift.
+
+    An hour in which one of them changes becomes several rows: its sums are shared by the time of
+    the bag in each part.
+    """
+    parts = [
+        (hour_ns, *part)
+        for hour_ns in hours["hour_ns"].unique().to_list()
+        for part in _parts_of_hour(hour_ns, settings, shifts)
+    ]
+    schema = {"hour_ns": pl.Int64, "from_ns": pl.Int64, "to_ns": pl.Int64, "price": pl.Float64,
+              "shift": pl.Int64}  # fmt: skip
+    known = pl.DataFrame(parts, schema=schema, orient="row")
+    recorded = pl.min_horizontal("to_ns", "end_ns") - pl.max_horizontal("from_ns", "start_ns")
+    whole = pl.col("recorded").sum().over("key", "hour_ns")
+    length = (pl.col("to_ns") - pl.col("from_ns")) / HOUR_NS  # where the bag is too short to say
+    share = pl.when(whole > 0).then(pl.col("recorded") / whole).otherwise(length)
+    sums = pl.col("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
     price = pl.col("price") / JOULE_PER_KWH
-    return hours.join(known, on="hour_ns", how="left", maintain_order="left").with_columns(
-        cost=pl.col("grid_energy") * price, standby_cost=pl.col("standby_energy") * price
+    return (
+        hours.join(known, on="hour_ns", how="left", maintain_order="left_right")
+        .join(read.select("key", "start_ns", "end_ns"), on="key", how="left", maintain_order="left")
+        .with_columns(recorded=recorded.clip(lower_bound=0))
+        .with_columns(share=share)
+        .with_columns(sums * pl.col("share"))
+        .with_columns(
+            cost=pl.col("grid_energy") * price, standby_cost=pl.col("standby_energy") * price
+        )
     )
+
+
+def _parts_of_hour(
+    hour_ns: int, settings: PageSettings, shifts: Sequence[int]
+) -> list[tuple[int, int, float | None, int]]:
+    """Begin, end, price and number of the shift of each part of a UTC hour in which both hold."""
+    zone = ZoneInfo(settings.timezone)
+    clocks = [clock for one in settings.time_of_use for clock in (one.begin, one.end)]
+    changes = {0, *(int(clock[-2:]) for clock in clocks)}  # minutes of the local hour
+    begin = datetime.fromtimestamp(hour_ns // 10**9, UTC).astimezone(zone).minute
+    edges = sorted({0, *((minute - begin) % 60 for minute in changes), 60})
+    parts: list[tuple[int, int, float | None, int]] = []
+    for first, last in pairwise(hour_ns + minute * MINUTE_NS for minute in edges):
+        local = datetime.fromtimestamp(first // 10**9, UTC).astimezone(zone)
+        shift = (sum(local.hour >= one for one in shifts) - 1) % len(shifts)
+        holds = settings.price_at(first), shift
+        if parts and parts[-1][2:] == holds:
+            first = parts.pop()[0]
+        parts.append((first, last, *holds))
+    return parts
 
 
 def _sum_known(name: str) -> pl.Expr:

@@ -18,7 +18,7 @@ from robot_energy.fleet.bag_list import FleetBag
 from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy.fleet.dataset import Dataset
 from robot_energy.model import RobotModel
-from robot_energy.results.fleet import FleetRunReport, RefusedBag
+from robot_energy.results.fleet import DamagedBag, FleetRunReport, RefusedBag
 from robot_energy.shown_text import shown
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
@@ -47,6 +47,7 @@ class FleetRun:
         there: Of them, that the dataset held already, unchanged.
         read: Replayed.
         refused: Those that could not be used, by address.
+        damaged: Those replayed that were read in part, by address.
         observed_time: Predicted, of the bags replayed. [s]
         written: Size of their rows. [bytes]
         peak_memory: Most memory that one worker has held. [bytes]
@@ -57,6 +58,7 @@ class FleetRun:
     there: int = 0
     read: int = 0
     refused: dict[str, RefusedBag] = field(default_factory=dict[str, RefusedBag])
+    damaged: dict[str, DamagedBag] = field(default_factory=dict[str, DamagedBag])
     observed_time: float = 0.0
     written: int = 0
     peak_memory: int = 0
@@ -72,7 +74,8 @@ class FleetRun:
         elapsed = time.monotonic() - self.begun
         return FleetRunReport(
             str(dataset.folder), self.bags, self.there, self.read, tuple(self.refused.values()),
-            self.observed_time, elapsed, self.written, self.peak_memory,
+            tuple(self.damaged.values()), self.observed_time, elapsed, self.written,
+            self.peak_memory,
         )  # fmt: skip
 
 
@@ -106,6 +109,7 @@ def run_fleet(
         for bag in bags:
             done.bags += 1
             if dataset.has(bag.name):
+                dataset.remove(bag.parts)
                 done.there += 1
                 done.done_size += bag.place.size
                 progress(done)
@@ -114,12 +118,16 @@ def run_fleet(
 
     for bag, row in replays(missing(), models):
         dataset.add(row.name, row.robot, row.date, row.data)
+        dataset.remove(bag.parts)
+        address = bag.place.address
+        done.refused.pop(address, None)
+        done.damaged.pop(address, None)
         if row.reason:
-            address = bag.place.address
             done.refused[address] = RefusedBag(address, row.robot, row.reason)
         else:
             done.read += 1
-            done.refused.pop(bag.place.address, None)
+        if row.problems:
+            done.damaged[address] = DamagedBag(address, row.robot, row.problems)
         done.observed_time += row.observed_time
         done.written += len(row.data)
         done.peak_memory = max(done.peak_memory, row.peak_memory)

@@ -27,6 +27,7 @@ import numpy as np
 from robot_energy.blocks import Float, Int
 
 MIN_SISTERS = 5  # robots with a figure, below which none is compared
+MIN_BAGS = 3  # of a robot with a figure
 MAX_SHARE = 0.3  # of the robots that may differ from the others
 MAX_FALSE = 0.01  # probability of anything false in a whole report
 HUBER = 2.0  # standard deviations, beyond which a bag weighs less
@@ -71,7 +72,9 @@ class Deviation:
     certainty: float
 
 
-def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray, least: int = 3) -> Levels:
+def levels(
+    figure: Float, robot: Int, work: Float, counted: np.ndarray, least: int = MIN_BAGS
+) -> Levels:
     """Return the levels of the robots at equal work.
 
     Args:

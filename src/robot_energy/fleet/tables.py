@@ -16,6 +16,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         "robot": pl.String,
         "model_id": pl.String,
         "reason": pl.String,
+        "problems": pl.List(pl.String),
         "start_ns": pl.Int64,
         "end_ns": pl.Int64,
         "observed_time": pl.Float64,
@@ -73,7 +74,8 @@ class FleetTables:
     """Rows of all bags of a fleet.
 
     Attributes:
-        runs: One of each bag; ``reason`` says why one could not be read.
+        runs: One of each bag; ``reason`` says why one could not be read, ``problems`` what
+            was wrong with one that was.
         jobs: One of each job.
         hours: One of each bag and clock hour.
         joints: One of each bag and joint.

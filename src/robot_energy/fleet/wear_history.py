@@ -13,9 +13,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from robot_energy.condition.drift_test import BAGS, DriftTest
+from robot_energy.condition.drift_test import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear_records import WearRecord
 
+MIN_RECORDS = MIN_BEFORE + MIN_AFTER  # without which no change is seen
+MIN_HOURS = BAGS.min_hours  # of motion that they span, likewise [h]
 MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
 HOUR_NS = 3_600_000_000_000
 MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
@@ -42,6 +44,15 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
     between = _between(merged)
     test.take([record._replace(variance=record.variance + between) for record in merged])
     return test
+
+
+def is_enough(test: DriftTest) -> bool:
+    """Return whether a change could be seen.
+
+    Args:
+        test: After all records.
+    """
+    return len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS
 
 
 def _merged(records: list[WearRecord]) -> list[WearRecord]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import nullcontext
 from datetime import UTC, datetime
 
 from robot_energy.page.settings import PageSettings
@@ -30,7 +32,7 @@ from robot_energy.results.identification import FrictionReport
 from robot_energy.units import JOULE_PER_KWH
 
 HOUR = 3600.0  # s
-MAX_REFUSED = 50  # bags that are listed
+MAX_LISTED = 50  # bags that could not be read, and damaged ones
 MAX_SENTENCES = 10  # on robots to look at; the table has all
 CAUSES = {
     "payload": "payload",
@@ -54,6 +56,12 @@ def fleet_document(report: FleetReport, page: Document, settings: PageSettings) 
         page.add(_tiles(report, settings))
     with page.only("terminal"):
         page.paragraph(fleet_headline(report))
+    if report.damaged:
+        page.paragraph(
+            f"damaged, read in part: {len(report.damaged)} of {counted(report.bags, 'bag')}; what "
+            "was read counts, see the list under 'Data and method'",
+            "problem",
+        )
     _findings(report, page)
     _energy(report, page, settings)
     _friction(report, page)
@@ -71,12 +79,18 @@ def fleet_headline(report: FleetReport) -> str:
     standby = sum(one.standby_energy for one in report.robots)
     time = sum(one.observed_time for one in report.robots)
     concerned = some_names([one.robot for one in report.findings])
+    look = f"look at {concerned}" if concerned else "no robot to look at"
     return (
         f"{counted(len(report.robots), 'robot')}, {counted(report.bags, 'bag')}, {duration(time)}: "
         f"{number(energy / JOULE_PER_KWH, 2)} kWh from the grid, predicted, "
         f"{percent(standby / energy if energy else None)} of it in standby; "
-        + (f"look at {concerned}" if concerned else "no robot to look at")
+        + (look if _is_compared(report) else "no robot could be compared")
     )
+
+
+def _is_compared(report: FleetReport) -> bool:
+    """Whether any robot could be compared, with sisters or with itself before."""
+    return report.compared_with_sisters + report.compared_with_before > 0
 
 
 def fleet_friction_document(report: FleetFriction, page: Document) -> None:
@@ -109,13 +123,8 @@ def _tiles(report: FleetReport, settings: PageSettings) -> Tiles:
     observed = sum(one.observed_time for one in report.robots)
     standby = sum(one.standby_energy for one in report.robots)
     time = sum(one.standby_time for one in report.robots)
-    concerned = dict.fromkeys(one.robot for one in report.findings)
     found = [
-        (
-            "Robots to look at",
-            f"{len(concerned)} of {len(report.robots)}",
-            some_names(concerned) or "none differs or has changed",
-        ),
+        _tile_of_robots(report),
         (
             "Energy from the grid",
             f"{number(energy / JOULE_PER_KWH, 2)} kWh",
@@ -146,6 +155,20 @@ def _tiles(report: FleetReport, settings: PageSettings) -> Tiles:
     return Tiles(found)
 
 
+def _tile_of_robots(report: FleetReport) -> tuple[str, str, str]:
+    label, robots = "Robots to look at", counted(len(report.robots), "robot")
+    if not _is_compared(report):
+        few = f"too few robots or bags: {robots}, {counted(report.bags, 'bag')}"
+        return label, "not compared", few
+    concerned = dict.fromkeys(one.robot for one in report.findings)
+    partly = (
+        f"compared with sisters: {report.compared_with_sisters}, with themselves before: "
+        f"{report.compared_with_before}"
+    )
+    none = partly if report.not_compared else "none differs or has changed"
+    return label, f"{len(concerned)} of {len(report.robots)}", some_names(concerned) or none
+
+
 def _error(report: FleetReport) -> float | None:
     pairs = [
         (one.measured_energy, one.error)
@@ -159,7 +182,8 @@ def _error(report: FleetReport) -> float | None:
 def _findings(report: FleetReport, page: Document) -> None:
     page.heading("Robots to look at")
     if not report.findings:
-        page.paragraph("No robot differs from its sisters, and none has changed.")
+        page.paragraph(_nothing_found(report))
+    page.notes(report.not_compared)
     for one in report.findings[:MAX_SENTENCES]:
         good = one.kind in ("wear", "energy", "friction") and one.size < 0
         page.paragraph(f"{one.robot}: {one.sentence}", "note" if good else "problem")
@@ -178,6 +202,14 @@ def _findings(report: FleetReport, page: Document) -> None:
             ],
             report.findings,
         )
+
+
+def _nothing_found(report: FleetReport) -> str:
+    if report.compared_with_sisters and report.compared_with_before:
+        return "No robot differs from its sisters, and none has changed."
+    if report.compared_with_sisters:
+        return "No robot differs from its sisters."
+    return "No robot has changed." if report.compared_with_before else "No robot was compared."
 
 
 def _size(one: FleetFinding) -> str:
@@ -268,21 +300,28 @@ def _kwh(one: RobotEnergy) -> float:
 
 
 def _friction(report: FleetReport, page: Document) -> None:
-    curves = [one for one in report.friction if one.degc]
-    if not curves:
+    by_degc = [one for one in report.friction if _is_seen(one.middle, *one.by_degc)]
+    by_week = [one for one in report.friction if _is_seen(one.week_middle, *one.by_week)]
+    if not by_degc:
         return
     with page.only("page"):
         page.heading("Friction against the model")
         page.figure(
-            lambda path: friction_by_temperature(curves, path),
+            lambda path: friction_by_temperature(by_degc, path),
             "Measured friction torque over that of the model, by mean motor temperature of a "
             "bag: median of the robots, the middle eight tenths of them, and the first six robots "
             "to look at.",
         )
-        page.figure(
-            lambda path: friction_by_week(curves, path),
-            "The same over time, at equal temperature and speed.",
-        )
+        if by_week:
+            page.figure(
+                lambda path: friction_by_week(by_week, path),
+                "The same over time, at equal temperature and speed.",
+            )
+
+
+def _is_seen(*lines: Sequence[float | None]) -> bool:
+    """Whether there is anything to draw."""
+    return any(value is not None for line in lines for value in line)
 
 
 def _errors(report: FleetReport, page: Document) -> None:
@@ -308,15 +347,21 @@ def _errors(report: FleetReport, page: Document) -> None:
 
 
 def _method(report: FleetReport, page: Document) -> None:
-    page.heading("Data and method")
+    with nullcontext() if report.notes or report.refused or report.damaged else page.only("page"):
+        page.heading("Data and method")
     page.notes(report.notes)
-    shown = report.refused[:MAX_REFUSED]
-    if shown:
+    bag = [Column("bag", "bag"), Column("robot", "robot")]
+    if report.refused:
         page.rows(
-            f"Bags that could not be read: {len(report.refused)}"
-            + (f", the first {MAX_REFUSED}" if len(shown) < len(report.refused) else ""),
-            [Column("bag", "bag"), Column("robot", "robot"), Column("reason", "reason")],
-            shown,
+            f"Bags that could not be read: {_listed(report.refused)}",
+            [*bag, Column("reason", "reason")],
+            report.refused[:MAX_LISTED],
+        )
+    if report.damaged:
+        page.rows(
+            f"Damaged bags, of which a part was read and counts: {_listed(report.damaged)}",
+            [*bag, Column("what is wrong", lambda one: "; ".join(one.problems))],
+            report.damaged[:MAX_LISTED],
         )
     with page.only("page"):
         page.pairs(
@@ -335,6 +380,10 @@ def _method(report: FleetReport, page: Document) -> None:
             "sign where a joint turns back, friction changes it: so a wrong payload is no wear. "
             "A change of friction is found by the test of the live monitor, over all bags."
         )
+
+
+def _listed(bags: Sequence[object]) -> str:
+    return f"{len(bags)}" + (f", the first {MAX_LISTED}" if len(bags) > MAX_LISTED else "")
 
 
 def _date(stamp_ns: int | None) -> str:

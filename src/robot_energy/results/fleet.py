@@ -25,6 +25,21 @@ class RefusedBag(Result):
 
 
 @dataclass(frozen=True)
+class DamagedBag(Result):
+    """A bag that is damaged: what could be read of it counts.
+
+    Attributes:
+        bag: Its place.
+        robot: Name of the robot.
+        problems: What is wrong with it, one sentence each.
+    """
+
+    bag: str
+    robot: str
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class FleetRunReport(Result):
     """What a run over the bags of a fleet has done.
 
@@ -34,6 +49,7 @@ class FleetRunReport(Result):
         there: Of them, that the dataset held already, unchanged.
         replayed: How many.
         refused: Bags that could not be used.
+        damaged: Bags replayed that were read in part.
         observed_time: Predicted, of the bags replayed. [s]
         elapsed_time: That the run took. [s]
         row_size: Of the rows written. [bytes]
@@ -47,6 +63,7 @@ class FleetRunReport(Result):
     there: int
     replayed: int
     refused: tuple[RefusedBag, ...]
+    damaged: tuple[DamagedBag, ...]
     observed_time: float
     elapsed_time: float
     row_size: int
@@ -222,6 +239,7 @@ class FleetReport(Result):
         end_ns: Of the last bag. [ns since 1970]
         bags: Read, how many.
         refused: Bags that could not be read.
+        damaged: Bags that were read in part, and count with that.
         robots: By name.
         programmes: The most frequent first.
         shifts: In the order of the day.
@@ -229,6 +247,10 @@ class FleetReport(Result):
         findings: Robots that need somebody, those of one robot together, the surest first.
         friction: Of each joint, in the order of the model.
         comparisons: Kinds of figures that robots were compared by.
+        compared_with_sisters: Robots with enough sisters and bags for that, how many.
+        compared_with_before: Robots with enough bags to be compared with themselves before, how
+            many.
+        not_compared: Where not all were: how many, and what it takes, one sentence each.
         notes: What a reader should know, one sentence each.
     """
 
@@ -240,6 +262,7 @@ class FleetReport(Result):
     end_ns: int | None
     bags: int
     refused: tuple[RefusedBag, ...]
+    damaged: tuple[DamagedBag, ...]
     robots: tuple[RobotEnergy, ...]
     programmes: tuple[ProgrammeEnergy, ...]
     shifts: tuple[ShiftEnergy, ...]
@@ -247,6 +270,9 @@ class FleetReport(Result):
     findings: tuple[FleetFinding, ...]
     friction: tuple[FrictionCurve, ...]
     comparisons: int
+    compared_with_sisters: int
+    compared_with_before: int
+    not_compared: tuple[str, ...]
     notes: tuple[str, ...]
 
 

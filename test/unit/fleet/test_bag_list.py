@@ -50,6 +50,30 @@ def test_what_is_still_being_written_is_left_out(hall):
     assert names(find_bags(str(hall), complete=True)) == ["r2/a.mcap", "r2/b.mcap"]
 
 
+def test_a_recording_without_metadata_is_the_bag_that_it_will_be(hall):
+    monday = hall / "r1" / "monday"
+    (monday / "kr16_all_topics_0.mcap").rename(monday / "monday_0.mcap")
+    shutil.copy(FILE, monday / "monday_1.mcap")
+    closed = list_bags(str(hall / "r1"), FleetModels(), "kr16", {})
+    (monday / "metadata.yaml").unlink()
+    going_on = list_bags(str(hall / "r1"), FleetModels(), "kr16", {})
+    assert len(closed) == len(going_on) == 1
+    assert going_on[0].place.address == closed[0].place.address == str(monday)
+    assert going_on[0].robot == closed[0].robot == "r1"
+    assert len(going_on[0].place.files) == 2
+    assert list(find_bags(str(hall / "r1"), complete=True)) == []
+    files = list_bags(str(hall / "r1"), FleetModels(), "kr16", {}, split=True)
+    assert names(bag.place for bag in files) == [
+        "r1/monday/monday_0.mcap",
+        "r1/monday/monday_1.mcap",
+    ]
+    assert {bag.robot for bag in files} == {"r1"}
+    (one,) = list_bags(str(monday / "*_0.mcap"), FleetModels(), "kr16", {})
+    assert (one.place.is_folder, one.robot) == (False, "r1")
+    shutil.copy(FILE, monday / "other.mcap")
+    assert len(names(find_bags(str(monday)))) == 3
+
+
 def test_the_state_of_a_bag_changes_with_its_files(hall):
     before = [place.state for place in find_bags(str(hall))]
     assert before == [place.state for place in find_bags(str(hall))]

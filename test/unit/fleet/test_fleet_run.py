@@ -333,6 +333,33 @@ def test_a_changed_bag_takes_the_place_of_its_row(tmp_path):
     assert row["problems"]
 
 
+def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
+    """A part of it comes in, is said to be damaged, and makes way for the whole."""
+    recording, whole = tmp_path / "hall" / "r1" / "run7", (WARM / "kr16_warm_0.mcap").read_bytes()
+    recording.mkdir(parents=True)
+    file = recording / "run7_0.mcap"
+    file.write_bytes(whole[: len(whole) * 3 // 4])
+    words = ["--model", "kr16", "--workers", "0", "--out", str(tmp_path / "d")]
+    for where in (tmp_path / "hall", file):  # the second: as a bag of its own
+        assert main(["fleet", "run", str(where), *words]) == 3
+    said = capsys.readouterr().out
+    assert "1 bag: 1 replayed, 0 there already, 0 refused, 1 damaged" in said
+    assert f"damaged, read in part: {recording}: run7_0.mcap: the file ends inside a chunk" in said
+    html, written = tmp_path / "d.html", tmp_path / "d.json"
+    outputs = ["--html", str(html), "--json", str(written)]
+    assert main(["fleet", "report", str(tmp_path / "d"), *outputs]) == 0
+    for text in (capsys.readouterr().out, html.read_text()):
+        assert "the file ends inside a chunk" in " ".join(text.split())
+    damaged = json.loads(written.read_text())["damaged"]
+    assert {(one["robot"], len(one["problems"])) for one in damaged} == {("r1", 1)}
+    file.write_bytes(whole)
+    metadata = (WARM / "metadata.yaml").read_text().replace("kr16_warm_0.mcap", file.name)
+    (recording / "metadata.yaml").write_text(metadata)
+    assert main(["fleet", "run", str(tmp_path / "hall"), *words]) == 0
+    (row,) = scan(tmp_path / "d").collect().to_dicts()
+    assert (row["bag"], row["robot"], row["problems"]) == (str(recording), "r1", [])
+
+
 def test_a_folder_that_grows_is_taken_in_as_it_comes(tmp_path):
     """A file that is being written is left until it is complete."""
     hall, out = tmp_path / "hall", tmp_path / "d"

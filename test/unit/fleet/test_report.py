@@ -3,6 +3,8 @@
 import json
 import math
 from dataclasses import replace
+from datetime import UTC, datetime
+from zoneinfo import ZoneInfo
 
 import polars as pl
 import pytest
@@ -11,9 +13,10 @@ from fleets import dataset, fleet
 from robot_energy.cli.main import main
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.fleet.dataset import read_tables
+from robot_energy.fleet.hour_sums import HOUR_NS
 from robot_energy.fleet.identify import identify_fleet
-from robot_energy.fleet.report import fleet_report
-from robot_energy.fleet.tables import FleetTables
+from robot_energy.fleet.report import MINUTE_NS, fleet_report
+from robot_energy.fleet.tables import SCHEMAS, FleetTables
 from robot_energy.model import load
 from robot_energy.page.settings import PageSettings, PricePeriod
 from robot_energy.report.document import Document
@@ -96,6 +99,62 @@ def test_standby_costs_what_the_hour_costs(tables, report):
         assert before.cost is None
         assert one.cost == pytest.approx(price * one.grid_energy / 3.6e6)
         assert one.standby_cost == pytest.approx(price * one.standby_energy / 3.6e6)
+
+
+def test_a_price_that_changes_within_an_hour_holds_from_that_minute_on(tables):
+    """Bags are priced by the time that they have before and after, in half-hour zones too."""
+    key = tables.hours["key"].to_list()[0]
+    runs = tables.runs.filter(pl.col("key") == key)
+    hour_ns = runs["start_ns"][0] // HOUR_NS * HOUR_NS
+    hours = tables.hours.filter(pl.col("key") == key).head(1).with_columns(
+        hour_ns=pl.lit(hour_ns), grid_energy=pl.lit(3.6e6), standby_energy=pl.lit(1.8e6),
+        standby_time=pl.lit(100.0),
+    )  # fmt: skip
+    utc = datetime.fromtimestamp(hour_ns / 1e9, UTC)
+    india = utc.astimezone(ZoneInfo("Asia/Kolkata"))
+    assert india.minute == 30
+
+    def costs(first, last, clock, zone):
+        own = runs.with_columns(
+            start_ns=pl.lit(hour_ns + first * MINUTE_NS), end_ns=pl.lit(hour_ns + last * MINUTE_NS)
+        )
+        dear = PricePeriod(begin=clock, end="24:00", price_per_kwh=0.5)
+        settings = PageSettings(price_per_kwh=0.1, time_of_use=(dear,), timezone=zone)
+        report = fleet_report(
+            FleetTables(own, tables.jobs.clear(), hours, tables.joints.clear()), "x", settings
+        )
+        assert math.fsum(one.grid_energy for one in report.shifts) == pytest.approx(3.6e6)
+        cost = math.fsum(one.cost for one in report.shifts)
+        (robot,) = report.robots
+        assert robot.standby_cost == pytest.approx(cost / 2)
+        return cost, any("shared by the time" in note for note in report.notes)
+
+    half, next_hour = f"{utc:%H}:30", f"{india.hour + 1:02d}:00"
+    for clock, zone in ((half, "UTC"), (next_hour, "Asia/Kolkata")):
+        assert costs(0, 60, clock, zone) == (pytest.approx(0.3), True)
+        assert costs(40, 50, clock, zone) == (pytest.approx(0.5), True)
+        assert costs(20, 40, clock, zone) == (pytest.approx(0.3), True)
+    assert costs(0, 60, f"{utc:%H}:00", "UTC") == (pytest.approx(0.5), False)
+
+
+def test_what_could_not_be_compared_is_not_said_to_be_sound(tables, report):
+    """One bag of one robot, then six robots of one bag each."""
+    for keys in (tables.runs["key"].head(1), tables.runs.unique("robot")["key"]):
+        few = FleetTables(
+            *(getattr(tables, name).filter(pl.col("key").is_in(keys.implode())) for name in SCHEMAS)
+        )
+        found = fleet_report(few, "few")
+        assert (found.compared_with_sisters, found.compared_with_before) == (0, 0)
+        assert f"compared with sisters: 0 of {len(keys)} robot" in found.not_compared[0]
+        page = Document("Fleet")
+        fleet_document(found, page, PageSettings())
+        text = page_html(page)
+        assert "too few robots or bags" in text
+        assert "none has changed" not in text
+        assert "none differs" not in text
+        assert ("Friction against the model" in text) == (len(keys) > 2)
+        assert "no robot could be compared" in fleet_headline(found)
+    assert report.compared_with_sisters == ROBOTS
 
 
 def test_the_error_by_temperature_holds_every_bag_with_a_meter(report, tables):
