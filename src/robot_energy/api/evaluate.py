@@ -60,6 +60,8 @@ def evaluate(
     used = model_of(model)
     fixed, change = fixed_friction(used, temperature)
     paths = [bags] if isinstance(bags, str | Path) else list(bags)
+    if not paths:
+        raise BagError("no recording", "one or more")
     variants = ((MODEL, used, None), (FIXED, fixed, change))
     done, progress = 0, options.get("progress")
     together: dict[str, ScoreSums] = {}
@@ -83,11 +85,9 @@ def evaluate(
         recordings[-1] = replace(recordings[-1], scores=scores)
         for name, found in sums.items():
             together[name] = together[name].plus(found) if name in together else found
-    if not together or all(
-        one.measured_energy is None and one.scores[0].all_joints is None for one in recordings
-    ):
+    if all(one.measured_energy is None and one.scores[0].all_joints is None for one in recordings):
         raise BagError(
-            f"neither torque nor power was measured in {', '.join(map(str, paths)) or 'nothing'}",
+            f"neither torque nor power was measured in {', '.join(map(str, paths))}",
             "recordings with a power meter, or with torque or current in the joint states",
             "say with --effort what the effort is",
         )

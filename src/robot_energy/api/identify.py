@@ -94,7 +94,7 @@ def identify_friction(
     from robot_energy.identify.plausibility import check_friction
     from robot_energy.results.identification import FrictionReport
 
-    used, paths = model_of(model), paths_of(bags)
+    used, paths = model_of(model), _fitted(bags)
     read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
@@ -138,12 +138,10 @@ def identify_thermal(
     from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
     from robot_energy.results.thermal import ThermalReport
 
+    used, paths = model_of(model), _fitted(bags.bags if isinstance(bags, BagSource) else bags)
     read = (
-        bags
-        if isinstance(bags, BagSource)
-        else BagSource(paths_of(bags), None, inputs, progress=progress)
+        bags if isinstance(bags, BagSource) else BagSource(paths, None, inputs, progress=progress)
     )
-    used, paths = model_of(model), [Path(bag) for bag in read.bags]
     recordings = read.recordings(without_networks(used))
     runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
     with progress("identifying"):
@@ -185,7 +183,7 @@ def identify_cabinet(
     from robot_energy.identify.plausibility import check_cabinet
     from robot_energy.results.identification import cabinet_report
 
-    used, paths = model_of(model), paths_of(bags)
+    used, paths = model_of(model), _fitted(bags)
     source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
     recordings = source.recordings(used)
     refuse_meter(recordings, EffortMeaning.NONE)
@@ -232,7 +230,7 @@ def identify_auxiliary(
     from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
     from robot_energy.results.load_states import LoadStatesReport
 
-    used, paths = model_of(model), paths_of(bags)
+    used, paths = model_of(model), _fitted(bags)
     loads = used.auxiliary or ()
     if not any(load.metered or len(load.states) > 1 for load in loads):
         raise NotIdentifiableError(
@@ -320,7 +318,7 @@ def identify_dynamics(
     from robot_energy.identify.provenance import hashed
     from robot_energy.results.dynamics import dynamics_report
 
-    used, paths = model_of(model), paths_of(bags)
+    used, paths = model_of(model), _fitted(bags)
     recordings = BagSource(paths, effort, inputs, progress=progress, sensors=sensors).channels(used)
     stretches = [part for parts in recordings.values() for part in parts]
     with progress("identifying"):
@@ -343,12 +341,28 @@ def _made_from(model: RobotModel, done: str, paths: Sequence[Path]) -> RobotMode
 
 
 def paths_of(bags: Names) -> list[Path]:
-    """Return the paths of one recording or of several.
+    """Return the paths of one recording or of several, each once.
 
     Args:
         bags: One name or a sequence of them.
+
+    Raises:
+        BagError: If two hold the same messages.
     """
-    return [Path(bags)] if isinstance(bags, str | Path) else [Path(bag) for bag in bags]
+    from robot_energy.identify.provenance import require_distinct
+
+    paths = [Path(bags)] if isinstance(bags, str | Path) else [Path(bag) for bag in bags]
+    require_distinct(paths)
+    return paths
+
+
+def _fitted(bags: Names) -> list[Path]:
+    """The paths of the recordings of a fit, one or more, each once."""
+    from robot_energy.identify.provenance import require_some
+
+    paths = paths_of(bags)
+    require_some(paths)
+    return paths
 
 
 def _names(paths: Sequence[Path]) -> str:

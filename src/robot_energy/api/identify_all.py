@@ -74,6 +74,7 @@ def identify_all(
         torque_evidence,
     )
     from robot_energy.identify.plausibility import check_signs
+    from robot_energy.identify.provenance import require_distinct
     from robot_energy.identify.run_all import identify_everything, with_provenance
     from robot_energy.identify.stats.bag_folds import folds_of
     from robot_energy.identify.stats.held_out_energy import held_out_energy
@@ -81,9 +82,11 @@ def identify_all(
 
     given = model_of(model)
     drives = drive_topics(drive_power, drive_joints, dq_scaling)
-    source = BagSource(paths_of(bags), effort, inputs, sensors=sensors)
+    paths, test_paths = paths_of(bags), paths_of(test)
+    require_distinct(paths, test_paths)
+    source = BagSource(paths, effort, inputs, sensors=sensors)
     fitted, refused = source.lazy(given, drives)
-    tests, _ = BagSource(paths_of(test), effort, inputs).lazy(given, drives)
+    tests, _ = BagSource(test_paths, effort, inputs).lazy(given, drives)
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
     for bag in (*fitted, *tests):

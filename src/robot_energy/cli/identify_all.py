@@ -114,17 +114,12 @@ def run(args: Namespace) -> int:
 
 
 def _check(args: Namespace) -> None:
-    """Refuse options that do not fit together."""
+    """Refuse options that do not fit together, and one recording twice."""
+    from robot_energy.identify.provenance import require_distinct
+
     drive_power_topics(args)
     if args.test and args.no_test:
         raise ModelFileError("--test and --no-test exclude each other", "one of them")
-    places = [Path(bag).resolve() for bag in (*args.bags, *args.test)]
-    twice = sorted({place.name for place in places if places.count(place) > 1})
-    if twice:
-        raise ModelFileError(
-            f"the recording {', '.join(twice)} is named twice",
-            "every recording once",
-            "a test on a recording of the fit would show nothing",
-        )
     if set(args.skip) == set(SUBJECTS):
         raise ModelFileError("--skip leaves nothing to identify", "fewer subjects")
+    require_distinct([Path(bag) for bag in args.bags], [Path(bag) for bag in args.test])

@@ -236,7 +236,7 @@ def check_results(args: Namespace) -> None:
 
 
 def check_source(args: Namespace, needs_effort: bool = False) -> None:
-    """Refuse bags together with logs, or without what they need.
+    """Refuse bags together with logs, without what they need, or one recording twice.
 
     Args:
         args: Of the command, with bags and a log.
@@ -244,19 +244,22 @@ def check_source(args: Namespace, needs_effort: bool = False) -> None:
 
     Raises:
         ModelFileError: Saying which options belong together.
+        BagError: If two bags or logs are the same.
     """
+    from robot_energy.identify.provenance import require_distinct
+
     if bool(args.bags) == bool(args.log):
         raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
-    if not args.bags:
-        return
-    if needs_effort and (args.model is None or (args.effort is None and args.inputs is None)):
-        raise ModelFileError(
-            "bags need --model and --effort",
-            f"a model file, and one of {', '.join(EFFORTS)}",
-            "the effort of a driver is never guessed",
-        )
-    if args.model is None:
-        raise ModelFileError("bags need --model", "a model file")
+    if args.bags:
+        if needs_effort and (args.model is None or (args.effort is None and args.inputs is None)):
+            raise ModelFileError(
+                "bags need --model and --effort",
+                f"a model file, and one of {', '.join(EFFORTS)}",
+                "the effort of a driver is never guessed",
+            )
+        if args.model is None:
+            raise ModelFileError("bags need --model", "a model file")
+    require_distinct([Path(name) for name in args.bags or args.log])
 
 
 def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSource:

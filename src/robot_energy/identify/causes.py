@@ -23,6 +23,7 @@ from robot_energy.check.torque import check_torque
 from robot_energy.errors import ImplausibleIdentificationError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.dynamics.dynamics import Dynamics
+from robot_energy.identify.provenance import require_some
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -127,8 +128,10 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
         Other causes, one sentence each: they are for the user to look at.
 
     Raises:
+        BagError: If there is no recording.
         ImplausibleIdentificationError: Naming the causes and the lines that mend them.
     """
+    require_some(parts)
     if not bodies_known(parts[0].model):
         return ()
     found = torque_causes(parts)

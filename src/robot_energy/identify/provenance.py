@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robot_energy import __version__
+from robot_energy.errors import BagError
 from robot_energy.files.regular_file import open_regular
 from robot_energy.model.schema import Provenance
 
 DIGITS = 12  # of a hash, enough to tell recordings apart
+NOTHING = hashlib.sha256().hexdigest()[:DIGITS]  # the hash of a folder without messages
 
 
 def sha256_of(path: Path) -> str:
@@ -44,6 +46,55 @@ def hashed(path: Path) -> str:
         OSError: If a file cannot be read.
     """
     return f"{path.name} sha256:{sha256_of(path)}"
+
+
+def require_distinct(bags: Sequence[Path], tests: Sequence[Path] = ()) -> None:
+    """Refuse a recording that counts twice in a fit, or in the fit and in its test.
+
+    Copies are found whatever their names. What cannot be read is left to those who read it.
+
+    Args:
+        bags: Recordings of the fit.
+        tests: Recordings for the test alone.
+
+    Raises:
+        BagError: Naming both.
+    """
+    known: dict[str, Path] = {}
+    for place, path in enumerate((*bags, *tests)):
+        try:
+            sha256 = sha256_of(path)
+        except OSError:
+            continue
+        if sha256 == NOTHING:
+            continue
+        if sha256 in known:
+            first = known[sha256]
+            copy = "" if path == first else f", the second time as {path}: their messages are equal"
+            why = (
+                "a test on a recording of the fit shows nothing"
+                if place >= len(bags)
+                else "a copy holds no new information"
+            )
+            raise BagError(
+                f"the recording {first} is named twice{copy}",
+                "every recording once",
+                f"name it once: {why}",
+            )
+        known[sha256] = path
+
+
+def require_some(recordings: Sequence[object]) -> None:
+    """Refuse an identification from nothing.
+
+    Args:
+        recordings: Of the fit.
+
+    Raises:
+        BagError: If there is none.
+    """
+    if not recordings:
+        raise BagError("no recording", "one or more", "name recordings of the robot")
 
 
 def identified_from(

@@ -26,7 +26,11 @@ from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.results.identification import CabinetReport, FrictionReport, FrictionStudyReport
 
 AT_BOUND = "0, at bound"
-HELD_OUT = {"recordings": "whole recordings", "blocks": "contiguous blocks"}
+HELD_OUT = {
+    "recordings": "whole recordings",
+    "blocks": "contiguous blocks",
+    "temperatures": "temperatures",
+}
 
 
 def friction_document(report: FrictionReport, page: Document) -> None:
@@ -40,7 +44,7 @@ def friction_document(report: FrictionReport, page: Document) -> None:
     page.figure(
         lambda path: friction_over_temperature(report.axes, path, report.torque_unit),
         "Viscous friction over motor temperature: free points and the laws that competed on "
-        "temperatures that their fits have not seen.",
+        "what their fits have not seen.",
     )
 
 
@@ -66,9 +70,10 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
     coulomb = {fit.name: fit.parts["coulomb"] for fit in report.axes if "coulomb" in fit.parts}
     deviations_table(f"{unit}, Coulomb", coulomb, page)
     page.rows(
-        f"RMS torque error on temperatures that the fit has not seen [{unit}]",
+        f"RMS torque error on what the fit has not seen [{unit}]",
         [
             Column("axis", "name"),
+            Column("held out", lambda fit: HELD_OUT[fit.held_out]),
             Column("samples", "samples"),
             *(
                 Column(

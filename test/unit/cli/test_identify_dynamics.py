@@ -19,7 +19,7 @@ def bags(tmp_path_factory):
     config = RigConfig.plain()
     for number in (1, 2):
         rig = VirtualRig(profile, PROGRAM, config, seed=number, start_temperature_degc=40.0)
-        record(rig, 20.0, folder / f"bag_{number}")
+        record(rig, 20.0 + number, folder / f"bag_{number}")  # plain: only the length differs
     return folder, profile
 
 

@@ -77,6 +77,33 @@ class Level:
         }
         return {SCATTER: float(np.hypot(self.std, other.std)), **moves}
 
+    def joined(self, other: Level) -> Level:
+        """Return the mean of two levels of the same power, weighted by their inverse variances.
+
+        Where they differ by more than their scatter, the deviation is enlarged by the root of
+        chi squared, of one degree of freedom (R. T. Birge, The calculation of errors by the
+        method of least squares, Phys. Rev. 40, 1932).
+
+        Args:
+            other: The other level.
+        """
+        both, apart = self.std**2 + other.std**2, abs(self.power - other.power)
+        own = other.std**2 / both if both > 0.0 else 0.5  # the weight of this one
+        rest = 1.0 - own
+        std = max(np.sqrt(rest) * other.std, np.sqrt(own * rest) * apart)
+        moves = {
+            cause: own * self.moves.get(cause, 0.0) + rest * other.moves.get(cause, 0.0)
+            for cause in {**self.moves, **other.moves}
+        }
+        return Level(
+            own * self.power + rest * other.power,
+            float(std),
+            self.readings + other.readings,
+            self.events + other.events,
+            max(self.spread, other.spread, apart),
+            moves,
+        )
+
 
 @dataclass(frozen=True)
 class CabinetFit:
@@ -244,13 +271,21 @@ def _split(
         if hold is not None:
             grid = hold.power - before.loss_dc.value
     else:
-        grid = generating.power
-        parts["loss_grid"] = generating.parts
+        level = generating
         if hold is None:
             notes.append(f"the loss on the DC side is kept: {why}")
         else:
             loss_dc = hold.power - generating.power
             parts["loss_dc"] = hold.less(generating)
+            if loss_dc < 0:  # then both phases show the grid side alone
+                level = hold.joined(generating)
+                parts["sum"] = level.parts
+                notes.append(
+                    "without a loss on the DC side HOLD and GENERATING measure the same power; "
+                    "the loss on the grid side is their weighted mean"
+                )
+        grid = level.power
+        parts["loss_grid"] = level.parts
     grid_std, dc_std = (
         total(parts[name]) if name in parts else None for name in ("loss_grid", "loss_dc")
     )

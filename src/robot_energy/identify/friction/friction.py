@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -42,6 +43,7 @@ from robot_energy.physics.friction import viscous_law
 
 MIN_SAMPLES = 200
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
+HeldOutPart = Literal["temperatures", "blocks"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class FrictionFit:
         coulomb_std: [N m]
         points: The free curve of fv.
         laws: Every law that could be fitted.
-        errors: Of each law on temperatures it has not seen.
+        errors: Of each law on what it has not seen.
         chosen: The law with the least held-out error.
         samples: Number of samples used.
         range_degc: Of the motor temperature in them, NaN where it is not known. [degC]
@@ -80,6 +82,8 @@ class FrictionFit:
         speed: Root mean square of the motor velocity. [rad/s]
         torque: Root mean square of the friction torque. [N m]
         parts: Of the deviations of ``coulomb`` and ``viscous``, by cause. [of the figure]
+        held_out: What that was: ``temperatures``, or contiguous ``blocks`` in time at one
+            temperature.
     """
 
     name: str
@@ -98,6 +102,7 @@ class FrictionFit:
     speed: float
     torque: float
     parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
+    held_out: HeldOutPart = "temperatures"
 
     @property
     def law(self) -> LawEntry:
@@ -141,10 +146,11 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     laws: dict[str, LawEntry] = {}
     fits: dict[str, Fit] = {}
     errors: dict[str, HeldOut] = {}
+    part, fold = folds_of_axis(moving)
     for name in names:
         try:
             laws[name], fits[name] = fit_law(name, moving, source)
-            errors[name] = _held_out(name, moving)
+            errors[name] = _held_out(name, moving, fold)
         except NotIdentifiableError as error:
             if not FRICTION_LAWS[name].follows_temperature:
                 raise
@@ -180,6 +186,7 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         speed=_rms(moving.motor_velocity),
         torque=_rms(moving.friction_torque),
         parts={"coulomb": regression.parts_of(0), "viscous": fits["constant"].parts_of(1)},
+        held_out=part,
     )
 
 
@@ -278,8 +285,8 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
     return (Point(0.5 * (span[0] + span[1]), figure.value, figure.std or 0.0),)
 
 
-def _held_out(name: str, data: FrictionData) -> HeldOut:
-    """Error of a law on temperature ranges that its fit has not seen.
+def _held_out(name: str, data: FrictionData, fold: Int) -> HeldOut:
+    """Error of a law on folds that its fit has not seen.
 
     The nuisances and the offset of the test samples come from the training samples too.
     """
@@ -290,25 +297,25 @@ def _held_out(name: str, data: FrictionData) -> HeldOut:
         viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
         return fit.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(fit, seen)
 
-    return held_out(data.friction_torque, folds_of_axis(data), predict)
+    return held_out(data.friction_torque, fold, predict)
 
 
-def folds_of_axis(data: FrictionData) -> Int:
-    """Return the fold of each sample: by temperature, or in time where there is but one.
+def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:
+    """Return what is held out: temperatures, or blocks in time where there is but one.
 
     Args:
         data: Samples in motion.
 
     Returns:
-        Shape (N,).
+        What is held out, and the fold of each sample, shape (N,).
     """
     degc = data.motor_temperature_degc
     fold = folds_by_value(degc)
     if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:
         # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
         number = np.unique(data.block, return_inverse=True)[1]
-        fold = contiguous_folds(int(number.max()) + 1)[number]
-    return fold
+        return "blocks", contiguous_folds(int(number.max()) + 1)[number]
+    return "temperatures", fold
 
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:

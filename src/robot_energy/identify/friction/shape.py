@@ -235,7 +235,7 @@ def _borrowed(
 
     try:
         law, found = fit_shared(data, shape, source)
-        error = held_out(data.friction_torque, folds_of_axis(data), predict)
+        error = held_out(data.friction_torque, folds_of_axis(data)[1], predict)
     except NotIdentifiableError as problem:
         return _said(fit, f"no shape is lent: {problem.found}")
     if error.rms > fit.errors[fit.chosen].rms / GAIN:

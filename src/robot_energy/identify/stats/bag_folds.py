@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.identify.data.bags import Bag, Span
+from robot_energy.identify.provenance import require_distinct
 from robot_energy.identify.stats.cross_validation import FOLDS
 
 Kind = Literal["test", "recordings", "blocks"]
@@ -42,8 +43,12 @@ def folds_of(
     Returns:
         ``test`` where there are such bags, ``recordings`` where there are several, else
         ``blocks``; and the folds.
+
+    Raises:
+        BagError: If a test holds the messages of a bag of the fit.
     """
     if tests:
+        require_distinct([bag.path for bag in bags], [bag.path for bag in tests])
         return "test", [Fold(tuple(bags), tuple(tests))]
     if len(bags) > 1:
         count = min(FOLDS, len(bags))  # neighbours, often alike in temperature, go apart

@@ -8,7 +8,7 @@ import pytest
 
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.cabinet import fit_cabinet, with_cabinet
+from robot_energy.identify.cabinet.cabinet import Level, fit_cabinet, with_cabinet
 from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.model import load
 from robot_energy.motion import random_program
@@ -118,3 +118,20 @@ def test_rest_is_found_under_noise_as_great_as_the_standstill_velocity(tmp_path)
     assert fit.hold.events >= quiet.hold.events - 1
     assert fit.hold.power == pytest.approx(quiet.hold.power, rel=2e-3)
     assert fit.loss_dc == pytest.approx(quiet.loss_dc, rel=0.02)
+
+
+def test_two_measurements_of_one_power_are_joined_by_their_variances():
+    """Weights 1/12^2 and 1/19^2 give 465 + 52 * 144 / 505 = 479.83 W; 1 / sqrt(their sum) is
+    10.15 W, and chi squared is 52^2 / 505 = 5.35, so that 10.15 * sqrt(5.35) = 23.48 W."""
+    hold = Level(465.0, 12.0, 46, 17, 184.6, {"meter": 2.0})
+    both = hold.joined(Level(517.0, 19.0, 12, 7, 102.3, {"meter": 3.0}))
+    assert both.power == pytest.approx(479.83, abs=0.01)
+    assert both.std == pytest.approx(23.48, abs=0.01)
+    assert both.moves == {"meter": pytest.approx(2.0 + 144.0 / 505.0)}
+    assert (both.readings, both.events) == (58, 24)
+    alike = hold.joined(Level(470.0, 19.0, 12, 7, 0.0))
+    assert alike.std == pytest.approx(10.15, abs=0.01)  # chi squared is 0.05
+    exact = Level(465.0, 0.0, 5, 1, 0.0).joined(Level(517.0, 0.0, 5, 1, 0.0))
+    assert (exact.power, exact.std) == (491.0, 26.0)
+    unknown = Level(465.0, np.inf, 5, 1, 0.0).joined(Level(517.0, 19.0, 5, 1, 0.0))
+    assert (unknown.power, unknown.std) == (517.0, 19.0)

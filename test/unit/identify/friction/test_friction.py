@@ -1,16 +1,21 @@
 """Friction over temperature: recovered from torque that was made another way."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import fit_friction
 from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.identify.friction.temperature_study import Span, temperature_split
 from robot_energy.physics.friction import viscous_law
-from robot_energy.results.identification import axis_study
+from robot_energy.report.document import Document
+from robot_energy.report.identification import friction_tables
+from robot_energy.report.printing import print_document
+from robot_energy.results.identification import FrictionReport, axis_study
 
 COULOMB, A, B, C = 0.4, 2e-3, 9e-3, 21.0
 
@@ -161,6 +166,18 @@ def test_one_thermal_state_is_held_out_in_time_not_by_temperature():
     assert fit.coulomb == pytest.approx(COULOMB, abs=0.03)
     assert fit.law.viscous.value == pytest.approx(viscous(20.0), rel=0.03)
     assert fit.errors["constant"].rms == pytest.approx(0.05, rel=0.3)  # the noise
+
+
+def test_the_table_says_of_each_axis_what_was_held_out():
+    axes = [fit_friction(measurement(degc=degc)) for degc in ((20.0, 70.0), (40.0, 42.0))]
+    assert [fit.held_out for fit in axes] == ["temperatures", "blocks"]
+    page, stream = Document(), io.StringIO()
+    friction_tables(FrictionReport("measured", tuple(axes), ()), page)
+    print_document(page, Console(width=200, file=stream))
+    _, table = stream.getvalue().split("RMS torque error on what the fit has not seen")
+    first, second = [line for line in table.splitlines() if "joint_a1" in line][:2]
+    assert "temperatures" in first
+    assert "contiguous blocks" in second
 
 
 def test_an_axis_without_temperature_has_a_constant_with_a_deviation():
