@@ -38,7 +38,7 @@ from robot_energy.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's
 FALLBACK = "fallback"  # instead of a temperature: the model's
-FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed, as on the command line
+FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed; the command refuses the same
 CHECKED = (
     *(
         Parameter(name, float, MISSING, "", low, 1e6, ())

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 Tag = Literal["published", "identified", "derived", "assumed"]
+LEAST_KNOWN: tuple[Tag, ...] = ("assumed", "derived", "published", "identified")
+"""Tags, the least known first."""
 
 
 def _not_boolean(value: object) -> object:
@@ -44,6 +46,30 @@ class PositiveFigure(Figure):
     """A figure that must be >= 0."""
 
     value: Annotated[Number, Field(ge=0)]
+
+
+def least_known(tags: list[Tag]) -> Tag:
+    """Return the tag of the least known of several figures; ``assumed`` of none.
+
+    Args:
+        tags: Of the figures.
+    """
+    for tag in LEAST_KNOWN:
+        if tag in tags:
+            return tag
+    return "assumed"
+
+
+def tag_of(entry: ModelEntry) -> Tag:
+    """Return how the least known figure of an entry is known.
+
+    Args:
+        entry: With tagged figures, a tag of its own, or both.
+    """
+    values: list[Any] = [getattr(entry, name) for name in type(entry).model_fields]
+    own: list[Tag] = [value.tag for value in values if isinstance(value, Figure)]
+    tag: Tag | None = getattr(entry, "tag", None)
+    return least_known(own if tag is None else [*own, tag])
 
 
 def without_absent(entries: dict[str, Any], key: str) -> dict[str, Any]:

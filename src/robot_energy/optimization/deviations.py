@@ -25,7 +25,7 @@ from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.model.constant_power import constant_power
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.model.figure import Tag
+from robot_energy.model.figure import Tag, least_known, tag_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
@@ -33,9 +33,7 @@ from robot_energy.uncertainty.deviation import BODY_TAGS, payload_shares
 from robot_energy.uncertainty.priors import (
     MISSING_LOSS,
     figure_std,
-    least_known,
     relative_std,
-    tag_of,
 )
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy.errors import KindError
-from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.figure import PositiveFigure, tag_of
 from robot_energy.model.friction_laws import (
     FRICTION_LAWS,
     ConstantLaw,
@@ -109,27 +110,23 @@ class ViscousLaw:
         change = np.maximum(slope * (degc - known), -end)
         return np.where(finite, np.hypot(own, change), np.nan)
 
-    def std_unknown(self, assumed_degc: float) -> float:
-        """Return the deviation from the coefficient at an assumed temperature.
+    def spread(self, assumed_degc: float) -> float:
+        """Return what an unknown temperature adds to the deviation of the coefficient.
 
         The true temperature is taken to lie anywhere in the fitted range, each value as
-        likely as another: ``sqrt(mean((fv(T) - fv(assumed))^2) + std(assumed)^2)``. The
-        second term is left out where it is not known, so the result is a lower bound.
+        likely as another: ``sqrt(mean((fv(T) - fv(assumed))^2))``.
 
         Args:
             assumed_degc: Used instead of a measurement. [degC]
 
         Returns:
-            Motor side; NaN where nothing is known of it, as for a constant law without a
-            deviation. [N m s/rad]
+            Motor side; 0 for a law without a fitted range. [N m s/rad]
         """
-        own = float(self.std(np.clip(assumed_degc, self.lower_degc, self.upper_degc)))
         if not np.isfinite([self.lower_degc, self.upper_degc]).all():
-            return own
+            return 0.0
         span = np.linspace(self.lower_degc, self.upper_degc, SPREAD_POINTS)
         off = (self.viscous(span) - self.viscous(assumed_degc)) ** 2
-        spread = float(np.trapezoid(off, span)) / (self.upper_degc - self.lower_degc)
-        return float(np.sqrt(spread + (own**2 if np.isfinite(own) else 0.0)))
+        return float(np.sqrt(np.trapezoid(off, span) / (self.upper_degc - self.lower_degc)))
 
     def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
         """Whether a temperature is outside the fitted range.
@@ -164,34 +161,24 @@ def viscous_law(entry: LawEntry) -> ViscousLaw:
 
 def _constant(entry: ConstantLaw) -> ViscousLaw:
     value, std = entry.viscous.value, _level(entry.viscous.std)
-    return ViscousLaw(-np.inf, np.inf, lambda t: constant_viscous(t, value), std)
+    return ViscousLaw(-np.inf, np.inf, partial(constant_viscous, viscous=value), std)
 
 
 def _exponential(entry: ExponentialLaw) -> ViscousLaw:
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
-
-    def formula(degc: Float) -> Float:
-        return exponential_viscous(degc, a, b, c)
-
+    formula = partial(exponential_viscous, a=a, b=b, c=c)
     if entry.covariance is None:
         used = PLAUSIBLE_DEGC if entry.outside == "extend" else None
         return ViscousLaw(lower, upper, formula, _level(entry.std), used)
     covariance = np.array(entry.covariance)
 
-    def slopes(degc: Float) -> Float:
-        """Derivatives of fv by a, b and c."""
-        decay = np.exp(-degc / c)
-        return np.stack([np.ones_like(decay), decay, b * decay * degc / c**2], axis=-1)
-
-    def spread(along: Float) -> Float:
-        return np.sqrt(np.maximum(((along @ covariance) * along).sum(axis=-1), 0.0))
-
     def reach(edge: float, end: float) -> float:
         """The last temperature to which the change from the edge is larger than its deviation."""
         degc = np.linspace(edge, end, REACH_POINTS)
         change = np.abs(formula(degc) - formula(np.array(edge)))
-        sure = change > spread(slopes(degc) - slopes(np.array(edge)))
+        along = _slopes(degc, b, c) - _slopes(np.array(edge), b, c)
+        sure = change > _std_along(along, covariance)
         return float(degc[int(np.argmin(np.append(sure[1:], False)))])
 
     ends = min(PLAUSIBLE_DEGC[0], lower), max(PLAUSIBLE_DEGC[1], upper)
@@ -203,25 +190,28 @@ def _exponential(entry: ExponentialLaw) -> ViscousLaw:
         case _:
             with np.errstate(over="ignore", invalid="ignore"):  # of a tiny c: nothing is sure
                 used = (reach(lower, ends[0]), reach(upper, ends[1]))
-    return ViscousLaw(lower, upper, formula, lambda t: spread(slopes(t)), used, used)
+    deviation = partial(_exponential_std, b=b, c=c, covariance=covariance)
+    return ViscousLaw(lower, upper, formula, deviation, used, used)
+
+
+def _slopes(degc: Float, b: float, c: float) -> Float:
+    """Derivatives of fv by a, b and c, shape (..., 3)."""
+    decay = np.exp(-degc / c)
+    return np.stack([np.ones_like(decay), decay, b * decay * degc / c**2], axis=-1)
+
+
+def _std_along(slopes: Float, covariance: Float) -> Float:
+    return np.sqrt(np.maximum(((slopes @ covariance) * slopes).sum(axis=-1), 0.0))
+
+
+def _exponential_std(degc: Float, b: float, c: float, covariance: Float) -> Float:
+    return _std_along(_slopes(degc, b, c), covariance)
 
 
 def _table(entry: TableLaw) -> ViscousLaw:
-    points = entry.motor_temperature_degc
-    curve = table_curve(points, entry.viscous)
-    deviations = entry.std
-
-    stated = np.asarray(deviations or (), dtype=np.float64)
-
-    def between(degc: Float) -> Float:
-        return np.asarray(np.interp(degc, points, stated))
-
-    return ViscousLaw(
-        points[0],
-        points[-1],
-        lambda t: np.asarray(curve(t)),
-        None if deviations is None else between,
-    )
+    points, std = entry.motor_temperature_degc, entry.std
+    deviation = None if std is None else partial(np.interp, xp=points, fp=std)
+    return ViscousLaw(points[0], points[-1], table_curve(points, entry.viscous), deviation)
 
 
 FRICTION_LAWS.complete("constant", curve=_constant)
@@ -289,16 +279,16 @@ class FrictionModel:
         columns = [law.std(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
         return np.stack(columns, axis=-1)
 
-    def viscous_std_unknown(self, assumed_degc: float) -> Float:
-        """Return the deviations where the temperature is assumed, see `ViscousLaw.std_unknown`.
+    def viscous_spread(self, assumed_degc: float) -> Float:
+        """Return what an unknown temperature adds to the deviations, see `ViscousLaw.spread`.
 
         Args:
             assumed_degc: Used for every motor. [degC]
 
         Returns:
-            Motor side, shape (n,); NaN where none is known. [N m s/rad]
+            Motor side, shape (n,). [N m s/rad]
         """
-        return np.asarray([law.std_unknown(assumed_degc) for law in self.laws])
+        return np.asarray([law.spread(assumed_degc) for law in self.laws])
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
         """Whether a law is used outside its fitted range.
@@ -344,24 +334,33 @@ class FrictionModel:
         )
 
 
-def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> RobotModel:
+def with_fixed_friction(
+    model: RobotModel, motor_temperature_degc: float, viscous_std: Float | None = None
+) -> RobotModel:
     """Return a model whose friction stays at one temperature.
 
     This is the state of the art that paper A improves upon: coefficients of one
-    operating point, used at every temperature.
+    operating point, used at every temperature. They are known as the laws are.
 
     Args:
         model: Any model.
         motor_temperature_degc: The operating point. [degC]
+        viscous_std: Standard deviations of the coefficients, motor side, shape (n,); None for
+            those that the laws state. [N m s/rad]
 
     Returns:
         The same model with constant laws.
     """
     joints = list(model.joints)
     for index, joint in enumerate(joints):
-        value = float(viscous_law(joint.friction.viscous).viscous(motor_temperature_degc))
+        entry = joint.friction.viscous
+        curve = viscous_law(entry)
+        std = curve.std(motor_temperature_degc) if viscous_std is None else viscous_std[index]
         figure = PositiveFigure(
-            value=value, tag="derived", source=f"law at {motor_temperature_degc:g} degC"
+            value=float(curve.viscous(motor_temperature_degc)),
+            tag=tag_of(entry),
+            std=float(std) if np.isfinite(std) else None,
+            source=f"law at {motor_temperature_degc:g} degC",
         )
         law = ConstantLaw(law="constant", viscous=figure)
         friction = joint.friction.model_copy(update={"viscous": law})
@@ -371,7 +370,11 @@ def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> Rob
 
 def _level(std: float | None) -> Callable[[Float], Float] | None:
     """The same deviation at every temperature; None for none."""
-    return None if std is None else lambda degc: np.full(np.shape(degc), std)
+    return None if std is None else partial(_same, value=std)
+
+
+def _same(degc: Float, value: float) -> Float:
+    return np.full(np.shape(degc), value)
 
 
 def _values(figures: list[PositiveFigure | None]) -> Float:

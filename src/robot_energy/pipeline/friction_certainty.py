@@ -6,8 +6,9 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
+from robot_energy.model.figure import tag_of
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.uncertainty.priors import relative_std, tag_of
+from robot_energy.uncertainty.priors import relative_std
 
 COLDER, WARMER = 0.05, 0.02
 """Growth of the deviation below and above the fitted range, as a share of the coefficient. [1/K]
@@ -48,10 +49,10 @@ class FrictionCertainty:
             [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
         )
         degc = model.temperature.fallback_degc
-        own, _ = self._known(np.full((1, len(model.joints)), degc))
-        spread = np.nan_to_num(self._friction.viscous_std_unknown(degc))
-        self.fallback_std = np.fmax(own[0], spread)
-        self.fallback_shared_std = np.sqrt(self.fallback_std**2 - own[0] ** 2)
+        total, shared = (part[0] for part in self._known(np.full((1, len(model.joints)), degc)))
+        self.fallback_shared_std = np.maximum(shared, self._friction.viscous_spread(degc))
+        own_squared = total**2 - shared**2
+        self.fallback_std = np.sqrt(own_squared + self.fallback_shared_std**2)
 
     def std(self, motor_temperature_degc: Float) -> tuple[Float, Float]:
         """Return the deviation of the viscous coefficients.

@@ -286,7 +286,7 @@ class PowerStage:
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             std = np.where(stale, line.viscous_fallback_std[row], std)
-            shared = np.where(stale, line.viscous_fallback_std[row], shared)
+            shared = np.where(stale, np.minimum(self._certainty.fallback_shared_std, std), shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         reading, thermal = temperature, self.thermal

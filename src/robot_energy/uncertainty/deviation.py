@@ -20,13 +20,14 @@ a share of the shaft power with a short correlation time; its variance grows wit
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from robot_energy.blocks import Float, Int, differences
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
-from robot_energy.model.figure import Tag
+from robot_energy.model.figure import Tag, least_known, tag_of
 from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
@@ -34,9 +35,7 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.uncertainty.priors import (
     MISSING_LOSS,
     figure_std,
-    least_known,
     relative_std,
-    tag_of,
 )
 
 CABINET_DEVIATIONS = (
@@ -94,7 +93,7 @@ class PowerDeviation:
         elif not kind.lossless:
             tag = least_known([tag_of(entry) for entry in entries])
             share = relative_std("drive", tag)
-            self._drive = lambda speed, torque, loss: share * np.abs(loss)
+            self._drive = partial(_share_of_loss, share=share)
         cabinet = model.cabinet
         self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         self._loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
@@ -228,13 +227,29 @@ def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
         np.asarray([figure_std(getattr(entry, name), name) for entry in entries]) for name in names
     )
 
-    def deviation(speed: Float, torque: Float, loss: Float) -> Float:
-        square = speed**2
-        return np.sqrt(
-            constant**2 + linear**2 * square + (quadratic * square) ** 2 + (copper * torque**2) ** 2
-        )
+    return partial(
+        _loss_deviation, constant=constant, linear=linear, quadratic=quadratic, copper=copper
+    )
 
-    return deviation
+
+def _loss_deviation(
+    speed: Float,
+    torque: Float,
+    loss: Float,
+    *,
+    constant: Float,
+    linear: Float,
+    quadratic: Float,
+    copper: Float,
+) -> Float:
+    square = speed**2
+    return np.sqrt(
+        constant**2 + linear**2 * square + (quadratic * square) ** 2 + (copper * torque**2) ** 2
+    )
+
+
+def _share_of_loss(speed: Float, torque: Float, loss: Float, *, share: float) -> Float:
+    return share * np.abs(loss)
 
 
 def _loss_figures(entries: list[LossDrive]) -> LossDeviations:

@@ -7,9 +7,7 @@ sources.
 
 from __future__ import annotations
 
-from typing import Any
-
-from robot_energy.model.figure import Figure, ModelEntry, Tag
+from robot_energy.model.figure import LEAST_KNOWN, Figure, Tag
 
 # Standard deviation of an assumed figure as a share of its value. [-]
 SPREAD = {
@@ -25,8 +23,6 @@ SPREAD = {
     "payload": 0.2,  # the part of it that the payload takes
     "drive": 0.3,  # loss of a drive model whose figures have no deviation of their own
 }
-LEAST_KNOWN: tuple[Tag, ...] = ("assumed", "derived", "published", "identified")
-"""Tags, the least known first."""
 TAGS = dict(zip(LEAST_KNOWN, (1.0, 0.5, 0.3, 0.2), strict=True))
 """What part of that share remains, by the tag."""
 MISSING_LOSS = 0.08
@@ -58,27 +54,3 @@ def figure_std(figure: Figure, quantity: str) -> float:
     if figure.std is not None:
         return figure.std
     return relative_std(quantity, figure.tag) * abs(figure.value)
-
-
-def least_known(tags: list[Tag]) -> Tag:
-    """Return the tag of the least known of several figures; ``assumed`` of none.
-
-    Args:
-        tags: Of the figures.
-    """
-    for tag in LEAST_KNOWN:
-        if tag in tags:
-            return tag
-    return "assumed"
-
-
-def tag_of(entry: ModelEntry) -> Tag:
-    """Return how the least known figure of an entry is known.
-
-    Args:
-        entry: With tagged figures, a tag of its own, or both.
-    """
-    values: list[Any] = [getattr(entry, name) for name in type(entry).model_fields]
-    own: list[Tag] = [value.tag for value in values if isinstance(value, Figure)]
-    tag: Tag | None = getattr(entry, "tag", None)
-    return least_known(own if tag is None else [*own, tag])

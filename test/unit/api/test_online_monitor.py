@@ -1,5 +1,6 @@
 """One's own loop gives the figures of a replay, however the samples are cut."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -153,3 +154,19 @@ def test_unknown_meanings_are_refused():
         re.OnlineMonitor("kr16", meter_location="roof")
     with pytest.raises(re.ShapeError):
         re.OnlineMonitor("kr16").push_meter(START)
+
+
+@pytest.mark.parametrize("model", ["kr16", "irb4600"])
+def test_a_monitor_can_be_pickled_in_the_middle(recorded, model):
+    joints = recorded[0]
+    monitor = re.OnlineMonitor(model)
+    monitor.push_temperatures(recorded[1][0][:1], recorded[1][1][:1])
+    monitor.push(joints[0][:1000], joints[1][:1000], joints[2][:1000])
+    copy = pickle.loads(pickle.dumps(monitor))
+    tables = [
+        one.push(joints[0][1000:2000], joints[1][1000:2000], joints[2][1000:2000])
+        for one in (monitor, copy)
+    ]
+    for name, column in tables[0].columns.items():
+        np.testing.assert_array_equal(tables[1][name], column)
+    assert copy.energy == monitor.energy

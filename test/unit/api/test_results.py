@@ -1,13 +1,18 @@
 """Results of the public functions are those of the commands."""
 
 import json
+import pickle
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robot_energy as re
+from robot_energy.api.replay import fixed_friction
 from robot_energy.cli.main import main
+from robot_energy.cli.replay_options import degc
+from robot_energy.uncertainty.priors import SPREAD
 
 ROOT = Path(__file__).resolve().parents[3]
 BAG = str(ROOT / "bags/kr16_cold")
@@ -94,6 +99,41 @@ def test_a_fixed_temperature_is_that_of_the_command(tmp_path, capsys):
     assert result.to_dict() == command_json(tmp_path, *words)
     fallback = re.replay(BAG, "kr16", temperature="fallback", temperatures="none")
     assert fallback.to_dict()["topics"]["temperatures"] == []
+
+
+def test_friction_fixed_outside_its_fitted_range_says_so_and_is_less_sure():
+    model = re.load_model("kr16")  # fitted from 20 to 80 degC
+    (inside, said), (beyond, noted) = (fixed_friction(model, at) for at in (20.0, 0.0))
+    assert said == "friction fixed at 20 degC"
+    assert noted == "friction fixed at 0 degC, outside the fitted temperatures"
+    for joint, other, law in zip(inside.joints, beyond.joints, model.joints, strict=True):
+        figure, held = joint.friction.viscous.viscous, other.friction.viscous.viscous
+        assert figure.tag == law.friction.viscous.a.tag
+        assert held.value == figure.value
+        assert figure.std == pytest.approx(SPREAD["viscous"] * figure.value)
+        assert held.std > 1.5 * figure.std
+
+
+@pytest.mark.parametrize("wrong", [-300.0, 251.0, float("nan"), float("inf")])
+def test_friction_is_fixed_where_the_command_allows_it(wrong):
+    with pytest.raises(re.ParameterError, match=r"expected -60 to 250 degC, or 'fallback'"):
+        re.replay(BAG, "kr16", temperature=wrong)
+    with pytest.raises(ArgumentTypeError, match="-60 to 250"):
+        degc(str(wrong))
+
+
+def test_replays_can_be_pickled(replayed):
+    found = replayed
+    copy = pickle.loads(pickle.dumps(found))
+    assert copy.to_dict() == found.to_dict()
+
+
+def test_predictions_can_be_pickled():
+    found = re.predict(PROGRAM, "kr16", 20.0)
+    copy = pickle.loads(pickle.dumps(found))
+    assert copy.to_dict() == found.to_dict()
+    for name, column in found.power.columns.items():
+        np.testing.assert_array_equal(copy.power[name], column)
 
 
 def test_predict_gives_the_json_of_the_command(tmp_path, capsys):

@@ -187,7 +187,29 @@ def test_fixed_friction_freezes_the_law_at_one_temperature():
     assert with_fixed_friction(robots.two_link(), 60.0).model_id != robots.two_link().model_id
 
 
-def test_friction_at_an_assumed_temperature_is_less_certain():
+def test_fixed_friction_is_known_as_its_law_is():
+    """The least known figure of a law counts, and the deviation at that temperature."""
+    degc = {"motor_temperature_degc": [20.0, 40.0], "viscous": [2.0, 1.0]}
+    viscous = (
+        {"law": "table", **degc, "std": [0.1, 0.3], "tag": "identified"},
+        {
+            "law": "exponential",
+            "a": {"value": 2.0, "tag": "identified"},
+            "b": {"value": 8.0, "tag": "published"},
+            "c": {"value": 20.0, "tag": "identified"},
+            "fitted_degc": [20, 80],
+        },
+    )
+    joints = robots.two_link_data()["joints"]
+    for joint, entry in zip(joints, viscous, strict=True):
+        joint["friction"]["viscous"] = entry
+    fixed = with_fixed_friction(robots.two_link(joints=joints), 30.0)
+    table, exponential = (joint.friction.viscous.viscous for joint in fixed.joints)
+    assert (table.tag, table.std) == ("identified", pytest.approx(0.2))
+    assert (exponential.tag, exponential.std) == ("published", None)
+
+
+def test_an_unknown_temperature_adds_the_distance_over_the_fitted_range():
     # Law 2 + 8 exp(-T/20) over 20 to 80, assumed at 60: by Simpson's rule on a fine grid.
     degc = np.linspace(20, 80, 6001)
     off = 8 * (np.exp(-degc / 20) - np.exp(-60 / 20))
@@ -195,19 +217,8 @@ def test_friction_at_an_assumed_temperature_is_less_certain():
     weight[1:-1:2], weight[2:-1:2] = 4, 2
     spread = np.sqrt((weight * off**2).sum() / weight.sum())
     curve = exponential()
-    assert curve.std_unknown(60.0) == pytest.approx(spread, rel=5e-3)
-    known = law(
-        ExponentialLaw,
-        law="exponential",
-        a=figure(2.0),
-        b=figure(8.0),
-        c=figure(20.0),
-        fitted_degc=[20, 80],
-        std=0.3,
-    )
-    assert known.std(60.0) == 0.3
-    assert known.std_unknown(60.0) == pytest.approx(np.hypot(curve.std_unknown(60.0), 0.3))
-    assert known.std_unknown(60.0) > known.std(60.0)
+    assert curve.spread(60.0) == pytest.approx(spread, rel=5e-3)
+    assert law(ConstantLaw, law="constant", viscous=figure(2.0)).spread(60.0) == 0.0
 
 
 def test_no_deviation_is_invented():
@@ -222,4 +233,4 @@ def test_no_deviation_is_invented():
     found = law(TableLaw, **table, std=[0.1, 0.3]).std(np.array([19.0, 20.0, 30.0, 41.0]))
     # Outside, one kelvin times the slope of -1/20 between the points.
     np.testing.assert_allclose(found, [np.hypot(0.1, 0.05), 0.1, 0.2, np.hypot(0.3, 0.05)])
-    assert np.isnan(law(ConstantLaw, law="constant", viscous=figure(2.0)).std_unknown(60.0))
+    assert np.isnan(law(ConstantLaw, law="constant", viscous=figure(2.0)).std(60.0))

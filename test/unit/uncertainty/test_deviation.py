@@ -184,6 +184,30 @@ def test_viscous_friction_is_less_sure_beyond_its_range_and_without_a_temperatur
     relative = std[:, 0] / friction.viscous(np.nan_to_num(degc, nan=25.0))[:, 0]
     assert relative[1] == pytest.approx(SPREAD["viscous"])
     assert relative[1] < relative[2] < relative[3]
-    assert relative[0] >= relative[1]
+    assert relative[0] > relative[1]
     assert shared[1, 0] == 0.0
     assert 0.0 < shared[2, 0] < shared[3, 0] < std[3, 0]
+
+
+@pytest.mark.parametrize("own", [None, 3e-5])
+def test_an_unknown_temperature_adds_to_what_is_unsure_of_the_law(own):
+    """Deviation of the law, or its prior, and distance over the range combine in squares."""
+    joints = robots.two_link_data()["joints"]
+    if own is not None:
+        joints[0]["friction"]["viscous"]["std"] = own
+    certainty = FrictionCertainty(robots.two_link(joints=joints))
+    degc = np.linspace(20.0, 80.0, 601)
+    off = 1e-3 * (np.exp(-degc / 20.0) - np.exp(-25.0 / 20.0))  # of fv from that at the fallback
+    spread = np.sqrt(np.trapezoid(off**2, degc) / 60.0)
+    prior = SPREAD["viscous"] * (1e-4 + 1e-3 * np.exp(-25.0 / 20.0))
+    assert certainty.fallback_shared_std[0] == pytest.approx(spread, rel=1e-3)
+    assert certainty.fallback_std[0] == pytest.approx(np.hypot(own or prior, spread), rel=1e-3)
+    assert certainty.fallback_shared_std[1] == 0.0  # the elbow has a constant law
+
+
+def test_a_fallback_outside_the_fitted_range_errs_alike_at_all_joints():
+    found = robots.two_link_data()["temperature"] | {"fallback_degc": -20.0}
+    certainty = FrictionCertainty(robots.two_link(temperature=found))
+    known, shared = certainty.std(np.array([[-20.0, -20.0]]))
+    assert certainty.fallback_std[0] == pytest.approx(known[0, 0])
+    assert certainty.fallback_shared_std[0] == shared[0, 0] > 0.0
