@@ -22,12 +22,15 @@ from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
 from robot_energy.inputs.bag_topics import find_auxiliary, find_meter
+from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
 from robot_energy.model import RobotModel, load, shipped_models
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.torque_limits import TorqueLimitWatch
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.read_ahead import can_read_ahead, read_ahead
@@ -37,6 +40,7 @@ from robot_energy.replay_topics import Topics, find_temperatures, find_topics
 from robot_energy.timeline.pieces import Compared
 
 SECOND_NS = 1_000_000_000
+LONGER_WINDOW = "lengthen derivative_window, or check units, payload and limits"
 Progress = Callable[[float], None]
 
 
@@ -64,6 +68,8 @@ class Replay:
         origin: Where the recording comes from, as its writer said; empty if it did not.
         jobs: What the jobs of a list have counted.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
+        beyond_torque: Joints that need more than their torque limit too often, one sentence
+            by name.
     """
 
     bag: Path
@@ -84,6 +90,7 @@ class Replay:
     origin: str = ""
     jobs: RecordedJobs = field(default_factory=lambda: RecordedJobs(()))
     auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
+    beyond_torque: dict[str, str] = field(default_factory=dict[str, str])
 
     @property
     def ledger(self) -> EnergyAccount:
@@ -199,6 +206,7 @@ def replay(
         if result.compared_curve is not None:
             add_compared(result.compared_curve, compared)
 
+    limit_watch = TorqueLimitWatch(pipeline.torque.robot.limits, Drivetrain.from_model(model))
     pipeline.ledger.on_compared = take
     if calibration is not None:
         pipeline.ledger.calibration.restore(calibration)
@@ -218,6 +226,8 @@ def replay(
             for output, more in outputs:
                 result.jobs.step(pipeline.ledger)
                 changes += more
+                if output.torque is not None:
+                    limit_watch.step(output.torque)
                 if writer is not None:
                     writer.write(output, pipeline.ledger, changes)
                 if result.predicted_curve is not None and output.means is not None:
@@ -225,9 +235,12 @@ def replay(
                 if on_output is not None:
                     on_output(output)
         result.jobs.finish(pipeline.ledger)
-        newest_ns = result.joint_states.newest_ns
-        result.notes += [*result.temperatures.doubts, *result.temperatures.clock_doubts(newest_ns)]
+        pipeline.ledger.on_compared = None
+        clocks = result.temperatures.clock_doubts(result.joint_states)
+        result.notes += [*result.temperatures.doubts, *clocks]
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
+        result.beyond_torque = limit_watch.sentences()
+        result.notes += [f"{one}: {LONGER_WINDOW}" for one in result.beyond_torque.values()]
         _require_samples(result)
         if writer is not None:
             writer.close()
@@ -300,6 +313,8 @@ def _require_samples(result: Replay) -> None:
     topic = ", ".join(result.topics.joint_states or ())
     if ingest.missing_joints:
         named = ingest.ignored_joints
+        alike = [[one for one in named if one.endswith(name)] for name in result.model.joint_names]
+        names = ", ".join(one[0] for one in alike) if all(len(one) == 1 for one in alike) else ""
         fitting = [name for name in shipped_models() if {*load(name).joint_names} <= {*named}]
         raise UnknownJointError(
             f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",
@@ -308,15 +323,18 @@ def _require_samples(result: Replay) -> None:
             + (
                 f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
                 if fitting
-                else "use the model of this robot"
+                else "use the model of this robot, or set joint_states.joint_names"
+                + (f" to [{names}]" if names else "")
             ),
         )
     if not ingest.account.received:
         why = f"; {result.problems[0]}" if result.problems else ""
         raise BagError(f"{result.bag} holds no message of {topic}{why}", "a recording in motion")
-    reasons = ", ".join(f"{count} {name}" for name, count in ingest.account.rejected.items())
+    counts = ingest.account.rejected.most_common()
+    reasons = ", ".join(f"{count} {name}" for name, count in counts)
+    expected, remedy = REFUSED.get(counts[0][0] if counts else "", NO_REASON)
     raise BagError(
         f"none of the {ingest.account.received} messages of {topic} can be used ({reasons})",
-        "joint states of this robot",
-        "look up the reasons in the nomenclature",
+        expected,
+        remedy,
     )

@@ -145,7 +145,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet collision derivative drive drivetrain effort effort_check electrical_power equations
-        friction limit_utilisation motor_heat rigid_body torque transmission
+        friction limit_utilisation motor_heat rigid_body torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -162,7 +162,7 @@ MODULES = {
         energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
         held_out html identification identify_all jobs kinds layout load_states model optimization
         optimization_figure parameters power_figure prediction prediction_figure printing recordings
-        replay series temperature_figure thermal torque_figure trend_figure
+        repeats replay series temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
         advice auxiliary base check condition drives dynamics energy evaluation excitation fleet

@@ -18,9 +18,11 @@ from robot_energy.blocks import (
     Int,
     MeterBlock,
     PowerBlock,
+    Quality,
     SupplyBlock,
     TorqueBlock,
 )
+from robot_energy.inputs.joint_states.plausibility import JointStateProblem
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
@@ -28,6 +30,7 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output, Settings
 
+HARMLESS = ("duplicate_stamp", "unknown_joint")  # said twice, or of another robot
 MAX_ROWS = 2500  # of the torque checks
 
 
@@ -42,6 +45,11 @@ class Remarks:
         meter: Of the meter.
         effort_factors: Factor of measured over body torque and their correlation, for each
             meaning of the effort; see `EffortCheck.factors`.
+        stream: What is wrong with stamps and publishers of the joint states.
+        refused: Share of the joint states that were refused, by reason. [-]
+        repeating: Whether the driver repeats its joint states.
+        beyond_torque: Joints that need more than their torque limit too often, one sentence
+            by name.
     """
 
     problems: tuple[str, ...] = ()
@@ -51,6 +59,10 @@ class Remarks:
     effort_factors: Mapping[EffortMeaning, tuple[float, float]] = field(
         default_factory=dict[EffortMeaning, tuple[float, float]]
     )
+    stream: tuple[JointStateProblem, ...] = ()
+    refused: Mapping[str, float] = field(default_factory=dict[str, float])
+    repeating: bool = False
+    beyond_torque: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 @dataclass(frozen=True)
@@ -75,6 +87,7 @@ class Evidence:
         meter: Readings of the meter; None without one.
         remarks: What the stages of the monitor noticed.
         inputs: How the recording was read.
+        derived: Whether velocities come from the positions, so that both say the same.
     """
 
     model: RobotModel
@@ -93,6 +106,7 @@ class Evidence:
     meter: MeterBlock | None = None
     remarks: Remarks = field(default_factory=Remarks)
     inputs: Inputs = field(default_factory=Inputs)
+    derived: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -173,6 +187,7 @@ def remarks_of(result: Replay) -> Remarks:
     Args:
         result: The replay, at its end.
     """
+    account = result.joint_states.account
     stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
     return Remarks(
         tuple(result.problems),
@@ -182,6 +197,14 @@ def remarks_of(result: Replay) -> Remarks:
         tuple(name for name, is_so in stuck if is_so),
         tuple(result.ledger.judgement.findings(result.ledger.comparison)),
         result.pipeline.torque.effort_check.factors(),
+        tuple(result.joint_states.stream_findings()),
+        {
+            reason: count / account.received
+            for reason, count in account.rejected.most_common()
+            if reason not in HARMLESS
+        },
+        result.joint_states.repeating,
+        result.beyond_torque,
     )
 
 
@@ -242,6 +265,7 @@ def evidence_of(
         meter=meter,
         remarks=remarks,
         inputs=inputs or Inputs(),
+        derived=bool((torque.quality & np.uint32(Quality.VELOCITY_DERIVED)).all()),
     )
 
 

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robot_energy.bag_replay import LONGER_WINDOW
 from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence, rest_noise
 from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
+from robot_energy.inputs.joint_states.jumps import shortest
+from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO
 
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
@@ -19,6 +22,8 @@ MARGIN = 0.2  # rad beyond a limit of the URDF
 MIN_BEYOND = 0.02  # share of samples beyond a limit
 FAR = 4.0  # times a limit: what several turns of a joint do not reach, and degrees do
 MIN_REST = 2.0  # s of a joint, below which its noise may be motion
+MIN_TRAVEL = 0.05  # rad or m that a joint moves, beyond the noise of one at rest
+NO_VELOCITY = "leave the velocity out; it is then taken from the positions"
 NEAR = 0.3  # of the logarithm of a factor
 
 
@@ -40,7 +45,19 @@ def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
         for joint in range(len(evidence.names))
         for finding in (*_slope(evidence, joint), *_limits(evidence, joint))
     ]
+    if not any(finding.severity == ERROR for finding in findings):
+        findings += _torque_limits(evidence)
     return [*findings, *_rest(evidence), *_degrees_unseen(evidence)], ""
+
+
+def _torque_limits(evidence: Evidence) -> list[Finding]:
+    """Joints that would need more torque than the robot has."""
+    return [
+        Finding(
+            "torque_limit", WARNING, (name,), sentence, float("nan"), float("nan"), LONGER_WINDOW
+        )
+        for name, sentence in evidence.remarks.beyond_torque.items()
+    ]
 
 
 def _degrees_unseen(evidence: Evidence) -> list[Finding]:
@@ -62,15 +79,31 @@ def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
     time = np.diff(evidence.stamp_ns) * NANOSECOND
     same = (np.diff(evidence.segment) == 0) & (time > 0)
     position, velocity = evidence.position[:, joint], evidence.velocity[:, joint]
-    change = np.diff(position)[same] / time[same]
+    step = np.diff(position)
+    if evidence.robot.limits.wraps[joint]:
+        step = shortest(step)
+    change = step[same] / time[same]
     return change, 0.5 * (velocity[1:] + velocity[:-1])[same]
 
 
 def _slope(evidence: Evidence, joint: int) -> list[Finding]:
+    if evidence.derived:
+        return []
+    name, position = evidence.names[joint], evidence.position[:, joint]
+    away = position - position[0]
+    travel = float(np.ptp(shortest(away) if evidence.robot.limits.wraps[joint] else away))
     change, velocity = _change(evidence, joint)
+    if travel > MIN_TRAVEL and not velocity.any():
+        return [
+            Finding(
+                "velocity_zero", ERROR, (name,),
+                f"{ALWAYS_ZERO.format(name)} by {travel:.3g} {evidence.robot.limits.unit(joint)}",
+                travel, float("nan"),
+                NO_VELOCITY,
+            )
+        ]  # fmt: skip
     if len(change) < MIN_SAMPLES or not change.std() > 1e-3 or not velocity.std() > 1e-4:
         return []
-    name = evidence.names[joint]
     correlation = float(np.corrcoef(change, velocity)[0, 1])
     slope = float(velocity @ change / (change @ change))
     if correlation < -MIN_FIT:
@@ -83,14 +116,14 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 *remedies.corrected(evidence, ("velocity",), (joint,), sign=-1.0),
             )
         ]  # fmt: skip
-    if correlation < MIN_FIT:
+    if correlation < MIN_FIT and not evidence.remarks.repeating:
         return [
             Finding(
                 "velocity_unrelated", WARNING, (name,),
                 f"the velocity of {name} does not follow its position "
                 f"(correlation {correlation:.2f})",
                 correlation, 1.0 - correlation**2,
-                "leave the velocity out; it is then taken from the positions",
+                NO_VELOCITY,
             )
         ]  # fmt: skip
     if abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:

@@ -7,13 +7,23 @@ from pathlib import Path
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.check.coverage import check_excitation, check_temperatures
-from robot_energy.check.evidence import Evidence, gather
-from robot_energy.check.finding import ERROR, SEVERITIES, WARNING, CheckResult, Finding
+from robot_energy.check.evidence import Evidence, Remarks, gather
+from robot_energy.check.finding import (
+    ERROR,
+    PARAMETERS,
+    SEVERITIES,
+    WARNING,
+    CheckResult,
+    Finding,
+)
 from robot_energy.check.meter import check_meter
 from robot_energy.check.motion import check_motion
 from robot_energy.check.torque import check_torque
+from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
+
+MAX_REFUSED = 0.05  # share of the joint states
 
 Check = Callable[[Evidence, Sequence[str]], tuple[list[Finding], str]]
 CHECKS: dict[str, Check] = {
@@ -23,7 +33,12 @@ CHECKS: dict[str, Check] = {
     "temperatures": check_temperatures,
     "excitation": check_excitation,
 }
-MOTION_CAUSES = ("degrees", "velocity_sign", "velocity_scale")  # that spoil all torques
+MOTION_CAUSES = (
+    "degrees",
+    "velocity_sign",
+    "velocity_scale",
+    "velocity_zero",
+)  # that spoil all torques
 AFTERWARDS: dict[Check, tuple[str, ...]] = {check_torque: MOTION_CAUSES, check_meter: MOTION_CAUSES}
 
 
@@ -67,7 +82,7 @@ def findings_of(
     findings = [
         Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
         for text in evidence.remarks.problems
-    ]
+    ] + _stream(evidence.remarks)
     done: list[str] = []
     skipped: dict[str, str] = {}
     for name, one in CHECKS.items():
@@ -82,5 +97,29 @@ def findings_of(
             skipped[name] = why
         else:
             done.append(name)
+    wrong = [entry.cause for entry in findings if entry.severity == ERROR]
+    findings += _refused(evidence.remarks, wrong)
     findings.sort(key=lambda entry: SEVERITIES.index(entry.severity))
     return tuple(findings), tuple(done), skipped
+
+
+def _stream(remarks: Remarks) -> list[Finding]:
+    """Say what is wrong with stamps and publishers of the joint states."""
+    return [
+        Finding("joint_states", WARNING, ("joint_states",), one.sentence, float("nan"),
+                float("nan"), one.setting, PARAMETERS if one.setting else "")
+        for one in remarks.stream
+    ]  # fmt: skip
+
+
+def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
+    """Say that much was refused, unless a mistake of the velocities found explains it."""
+    share, first = sum(remarks.refused.values()), next(iter(remarks.refused), "")
+    if share <= MAX_REFUSED or (first == "impossible_velocity" and set(wrong) & set(MOTION_CAUSES)):
+        return []
+    reasons = ", ".join(f"{100 * one:.1f} % {reason}" for reason, one in remarks.refused.items())
+    return [
+        Finding("joint_states_refused", ERROR, ("joint_states",),
+                f"{100 * share:.1f} % of the joint states were refused: {reasons}",
+                share, float("nan"), REFUSED.get(first, NO_REASON)[1])
+    ]  # fmt: skip

@@ -6,7 +6,8 @@ ahead, so a sample leaves once the stamps have passed it by ``lag``: the estimat
 phase-true, and the same live and in replay. Lag 0 makes a causal fit.
 
 Where the window holds too few samples (slow drivers), it reaches to the nearest
-neighbours instead. It never crosses a change of segment.
+neighbours instead. It never crosses a change of segment. Positions of a joint that turns
+without end are followed the short way round, wherever its driver lets them begin again.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
 from robot_energy.physics.equations import CACHED
+
+FULL_TURN = 2 * np.pi  # rad
 
 
 class Derivative:
@@ -32,12 +35,19 @@ class Derivative:
         window: Length of the window. [s]
         lag: How far the window reaches ahead; half of it by default. [s]
         neighbours: Least number of samples in a full window.
+        wraps: Joints that turn without end, shape (n,); None: no joint does.
 
     Raises:
         ValueError: If the lag is negative or longer than the window.
     """
 
-    def __init__(self, window: float = 0.02, lag: float | None = None, neighbours: int = 5) -> None:
+    def __init__(
+        self,
+        window: float = 0.02,
+        lag: float | None = None,
+        neighbours: int = 5,
+        wraps: NDArray[np.bool_] | None = None,
+    ) -> None:
         lag = window / 2 if lag is None else lag
         if not 0 <= lag <= window or window <= 0:
             raise ValueError(f"lag {lag} s; expected between 0 and the window of {window} s")
@@ -48,8 +58,10 @@ class Derivative:
         self._least_ahead = (neighbours - 1) // 2 if lag > 0 else 0
         self._least_behind = neighbours - 1 - self._least_ahead
         self._scale = window / 2
+        self._wraps = wraps if wraps is not None and bool(wraps.any()) else None
         self._pending: JointBlock | None = None  # context behind plus samples not yet out
         self._done = 0  # samples of _pending that are context only
+        self._turns: Float = np.empty((0, 0))  # of _pending, see _follow
 
     def step(self, block: JointBlock) -> list[JointBlock]:
         """Take samples and return those whose window is complete.
@@ -69,6 +81,7 @@ class Derivative:
             part = block[slice(start, stop)] if starts else block
             if self._pending is not None and self._pending.segment[-1] != part.segment[0]:
                 out += self.flush()
+            self._follow(part.joint_position)
             if self._pending is not None:
                 part = JointBlock.concatenate([self._pending, part])
             self._pending = part
@@ -84,6 +97,16 @@ class Derivative:
     def restart(self) -> None:
         """Forget all samples."""
         self._pending, self._done = None, 0
+
+    def _follow(self, position: Float) -> None:
+        """Note how many turns new positions lack since the segment began, in whole numbers."""
+        if self._wraps is None:
+            return
+        first = self._pending is None
+        before = position[:1] if self._pending is None else self._pending.joint_position[-1:]
+        lost = np.rint(np.diff(position, axis=0, prepend=before) / -FULL_TURN)
+        turns = np.cumsum(np.where(self._wraps & np.isfinite(lost), lost, 0.0), axis=0)
+        self._turns = turns if first else np.concatenate([self._turns, self._turns[-1] + turns])
 
     def _emit(self, closing: bool) -> list[JointBlock]:
         buffer = self._pending
@@ -111,6 +134,7 @@ class Derivative:
         reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
         keep = max(0, min(reach, self._done - self._least_behind))
         self._pending = buffer[slice(keep, None)]
+        self._turns = self._turns[keep:]
         self._done -= keep
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
@@ -131,10 +155,10 @@ class Derivative:
         acceleration = fit.slope(velocity)
         if not bool(np.isfinite(acceleration.sum())):
             derived = ~np.isfinite(acceleration)
-            slope, curvature = (
-                fit.slope(buffer.joint_position),
-                fit.curvature(buffer.joint_position),
-            )
+            position = buffer.joint_position
+            if self._wraps is not None:
+                position = position + FULL_TURN * self._turns
+            slope, curvature = fit.slope(position), fit.curvature(position)
             velocity = np.where(np.isfinite(velocity[rows]), velocity[rows], slope)
             acceleration = np.where(derived, curvature, acceleration)
             mark(quality, np.logical_or.reduce(derived, axis=1), Quality.VELOCITY_DERIVED)

@@ -35,12 +35,16 @@ class TorqueStage:
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
         settings = settings or Settings()
-        self._payload = PayloadTimeline(Robot.from_model(model))
+        robot = Robot.from_model(model)
+        self._payload = PayloadTimeline(robot)
         self._drivetrain = Drivetrain.from_model(model)
         self._effort = Effort.from_model(model, settings.effort, self._drivetrain)
         self.effort_check = EffortCheck(settings.effort, model, self._drivetrain)
         self._derivative = Derivative(
-            settings.derivative_window, settings.derivative_lag, settings.derivative_neighbours
+            settings.derivative_window,
+            settings.derivative_lag,
+            settings.derivative_neighbours,
+            robot.limits.wraps,
         )
         self._newest_ns: int | None = None
 

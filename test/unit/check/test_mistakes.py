@@ -12,6 +12,7 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.check import check
 from robot_energy.check.finding import MODEL, PARAMETERS
 from robot_energy.cli import main
+from robot_energy.errors import RobotEnergyError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, validate
 from sound_recordings import plain
@@ -183,6 +184,56 @@ def test_velocities_are_compared_with_positions(tmp_path):
         written = {"/**": {"ros__parameters": yaml.safe_load(found[0].remedy)}}
         path.write_text(yaml.safe_dump(written))
         assert not loud(check(bag, load("kr16"), MOTOR_TORQUE, read_inputs(path)[0]))
+
+
+def test_a_velocity_that_stays_zero_is_named(tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", scaled(("velocity",), 0.0, [JOINT]), None, SECONDS)
+    found = check(bag, load("kr16")).errors
+    assert [(entry.cause, entry.subject) for entry in found] == [("velocity_zero", (NAMES[JOINT],))]
+    assert "leave the velocity out" in found[0].remedy
+
+
+def test_coarse_stamps_that_cost_joint_states_are_named_and_the_remedy_works(tmp_path):
+    def coarse(message):
+        message.header.stamp.nanosec -= message.header.stamp.nanosec % 20_000_000
+
+    bag = rewrite(SOUND, tmp_path / "bag", coarse, None, 4.0)
+    result = check(bag, load("kr16"))
+    assert [entry.cause for entry in result.errors] == ["joint_states_refused"]
+    (setting,) = [entry.remedy for entry in result.findings if entry.cause == "joint_states"]
+    path = tmp_path / "inputs.yaml"
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": yaml.safe_load(setting)}}))
+    assert not check(bag, load("kr16"), inputs=read_inputs(path)[0]).errors
+
+
+def test_torques_that_no_drive_has_are_named(tmp_path):
+    """Positions alone, with stamps that jitter: their curvature is noise."""
+    random = np.random.default_rng(5)
+
+    def jittered(message):
+        message.velocity = np.empty(0)
+        message.header.stamp.nanosec -= min(
+            int(random.uniform(0.0, 3e6)), message.header.stamp.nanosec
+        )
+
+    result = check(rewrite(SOUND, tmp_path / "bag", jittered, None, 6.0), load("kr16"))
+    found = [entry for entry in result.findings if entry.cause == "torque_limit"]
+    assert found
+    assert "needs more than its torque limit in" in found[0].sentence
+    assert "lengthen derivative_window" in found[0].remedy
+
+
+def test_a_recording_without_a_usable_state_names_the_setting_or_the_fault(tmp_path):
+    def prefixed(message):
+        message.name = [f"left/{name}" for name in message.name]
+
+    def short(message):
+        message.velocity = message.velocity[:2]
+
+    for change, words in ((prefixed, r"joint_names to \[left/joint_a1, "), (short, "one velocity")):
+        bag = rewrite(SOUND, tmp_path / change.__name__, change, None, 1.0)
+        with pytest.raises(RobotEnergyError, match=words):
+            check(bag, load("kr16"))
 
 
 def test_noise_at_rest_is_compared_with_the_standstill_velocity(tmp_path):

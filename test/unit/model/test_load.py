@@ -28,6 +28,7 @@ def broken(path, value):
         (("cabinet", "loss_dc", "value"), "much", "'cabinet.loss_dc.value' is 'much'.*number"),
         (("cabinet", "loss_dc", "value"), -1.0, "greater than or equal to 0"),
         (("cabinet", "loss_dc", "value"), True, "expected a number"),
+        (("temperature", "fallback_degc"), 303.15, "less than or equal to 150"),  # kelvin
         (("cabinet", "loss_dc", "value"), float("nan"), "finite"),
         (("cabinet", "loss_dc", "tag"), "guessed", "'published', 'identified'"),
         (("cabinet", "los_dc"), figure(1.0), "'cabinet.los_dc' is unknown"),

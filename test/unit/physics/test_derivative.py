@@ -135,3 +135,24 @@ def test_short_blocks_may_be_views_of_a_long_one_with_contiguous_joints():
     found = JointBlock.concatenate([*parts, *stage.flush()])
     expected = differentiate(plain)
     np.testing.assert_array_equal(found.joint_acceleration, expected.joint_acceleration)
+
+
+@pytest.mark.parametrize("lowest", [-np.pi, 0.0])
+def test_a_joint_that_turns_without_end_has_the_slope_of_its_turns(lowest):
+    """However the driver wraps its positions, and to the bit however the samples are cut."""
+    stamp = jittered(2000, period=0.01)
+    turned = 3.0 * (stamp - stamp[0]) + np.sin(stamp)
+    position = np.stack([(turned - lowest) % (2 * np.pi) + lowest, turned], axis=1)
+    block = robots.joint_block(stamp, position, np.full_like(position, np.nan))
+    wraps = np.array([True, False])
+    whole = differentiate(block, wraps=wraps)
+    for found in (whole.joint_velocity, whole.joint_acceleration):
+        np.testing.assert_allclose(found[:, 0], found[:, 1], atol=1e-6)
+    np.testing.assert_array_equal(whole.joint_position, position)
+    for size in (1, 7, 300):
+        stage = Derivative(wraps=wraps)
+        parts = [block[slice(row, row + size)] for row in range(0, len(block), size)]
+        done = [one for part in parts for one in stage.step(part)]
+        cut = JointBlock.concatenate([*done, *stage.flush()])
+        np.testing.assert_array_equal(cut.joint_velocity, whole.joint_velocity)
+        np.testing.assert_array_equal(cut.joint_acceleration, whole.joint_acceleration)

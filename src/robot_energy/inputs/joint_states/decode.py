@@ -14,6 +14,7 @@ from robot_energy.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy.timeline.reorder import OLDER
 from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
 
 if TYPE_CHECKING:
@@ -21,6 +22,35 @@ if TYPE_CHECKING:
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MAX_DECODED_BYTES = 8 * 2**20  # of messages decoded at once: names that always change take room
+NO_REASON = ("joint states of this robot", "look up the reasons in the nomenclature")
+REFUSED = {  # what was expected instead of messages refused for a reason, and what mends them
+    "malformed": ("bytes of sensor_msgs/JointState", "record with the definition in the bag"),
+    "zero_stamp": ("a stamp in the header", "set joint_states.stamp_source to receive"),
+    BAD_STAMP: ("a stamp of the clock", "set joint_states.stamp_source to receive"),
+    "wrong_length": (
+        "one position for each name, and one velocity for each or none",
+        "let the driver send as many as names",
+    ),
+    "repeated_joint": ("each joint name once in a message", "let the driver name each joint once"),
+    "not_finite": ("finite positions and velocities", "let the driver leave out what it lacks"),
+    OLDER: ("stamps that rise", "set joint_states.reorder_window, or end one of two publishers"),
+    "conflicting_stamp": (
+        "a stamp of its own for each state",
+        "set joint_states.stamp_source to receive, or end one of two publishers",
+    ),
+    "conflicting_publisher": (
+        "one publisher for each joint",
+        "end one of two publishers, or name the topics in joint_states.topics",
+    ),
+    "impossible_velocity": (
+        "velocities that the positions support",
+        "check the unit of velocities and limits",
+    ),
+    "missing_joint": (
+        "readings of every joint around each of the first one",
+        "record the topics of all joints, and name them in joint_states.topics",
+    ),
+}
 Mask = NDArray[np.bool_]
 
 

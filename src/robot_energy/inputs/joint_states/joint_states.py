@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointStateReader, Mask
-from robot_energy.inputs.joint_states.partial_states import PartialStateMerger
+from robot_energy.inputs.joint_states.partial_states import SAME_STAMP, PartialStateMerger
 from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     BROKEN,
@@ -28,6 +28,9 @@ from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
+
+MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
+CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
 
 __all__ = ["JOINT_STATE", "JointStateIngest"]
 
@@ -111,6 +114,11 @@ class JointStateIngest:
         return self._stream.epochs.newest_ns
 
     @property
+    def lag_ns(self) -> int | None:
+        """Newest stamp minus the time at which it arrived; None before the first. [ns]"""
+        return self._stream.lag_ns
+
+    @property
     def ignored_joints(self) -> set[str]:
         """Joints met that the model does not know."""
         return self._reader.ignored_joints
@@ -141,6 +149,11 @@ class JointStateIngest:
         return self._named(self._merger.stale)
 
     @property
+    def repeating(self) -> bool:
+        """Whether the driver sends each state of a motion several times, with new stamps."""
+        return self.conflicts.steps.repeats.count >= MIN_REPEATS
+
+    @property
     def conflicting_joints(self) -> set[str]:
         """Joints whose positions two publishers contradict each other about."""
         return self._named(self.conflicts.joints | self._merger.conflicting)
@@ -154,16 +167,15 @@ class JointStateIngest:
         Args:
             within: Only what concerns so much of the newest time; None for all. [s]
         """
-        found = self._plausibility.findings()
-        if self.conflicts.first_ns is not None and self.conflicts.last_ns is not None:
-            joints = ", ".join(sorted(self.conflicting_joints)) or "some joints"
-            sentence = (
-                f"the positions of {joints} jump back and forth, as where two publishers "
-                "contradict each other or rows are corrupt: "
-                f"{self.account.rejected[CONFLICTING]} samples refused"
-            )
-            first, last = self.conflicts.first_ns, self.conflicts.last_ns
-            found.append(JointStateProblem(sentence, first, last, severe=True))
+        found = [*self._plausibility.findings(), *self.stream_findings()]
+        if within is None or self.newest_ns is None:
+            return found
+        oldest = self.newest_ns - within / NANOSECOND
+        return [finding for finding in found if finding.last_ns >= oldest]
+
+    def stream_findings(self) -> list[JointStateProblem]:
+        """Return what is wrong with stamps and publishers, one sentence each, with its time."""
+        found = [*self._conflict(), *self._repeats()]
         epochs = self._stream.epochs
         stray = sentence_of(epochs, "joint states")
         if stray and epochs.odd_ns is not None:
@@ -177,10 +189,43 @@ class JointStateIngest:
                 "or set stamps to 'receive'"
             )
             found.append(JointStateProblem(sentence, 0, 0, severe=True))
-        if within is None or self.newest_ns is None:
-            return found
-        oldest = self.newest_ns - within / NANOSECOND
-        return [finding for finding in found if finding.last_ns >= oldest]
+        return found
+
+    def _conflict(self) -> list[JointStateProblem]:
+        """Say what messages contradict each other about, and what else makes it look so."""
+        setting = ""
+        refused, same = self.account.rejected[CONFLICTING], self.account.rejected[SAME_STAMP]
+        joints = ", ".join(sorted(self.conflicting_joints))
+        if same and not joints:
+            setting = "joint_states: {stamp_source: receive}"
+            sentence = (
+                f"{same} joint states have the stamp of the one before and other positions, "
+                f"{same + refused} are refused for it: where stamps are coarse or stand still, "
+                "set joint_states.stamp_source to receive; of two publishers, end one"
+            )
+        elif self.conflicts.last_ns is not None:
+            sentence = (
+                f"the positions of {joints or 'some joints'} jump back and forth, as where two "
+                f"publishers contradict each other or rows are corrupt: {refused} samples refused"
+            )
+        else:
+            return []
+        newest = self.newest_ns or 0  # a stamp that stands still is as new
+        first, last = self.conflicts.first_ns or newest, self.conflicts.last_ns or newest
+        return [JointStateProblem(sentence, first, last, severe=True, setting=setting)]
+
+    def _repeats(self) -> list[JointStateProblem]:
+        """Say that the driver repeats its states, whose slope is then a staircase."""
+        repeats = self.conflicts.steps.repeats
+        if not self.repeating:
+            return []
+        sentence = (
+            f"positions stay the same for {repeats.messages} messages "
+            f"({1e3 * repeats.hold:.0f} ms) and then step, as of a driver that repeats its states: "
+            "let it send each state once, or give derivative_window at least "
+            f"{CHANGES_IN_WINDOW * repeats.hold:.2g} s"
+        )
+        return [JointStateProblem(sentence, repeats.first_ns, repeats.last_ns)]
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
         """Take messages of one topic or several.
@@ -193,8 +238,12 @@ class JointStateIngest:
         Returns:
             The samples that are known by now, or None if there are none.
         """
-        block = self._reader.read([batches] if isinstance(batches, RawBatch) else batches)
-        return self._samples([] if block is None else self._stream.step(block))
+        given = [batches] if isinstance(batches, RawBatch) else batches
+        block = self._reader.read(given)
+        if block is None:
+            return self._samples([])
+        arrival_ns = max(int(batch.log_time_ns[-1]) for batch in given if len(batch))
+        return self._samples(self._stream.step(block, arrival_ns))
 
     def flush(self) -> JointBlock | None:
         """Return what still waits, as at the end of a bag."""

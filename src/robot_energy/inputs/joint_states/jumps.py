@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, differences
+from robot_energy.physics.derivative import FULL_TURN
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.stamps import SECOND_NS
 
@@ -14,9 +15,47 @@ Directions = NDArray[np.int8]
 
 MAX_STEP_RATIO = 1.5  # times what the velocity limit allows
 MIN_TIME = 0.005  # stamps jitter: a step is never judged by a shorter time [s]
+MAX_HOLD = 0.1  # s that a driver may repeat a value before it sends the next one
+MOVING_TIME = 0.001  # s at the greatest allowed speed: a smaller step may be resolution
+LONGER = 1.5  # times the time between two messages, beyond which a value was repeated
 MAX_SPEED = 20.0  # where the URDF knows no limit [rad/s] or [m/s]
 MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
-FULL_TURN = 2 * np.pi
+
+
+class Repeats:
+    """Counts the steps of a moving robot after values that its driver has repeated.
+
+    Attributes:
+        count: Samples with such a step.
+        first_ns: Stamp of the first one. [ns]
+        last_ns: Stamp of the last one. [ns]
+        hold: How long values stand. [s]
+        messages: How many messages bring the same values.
+    """
+
+    def __init__(self) -> None:
+        self.count = self.first_ns = self.last_ns = self.messages = 0
+        self.hold = 0.0
+
+    def note(self, stamp_ns: Int, elapsed: Int, held: Int, moves: Mask) -> None:
+        """Take samples.
+
+        Args:
+            stamp_ns: Shape (N,). [ns]
+            elapsed: Since the sample before, shape (N, 1). [ns]
+            held: How long values stood before they changed, shape (N, n). [ns]
+            moves: Which steps are those of a motion, shape (N, n).
+        """
+        repeated = moves & (held > LONGER * elapsed) & (held <= MAX_HOLD / NANOSECOND)
+        if not bool(repeated.any()):
+            return
+        rows = np.flatnonzero(repeated.any(axis=1))
+        last = rows[-1]
+        self.first_ns = self.first_ns if self.count else int(stamp_ns[rows[0]])
+        self.last_ns = int(stamp_ns[last])
+        self.count += len(rows)
+        stood = int(held[last][repeated[last]].max())
+        self.hold, self.messages = stood * NANOSECOND, round(stood / int(elapsed[last, 0]))
 
 
 class PositionJumpDetector:
@@ -25,6 +64,8 @@ class PositionJumpDetector:
     A leap that its neighbours do not continue is a lone one: no motion, whatever the unit or
     the limit. A second leap in the opposite direction within a second makes it forth and
     back. Leaps that follow each other in one direction are fast motion, or another unit.
+    A driver that repeats each value some times moves in steps: such a step is judged by the
+    time since the value last changed, but by no longer one than between the two changes before.
 
     Args:
         fastest: Velocity limits, inf where there are none, shape (n,). [rad/s] or [m/s]
@@ -33,14 +74,19 @@ class PositionJumpDetector:
     Attributes:
         lone: Direction of the last lone leap of each joint, 0 for none, shape (n,).
         lone_ns: Its stamp, shape (n,). [ns]
+        repeats: Steps of a moving robot after values that stood still.
     """
 
     def __init__(self, fastest: Float, wraps: Mask) -> None:
         self._allowed = MAX_STEP_RATIO * np.where(np.isfinite(fastest), fastest, MAX_SPEED)
         self._always = self._allowed * MIN_TIME
+        self._moving = self._allowed * MOVING_TIME
+        self.repeats = Repeats()
         self._wraps = wraps
         self._any_wraps = bool(wraps.any())
         self._last: tuple[int, Float] | None = None
+        self._changed: Int = np.zeros(len(fastest), dtype=np.int64)  # stamp of the last change
+        self._hold: Int = np.zeros(len(fastest), dtype=np.int64)  # from the change before to it
         self._before: Directions = np.zeros(len(fastest), dtype=np.int8)
         self.lone = self._before
         self.lone_ns: Int = np.zeros(len(fastest), dtype=np.int64)
@@ -93,6 +139,11 @@ class PositionJumpDetector:
         before, start = position[0], int(stamp_ns[0])
         if self._last is not None:
             start, before = self._last
+        else:
+            self._changed, self._hold = (
+                np.full_like(self._changed, start),
+                np.zeros_like(self._hold),
+            )
         self._last = (int(stamp_ns[-1]), position[-1].copy())
         step = np.empty_like(position)
         np.subtract(position[1:], position[:-1], out=step[1:])
@@ -100,13 +151,45 @@ class PositionJumpDetector:
         if self._any_wraps:
             step[:, self._wraps] = shortest(step[:, self._wraps])
         size = np.abs(step)
+        held = self._held(stamp_ns, start, step != 0)
+        elapsed = differences(stamp_ns, start)[:, None]
+        if held is not None:
+            self.repeats.note(stamp_ns, elapsed, held, size > self._moving)
         if bool((size <= self._always).all()):
             return None
-        time = np.maximum(differences(stamp_ns, start) * NANOSECOND, MIN_TIME)
-        far = size > self._allowed * time[:, None]
+        time = np.maximum(elapsed * NANOSECOND, MIN_TIME)
+        if held is not None:
+            time = np.maximum(time, np.minimum(held * NANOSECOND, MAX_HOLD))
+        far = size > self._allowed * time
         if not bool(far.any()):
             return None
         return np.where(far, np.sign(step), 0.0).astype(np.int8)
+
+    def _held(self, stamp_ns: Int, start: int, changed: Mask) -> Int | None:
+        """Return how long values stood before they changed, at most as long as the one before.
+
+        Shape (N, n), or None where every sample brings new ones. [ns]
+        """
+        if bool(changed.all()) and bool((self._changed == start).all()):
+            self._changed[:] = stamp_ns[-1]
+            self._hold[:] = stamp_ns[-1] - (stamp_ns[-2] if len(stamp_ns) > 1 else start)
+            return None
+        if len(stamp_ns) == 1:  # as below, in few calls
+            stood = stamp_ns - self._changed
+            held = np.minimum(stood, self._hold)
+            np.copyto(self._hold, stood, where=changed[0])
+            np.copyto(self._changed, stamp_ns, where=changed[0])
+            return held[None]
+        stamps = np.broadcast_to(stamp_ns[:, None], changed.shape)
+        stamps = np.concatenate([self._changed[None], stamps])
+        rows = np.zeros(stamps.shape, dtype=np.int64)
+        np.copyto(rows[1:], np.arange(1, len(rows))[:, None], where=changed)
+        last = np.maximum.accumulate(rows, axis=0)  # that brought the value, 0: before
+        stood = stamps[1:] - np.take_along_axis(stamps, last[:-1], 0)
+        holds = np.concatenate([self._hold[None], stood])
+        self._changed = np.take_along_axis(stamps, last[-1:], 0)[0]
+        self._hold = np.take_along_axis(holds, last[-1:], 0)[0]
+        return np.minimum(stood, np.take_along_axis(holds, last[:-1], 0))
 
     def back(self, stamp_ns: int, leap: Directions) -> Mask:
         """Take one row of leaps.

@@ -17,6 +17,7 @@ from robot_energy.timeline.reorder import OLDER
 from robot_energy.timeline.streams import StreamRun
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
+SAME_STAMP = "conflicting_stamp"  # the reason under which messages that contradict it are counted
 BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sample
 
 
@@ -188,7 +189,7 @@ class PartialStateMerger:
         newest = np.cumsum(fresh)
         conflict = differ(block.joint_position[again], kept[newest[again]]).any(axis=1)
         self._dispute(block.stamp_ns[again[conflict]].tolist())
-        self._log.reject("conflicting_stamp", int(conflict.sum()))
+        self._log.reject(SAME_STAMP, int(conflict.sum()))
         self._log.reject("duplicate_stamp", int((~conflict).sum()))
         self._log.reject(OLDER, int((~fresh).sum()) - len(again))
         return block[fresh]
@@ -227,7 +228,7 @@ class PartialStateMerger:
                 )
                 self._log.accepted -= len(fresh)
         self._log.accepted += int(used.sum())
-        self._log.reject("conflicting_stamp", int((conflict & ~used).sum()))
+        self._log.reject(SAME_STAMP, int((conflict & ~used).sum()))
         self._log.reject("duplicate_stamp", int((same & ~conflict & ~used).sum()))
         self._log.reject(OLDER, int((~used & ~same & ~conflict).sum()))
         self._dispute([*disputes, *stamp[conflict].tolist()])

@@ -29,8 +29,10 @@ MILLIMETRES = 1000.0
 EVERY_NS = 250_000_000  # how often velocity and position are compared
 PAIRS = 24  # comparisons that make a verdict
 MIN_SPEED = 0.05  # slower joints tell nothing of their velocities [rad/s] or [m/s]
+MIN_MOVING_PAIRS = 3  # that show a joint in motion; a joint referenced anew shows one
 MIN_AGREEMENT = 0.8  # share of the velocity that must follow the positions
 MAX_PAIR_TIME_NS = 100_000_000
+ALWAYS_ZERO = "the velocity of {} stays 0 while its positions move"
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,14 @@ class JointStateProblem:
         first_ns: Stamp of the first sample concerned. [ns]
         last_ns: Stamp of the last one. [ns]
         severe: Whether samples cannot be used because of it.
+        setting: Line of the parameter file that mends it, where one does.
     """
 
     sentence: str
     first_ns: int
     last_ns: int
     severe: bool = False
+    setting: str = ""
 
 
 class _Seen:
@@ -74,7 +78,7 @@ class Plausibility:
     Three things are looked at: positions and velocities beyond the limits of the URDF (the
     wrong unit, or another robot with the same names of joints); all joints exactly zero for
     five seconds (a driver without a robot); and, on some of the samples, velocities that
-    the positions contradict (deg/s, a wrong sign).
+    the positions contradict (deg/s, a wrong sign, zeros of a driver that knows no velocity).
 
     Args:
         joint_names: Joints in model order.
@@ -216,6 +220,8 @@ class Plausibility:
         moves &= both**2 > MIN_AGREEMENT * of_given * of_slope
         ratio = np.ones(len(both))
         ratio[moves] = of_given[moves] / both[moves]
+        moving = (np.abs(slope) > MIN_SPEED).sum(axis=0) >= MIN_MOVING_PAIRS
+        ratio[moving & (of_given == 0)] = 0.0
         wrong = (ratio < 0.5) | (ratio > 2.0)
         if bool(wrong.any()):
             joint = int(np.argmax(wrong))
@@ -259,6 +265,8 @@ class Plausibility:
     def _ratio_sentence(self) -> str:
         joint, ratio = self._ratio
         name = self._names[joint]
+        if ratio == 0:
+            return f"{ALWAYS_ZERO.format(name)}: leave the velocity out"
         if ratio < 0:
             return f"the velocity of {name} has the opposite sign of what its positions do"
         looks = ""

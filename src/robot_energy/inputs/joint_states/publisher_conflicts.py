@@ -40,6 +40,7 @@ class PublisherConflictFilter:
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
         last_ns: Stamp of the last sign. [ns]
+        steps: Of the positions of all samples.
     """
 
     def __init__(self, n_joints: int, log: RejectionLog, limits: JointLimits | None = None) -> None:
@@ -48,7 +49,7 @@ class PublisherConflictFilter:
         self.joints = np.zeros(n_joints, dtype=np.bool_)
         self.first_ns: int | None = None
         self.last_ns: int | None = None
-        self._steps = PositionJumpDetector.of(n_joints, limits)
+        self.steps = PositionJumpDetector.of(n_joints, limits)
         self._held: JointBlock | None = None
         self._disputes: list[int] = []  # stamps, for the first sample after each
         self._last_ns: int | None = None
@@ -79,7 +80,7 @@ class PublisherConflictFilter:
             The samples that waited, or None.
         """
         held = self.flush()
-        self._steps.begin_epoch()
+        self.steps.begin_epoch()
         self._disputes.clear()
         self._last_ns = None
         if restless:
@@ -95,9 +96,9 @@ class PublisherConflictFilter:
         Returns:
             Those that can be used, with some that waited before; None if there are none.
         """
-        leaps = self._steps.leaps(samples.stamp_ns, samples.joint_position)
+        leaps = self.steps.leaps(samples.stamp_ns, samples.joint_position)
         disputed = self._disputed(samples)
-        if leaps is None and disputed is None and self._steps.calm and not self._to_watch:
+        if leaps is None and disputed is None and self.steps.calm and not self._to_watch:
             out = samples
         else:
             if leaps is None:
@@ -144,7 +145,7 @@ class PublisherConflictFilter:
         used: list[int] = []
         refused = 0
         last = self._last_ns
-        steps = self._steps
+        steps = self.steps
         for row, stamp in enumerate(samples.stamp_ns.tolist()):
             back = steps.back(stamp, leaps[row])
             elapsed = 0 if last is None else min(stamp - last, MAX_STEP_NS)

@@ -282,6 +282,49 @@ def test_velocity_of_the_wrong_sign_is_found():
     assert sentences(ingest) == ["the velocity of a has the opposite sign of what its positions do"]
 
 
+def test_velocities_that_stay_zero_are_found():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving(sway(), np.zeros(1000)))
+    assert sentences(ingest) == [
+        "the velocity of a stays 0 while its positions move: leave the velocity out"
+    ]
+    again = JointStateIngest(NAMES, limits=limits())
+    zero = np.zeros(1000)
+    take(again, moving(np.where(np.arange(1000) < 500, zero, zero + 0.01), zero))
+    assert not sentences(again)  # referenced anew at rest
+
+
+@pytest.mark.parametrize("size", [1, 3, 8, 1000])
+def test_states_that_a_driver_repeats_are_used_and_named(size):
+    """Positions of 50 Hz at 250 Hz: each step is far too large for 4 ms, but not for 20 ms."""
+    at = np.arange(1000) // 5 * 0.02
+    sent = moving(1.5 * np.sin(1.8 * at), 2.7 * np.cos(1.8 * at), rate=250.0)
+    ingest = JointStateIngest(NAMES, limits=limits())
+    for start in range(0, len(sent), size):
+        take(ingest, sent[start : start + size], flush=False)
+    ingest.flush()
+    assert ingest.samples == 1000
+    assert sentences(ingest) == [
+        "positions stay the same for 5 messages (20 ms) and then step, as of a driver that "
+        "repeats its states: let it send each state once, or give derivative_window at least 0.1 s"
+    ]
+
+
+def test_stamps_that_are_too_coarse_or_stand_still_are_named():
+    q = sway(seconds=4.0)
+    coarse, frozen = (
+        [message(t, NAMES, (p, p), ()) for t, p in zip(stamps, q, strict=True)]
+        for stamps in (1 + np.arange(400) // 4 * 0.04, 1 + np.minimum(np.arange(400), 200) * 0.01)
+    )
+    for sent, same in ((coarse, 300), (frozen, 199)):
+        ingest = JointStateIngest(NAMES, limits=limits())
+        take(ingest, sent)
+        (finding,) = ingest.findings()
+        assert f"{same} joint states have the stamp of the one before" in finding.sentence
+        assert finding.setting == "joint_states: {stamp_source: receive}"
+        assert finding.severe
+
+
 def test_all_exactly_zero_for_seconds_is_flagged_and_still_used():
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, moving(np.zeros(1000)))

@@ -5,6 +5,7 @@ import pytest
 
 from joint_messages import NAMES, SECOND, limits, message, take
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.joint_states.jumps import PositionJumpDetector
 
 
 def driver(seconds=4.0, rate=100.0, start=10.0):
@@ -131,3 +132,21 @@ def test_parts_of_one_joint_from_two_publishers_conflict():
     used = block.stamp_ns / SECOND
     assert not ((used > 11.05) & (used < 12.4)).any()
     assert (used > 12.6).any()
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 40])
+def test_leaps_do_not_depend_on_how_values_that_repeat_are_cut(size):
+    random = np.random.default_rng(2)
+    stamp = np.cumsum(random.integers(2, 40, 400)) * 10**6
+    new = random.random((400, 2)) < np.where(np.arange(400) % 100 < 50, 0.3, 1.0)[:, None]
+    position = np.cumsum(np.where(new, random.normal(0.02, 0.1, (400, 2)), 0.0), axis=0)
+    whole, cut = (PositionJumpDetector.of(2, limits()) for _ in range(2))
+    rows = [slice(row, row + size) for row in range(0, 400, size)]
+    none = np.zeros((400, 2))
+    found = [cut.leaps(stamp[one], position[one]) for one in rows]
+    joined = [none[one] if leap is None else leap for one, leap in zip(rows, found, strict=True)]
+    expected = whole.leaps(stamp, position)
+    assert expected.any()
+    np.testing.assert_array_equal(np.concatenate(joined), expected)
+    assert vars(cut.repeats) == vars(whole.repeats)
+    assert whole.repeats.count
