@@ -14,6 +14,8 @@ from robot_energy.units import ENERGY_UNITS, POWER_UNITS
 
 WINDOW = 60  # of the rolling residual [s]
 MIN_COMPARED_TIME = 30.0  # compared time in it before a unit is doubted [s]
+MIN_GROSS_TIME = 8.0  # the same of a unit a thousand times as large, or of a turned sign [s]
+GROSS_FACTOR = 1000.0
 MAX_RATIO = 1.8  # ratios this far from a unit's, either way, still point at it; 3.6 = 2 * 1.8
 IDLE_NS = 10 * SECOND_NS  # prediction without comparison that is worth a sentence
 SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wrong clock
@@ -149,10 +151,11 @@ class MeterDiagnostics:
     def _scale(self, comparison: Comparison) -> str:
         """Whether the meter is off by a factor that only a unit or a sign explains."""
         _, measured, predicted = self._sum
-        if self.compared_time < MIN_COMPARED_TIME or not measured or not predicted:
+        if self.compared_time < MIN_GROSS_TIME or not measured or not predicted:
             return ""
+        settled = self.compared_time >= MIN_COMPARED_TIME
         ratio = measured / predicted
-        if -MAX_RATIO < 1 / ratio < -1 / MAX_RATIO:
+        if -MAX_RATIO < 1 / ratio < -1 / MAX_RATIO and (settled or self._turned()):
             return "the meter reads about minus the prediction: is its sign load_negative?"
         if ratio <= 0:
             return ""
@@ -166,8 +169,15 @@ class MeterDiagnostics:
         unit = min(doubt, key=lambda name: doubt[name])
         if unit == said or doubt[unit] > math.log(MAX_RATIO) or doubt[said] <= math.log(MAX_RATIO):
             return ""
+        factor = units[unit] / units[said]
+        if not settled and max(factor, 1 / factor) < GROSS_FACTOR:
+            return ""
         text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
         return f"the meter reads about {text} times the prediction: is it in {unit}?"
+
+    def _turned(self) -> bool:
+        """Whether power is drawn in every second, and returned by the meter."""
+        return all(measured < 0 < predicted for _, (_, measured, predicted) in self._seconds)
 
 
 def _refused(comparison: Comparison) -> str:

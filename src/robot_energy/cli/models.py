@@ -128,11 +128,14 @@ def run_check(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.model import model_document
     from robot_energy.results.model import model_report
+    from robot_energy.starter import implausible
 
     check_outputs(args, [args.model])
     model = load(args.model)
-    report, page = model_report(model, Robot.from_model(model)), Document()
+    robot = Robot.from_model(model)
+    report, page = model_report(model, robot), Document()
     model_document(report, page)
+    page.notes(implausible(model, robot))
     present(args, report, page)
     return 0
 
@@ -173,7 +176,7 @@ def run_init(args: Namespace) -> int:
     from robot_energy.files.output_files import TEXT, write_file
     from robot_energy.model import validate
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.starter import read_arm, read_description, starter_text
+    from robot_energy.starter import implausible, read_arm, read_description, starter_text
 
     out = Path(args.out)
     if os.path.lexists(out):
@@ -188,7 +191,7 @@ def run_init(args: Namespace) -> int:
     arm = read_arm(description.xml, args.robot_class, names)
     text = starter_text(arm, description, out.parent)
     model = validate(parse_yaml(text, str(out)), str(out))
-    Robot.from_model(model)
+    remarks = [*arm.remarks, *implausible(model, Robot.from_model(model))]
     write_file(out, text.encode(), TEXT, "the model file", ModelFileError)
     show = console().print
     show(
@@ -199,7 +202,7 @@ def run_init(args: Namespace) -> int:
     )
     for name, why in arm.left_out:
         show(f"- not modelled: {name} ({why})", soft_wrap=True, highlight=False)
-    for remark in arm.remarks:
+    for remark in remarks:
         show(f"- {remark}", soft_wrap=True, highlight=False)
     wrote(console(), out, "model file")
     show(

@@ -117,6 +117,9 @@ class TemperatureSource:
     topic: str = parameter("Topic of the messages.", "motor_temperatures")
     type: str = parameter("Type of the messages.", MOTOR_TEMPERATURES, choices=TEMPERATURE_KINDS)
     unit: str = parameter("Unit of the values.", "degc", choices=("degc", "kelvin"))
+    scale: float = parameter(
+        "Factor on the values, 0.1 for tenths of a degree [-].", 1.0, 1e-9, 1e9
+    )
     joints: tuple[str, ...] = parameter(
         "Joints of the model that the source is for. Float64MultiArray: in the order of its "
         "data, - for a place that is no joint. Temperature: the one joint of the topic, or "

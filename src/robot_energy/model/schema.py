@@ -103,13 +103,13 @@ class TemperatureSettings(ModelEntry):
 
     Attributes:
         fallback_degc: Reference temperature used before the first and after a stale
-            reading. [degC]
+            reading, -40 to 150. [degC]
         stale_after: Age at which a reading is no longer used. [s]
         ambient_degc: Temperature of the air around the robot, for motors with a thermal network;
             its deviation in K, 3 without one. Absent: the fallback temperature. [degC]
     """
 
-    fallback_degc: Number
+    fallback_degc: Annotated[Number, Field(ge=-40, le=150)]
     stale_after: Annotated[Number, Field(gt=0)] = 60.0
     ambient_degc: Figure | None = None
 

@@ -93,8 +93,28 @@ def test_a_factor_that_only_a_unit_explains_is_asked_about_and_never_applied(
     assert bench.comparison.measured_energy == pytest.approx(measured * 59, rel=0.03)
 
 
-def test_a_short_stretch_is_not_enough_to_doubt_the_unit():
-    assert Bench().run(20, 100_000.0) == []
+@pytest.mark.parametrize(
+    ("measured", "unit", "meaning", "seconds", "asked"),
+    [
+        (100_000.0, "", MeterMeaning.INSTANTANEOUS, 7, ""),
+        (100_000.0, "", MeterMeaning.INSTANTANEOUS, 10, "is it in mW?"),
+        (0.1, "", MeterMeaning.INSTANTANEOUS, 10, "is it in kW?"),
+        (100.0 / 3600, "J", MeterMeaning.CUMULATIVE, 12, "is it in Wh?"),
+        (-90.0, "", MeterMeaning.INSTANTANEOUS, 10, "is its sign load_negative?"),
+        (360.0, "kJ", MeterMeaning.CUMULATIVE, 20, ""),  # Wh, but a bad model may be that wrong
+    ],
+)
+def test_within_ten_seconds_a_thousandth_or_a_turned_sign_is_named_and_no_less(
+    measured, unit, meaning, seconds, asked
+):
+    found = Bench(unit, meaning).run(seconds, measured)
+    assert [sentence.endswith(asked) for sentence in found] == ([True] if asked else [])
+
+
+def test_a_short_stretch_of_turned_sign_is_no_finding_where_both_ways_occur():
+    bench = Bench()
+    bench.run(2, -150.0, predicted=-20.0)
+    assert bench.run(10, -90.0) == []
 
 
 @pytest.mark.parametrize("offset", [-3600.0, -183.0, 3600.0])

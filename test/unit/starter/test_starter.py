@@ -17,7 +17,13 @@ from robot_energy.cli import main
 from robot_energy.errors import BagError, RobotDescriptionError, UnknownJointError
 from robot_energy.model import load, parse_yaml, validate
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.starter import RobotText, read_arm, read_description, starter_text
+from robot_energy.starter import (
+    RobotText,
+    implausible,
+    read_arm,
+    read_description,
+    starter_text,
+)
 from robots import C1, C2, I1, I2, L1, M1, M2, TWO_LINK_URDF, G
 
 MODELS = ROOT / "src/robot_energy/models"
@@ -111,6 +117,51 @@ def test_a_recording_is_replayed_with_the_first_model_at_once(tmp_path):
     # chain works, and nothing about accuracy.
     assert found.energy.balanced
     assert found.energy.grid_import > 0
+
+
+def remarks(xml, change=None):
+    """What is said of the model that a URDF gives, after a change of its joint's entry."""
+    text = starter_text(read_arm(xml, "cobot"), RobotText(xml, "URDF"), ".")
+    data = parse_yaml(text, "starter")
+    for key, value in (change or {}).items():
+        entry = data["joints"][0]
+        for part in key.split("."):
+            entry = entry[part]
+        entry["value"] = value
+    model = validate(data, "starter")
+    return implausible(model, Robot.from_model(model))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "change", "said"),
+    [
+        ("", "", {}, None),
+        ('mass value="4.0"', 'mass value="4000"', {}, "gravity needs 1.17"),
+        ('velocity="2"', 'velocity="120"', {}, "are these degrees per second?"),
+        ('ixx="0.01"', 'ixx="2000"', {}, "link 'l1': 4 kg cannot have an inertia of 2000 kg m^2"),
+        ("", "", {"friction.coulomb": 0.6}, "Coulomb friction is 60 N m on the joint side"),
+        ("", "", {"rotor_inertia": 0.5}, "its rotor alone needs 200 s"),
+    ],
+)
+def test_what_cannot_be_true_is_named_once(old, new, change, said):
+    xml = ONE.replace('mass value="4.0"/>', 'mass value="4.0"/><origin xyz="0.3 0 0"/>')
+    found = remarks(xml.replace(old, new), change)
+    assert [said in sentence for sentence in found] == ([] if said is None else [True])
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_nothing_in_a_shipped_model_is_implausible(path):
+    model = load(path)
+    assert implausible(model, Robot.from_model(model)) == []
+
+
+def test_init_and_check_name_what_cannot_be_true(tmp_path, capsys):
+    urdf, out = tmp_path / "arm.urdf", tmp_path / "arm.yaml"
+    urdf.write_text(ONE.replace('velocity="2"', 'velocity="120"'))
+    assert main(["model", "init", str(urdf), "--out", str(out)]) == 0
+    assert "degrees per second" in capsys.readouterr().out
+    assert main(["model", "check", str(out)]) == 0
+    assert "degrees per second" in capsys.readouterr().out
 
 
 def test_a_gripper_and_a_mimic_are_left_out_with_the_reason():

@@ -178,9 +178,10 @@ class MeterIngest:
         self, stamp: Int, column: dict[str, Float], stamped: NDArray[np.bool_]
     ) -> MeterBlock | None:
         """Readings that say by themselves what they are."""
-        kinds = np.isin(column["meaning"], (1, 2, 3)) & np.isin(column["location"], (1, 2))
-        self.account.reject("unknown_meaning", int((stamped & ~kinds).sum()))
-        good = stamped & kinds
+        meant, located = np.isin(column["meaning"], (1, 2, 3)), np.isin(column["location"], (1, 2))
+        self.account.reject("unknown_meaning", int((stamped & ~meant).sum()))
+        self.account.reject("unknown_location", int((stamped & meant & ~located).sum()))
+        good = stamped & meant & located
         if not good.any():
             return None
         if self._kind is None:

@@ -22,6 +22,12 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 TENTH_NS = 100_000_000
+# What sensors and drivers say that measure nothing, in the unit of the source.
+FAULT_CODES = (0.0, -1.0, -40.0, 127.0, 255.0)
+NEAR_CODE = 2.0  # K; a motor comes to such a temperature by smaller steps
+MOTOR_KELVIN = (273.0, 420.0)  # of a motor in use
+HOT_KELVIN = 333.0  # so warm a motor is rarer than one of a tenth of the number in degC
+MAX_TENTHS = 900.0  # 90 degC
 
 
 class TemperatureReadings(NamedTuple):
@@ -42,6 +48,7 @@ class TemperatureReader:
     Joints are matched by name in every message; names that the model does not know, or
     that the source does not list, are ignored and listed. Of a source that is quicker than
     temperatures change, the first reading of a joint in each tenth of a second counts.
+    A fault code counts as no reading, unless the last other reading is within 2 K of it.
 
     Args:
         name: Of the source.
@@ -54,7 +61,6 @@ class TemperatureReader:
         keys_account: The same of the keys of Float64Values.
         ignored_joints: Names met that are none of the source's joints.
         missing_readings: Values that were no number, in messages that were accepted.
-        doubt: What the readings look like if not what the source says; empty if they fit.
 
     Raises:
         ParameterError: If the source names a joint that the model lacks.
@@ -73,9 +79,12 @@ class TemperatureReader:
         self.keys_account = RejectionLog()
         self.ignored_joints: set[str] = set()
         self.missing_readings = 0
-        self.doubt = ""
         self._joint_names = tuple(joint_names)
+        self._offset = ZERO_DEGC if source.unit == "kelvin" else 0.0
+        self._codes_degc = np.array(FAULT_CODES) - self._offset
         self._newest: Int = np.full(len(self._joint_names), -1, dtype=np.int64)
+        self._true_degc: Float = np.full(len(self._joint_names), np.nan)  # last that is no code
+        self._odd: dict[int, float] = {}  # last value by column, where it is not used [degC]
         self._columns = self._wanted()
         self._placed = ByNames[list[tuple[int, int]]]()
         self._adapter: Adapter = source.reading.adapter(source)
@@ -105,6 +114,24 @@ class TemperatureReader:
             TemperatureReadings(block, arrival)
             if due.all()
             else TemperatureReadings(block[due], arrival[due])
+        )
+
+    @property
+    def doubt(self) -> str:
+        """What the last readings look like if not what the source says; empty if they fit."""
+        topic, scale = self.source.topic, self.source.scale
+        said: list[str] = []
+        for column, degc in sorted(self._odd.items()):
+            value = degc + self._offset
+            said.append(f"{value / scale:g} for {self._joint_names[column]}")
+            advice = "" if degc in self._codes_degc else _advice(value, self.source)
+            if advice:
+                return f"{topic} reads {said[-1]}: {advice}"
+        if not said:
+            return ""
+        return (
+            f"{topic} reads {', '.join(said)}, which looks like a fault code: not used; check the "
+            "sensor"
         )
 
     def _due(self, block: TemperatureBlock) -> NDArray[np.bool_]:
@@ -171,15 +198,17 @@ class TemperatureReader:
             if isinstance(block, str):
                 self.account.reject(block, len(run.rows))
                 continue
-            good = self._usable(block)
-            if good.any():
-                self.account.accepted += int(good.sum())
-                blocks.append(block[good])
-                rows.append(run.rows[good])
+            blocks.append(block)
+            rows.append(run.rows)
         if not blocks:
             return []
         block, row = TemperatureBlock.arranged(blocks, rows)
-        return [TemperatureReadings(block, batch.log_time_ns[row])]
+        block = TemperatureBlock(block.stamp_ns, self._believed(block.motor_temperature_degc))
+        good = self._usable(block)
+        self.account.accepted += int(good.sum())
+        if not good.any():
+            return []
+        return [TemperatureReadings(block[good], batch.log_time_ns[row[good]])]
 
     def _usable(self, block: TemperatureBlock) -> NDArray[np.bool_]:
         """Refuse readings without a stamp in range or without a number."""
@@ -205,10 +234,10 @@ class TemperatureReader:
         if not np.isfinite(taken).all():
             taken = np.where(np.isfinite(taken), taken, np.nan)
             self.missing_readings += int(np.isnan(taken).sum())
-        degc = taken - ZERO_DEGC if self.source.unit == "kelvin" else taken
-        self._judge_unit(taken, degc, [column for _, column in places])
         values = np.full((len(run.rows), len(self._joint_names)), np.nan)
-        values[:, [column for _, column in places]] = degc
+        with np.errstate(over="ignore"):  # what is beyond all numbers is refused as implausible
+            taken = taken * self.source.scale - self._offset
+        values[:, [column for _, column in places]] = taken
         if not self.source.reading.headed or self.source.stamp_source == RECEIVE:
             return TemperatureBlock(batch.log_time_ns[run.rows], values)
         return TemperatureBlock(stamp_ns(run), values)
@@ -226,19 +255,32 @@ class TemperatureReader:
             ],
         )
 
-    def _judge_unit(self, values: Float, degc: Float, columns: list[int]) -> None:
-        """Note values that would be plausible in the other unit only, and when it is over."""
-        low, high = PLAUSIBLE_DEGC
-        if bool(((degc >= low) & (degc <= high)).all()):
-            self.doubt = ""
-            return
-        kelvin = self.source.unit == "kelvin"
-        other = values if kelvin else values - ZERO_DEGC
-        doubtful = ~((degc >= low) & (degc <= high)) & (other >= low) & (other <= high)
-        doubtful &= values != 0.0  # what a sensor says that says nothing
-        if doubtful.any():
-            row, place = np.argwhere(doubtful)[-1].tolist()
-            self.doubt = (
-                f"{self.source.topic} reads {values[row, place]:g} for "
-                f"{self._joint_names[columns[place]]}: set unit: {'degc' if kelvin else 'kelvin'}"
-            )
+    def _believed(self, degc: Float) -> Float:
+        """Return readings in order of arrival without fault codes; note what is not used."""
+        given = ~np.isnan(degc)
+        code = np.isin(degc, self._codes_degc)
+        true = np.concatenate([self._true_degc[None], np.where(code, np.nan, degc)])
+        row = np.arange(len(true))[:, None] * ~np.isnan(true)
+        true = np.take_along_axis(true, np.maximum.accumulate(row, axis=0), axis=0)
+        self._true_degc = true[-1]
+        code &= ~(np.abs(degc - true[:-1]) <= NEAR_CODE)
+        odd = code | (given & ((degc < PLAUSIBLE_DEGC[0]) | (degc > PLAUSIBLE_DEGC[1])))
+        if odd.any() or self._odd:
+            for column in np.flatnonzero(given.any(axis=0)).tolist():
+                last = np.flatnonzero(given[:, column])[-1]
+                self._odd.pop(column, None)
+                if odd[last, column]:
+                    self._odd[column] = float(degc[last, column])
+        return np.where(code, np.nan, degc)
+
+
+def _advice(value: float, source: TemperatureSource) -> str:
+    """What to set if a value that is not used is a temperature in another unit; else empty."""
+    low, high = PLAUSIBLE_DEGC
+    if source.unit == "kelvin":
+        return "set unit: degc" if low <= value <= high else ""
+    tenths = f"scale: {source.scale / 10:g} if these are tenths of a degree"
+    if MOTOR_KELVIN[0] <= value <= MOTOR_KELVIN[1]:
+        either = value > HOT_KELVIN or value.is_integer()  # as tenths are sent
+        return f"set unit: kelvin, or {tenths}" if either else "set unit: kelvin"
+    return f"set {tenths}" if high < value <= MAX_TENTHS else ""

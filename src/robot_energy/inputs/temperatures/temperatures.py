@@ -26,6 +26,8 @@ from robot_energy.timeline.streams import (
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
+    from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+
 
 @dataclass(frozen=True)
 class _Arrived(TemperatureBlock):
@@ -103,18 +105,32 @@ class TemperatureIngest:
         """One sentence for each source whose readings look like another unit."""
         return [reader.doubt for reader in self.readers if reader.doubt]
 
-    def clock_doubts(self, newest_ns: int | None, within: float | None = None) -> list[str]:
+    def ahead_ns(self, states: JointStateIngest) -> int | None:
+        """Return how far the stamps are ahead of those of the joint states on arrival. [ns]
+
+        Args:
+            states: The joint states, received by the same clock.
+
+        Returns:
+            Negative where they are behind; None before the first of either.
+        """
+        own, other = self._stream.lag_ns, states.lag_ns
+        return None if own is None or other is None else own - other
+
+    def clock_doubts(
+        self, states: JointStateIngest | None, within: float | None = None
+    ) -> list[str]:
         """Return what the stamps say of the thermometers' clocks, one sentence each.
 
         Args:
-            newest_ns: Newest stamp of the joint states; None where it is not known. [ns]
+            states: The joint states; None where they are not known.
             within: Only what concerns so much of the newest time; None for all. [s]
         """
         topics = ", ".join(reader.source.topic for reader in self.readers)
-        found = (
-            sentence_of(self.epochs, f"temperatures on {topics}", within=within),
-            apart_sentence(self.epochs, newest_ns, "temperature"),
-        )
+        found = [sentence_of(self.epochs, f"temperatures on {topics}", within=within)]
+        if states is not None:
+            given = states.newest_ns, self.ahead_ns(states)
+            found.append(apart_sentence(self.epochs, *given, "temperature"))
         return [sentence for sentence in found if sentence]
 
     def account_of(self, topic: str) -> RejectionLog:
@@ -168,7 +184,8 @@ class TemperatureIngest:
         if len(parts) > 1:
             keys = [_order(part) for _, part in parts]
             block = block[np.lexsort([np.concatenate(key) for key in zip(*keys, strict=True)])]
-        return self._taken(self._stream.step(block))
+        arrival_ns = max(int(part.arrival_ns[-1]) for _, part in parts)
+        return self._taken(self._stream.step(block, arrival_ns))
 
     def flush(self) -> TemperatureBlock | None:
         """Return what still waits and is no outlier, as at the end of a bag."""

@@ -20,6 +20,7 @@ MAX_ATTRIBUTES = 100  # of one element; a real URDF has six
 MAX_VALUE = 1e9  # no figure of a robot is larger, whatever its unit
 MIN_AXIS_LENGTH = 1e-6  # length of an axis that still has a direction
 INERTIA_TOLERANCE = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
+MIN_REACH = 1.0  # m; a smaller robot is taken for one of that size
 RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
 
 XACRO = (
@@ -128,6 +129,38 @@ def check_numbers(root: ET.Element) -> None:
                 raise RobotDescriptionError(
                     f"{owner} has the axis '{axis.get('xyz')}'", "an axis with a direction"
                 )
+
+
+def inertia_remarks(root: ET.Element) -> list[str]:
+    """Name bodies whose mass would lie outside of the robot if their inertia were true.
+
+    Args:
+        root: The element ``robot``, checked by `check_numbers`.
+
+    Returns:
+        One sentence each.
+    """
+    origins = [*root.iterfind("joint/origin"), *root.iterfind("link/inertial/origin")]
+    offsets = [[float(word) for word in origin.get("xyz", "0").split()] for origin in origins]
+    travel = [
+        abs(float(limit.get(key, "0")))
+        for limit in root.iterfind("joint[@type='prismatic']/limit")
+        for key in ("lower", "upper")
+    ]
+    reach = max(MIN_REACH, sum(travel) + sum(float(np.linalg.norm(xyz)) for xyz in offsets))
+    found: list[str] = []
+    for link in root.findall("link"):
+        mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+        if mass is None or inertia is None:
+            continue
+        kilogram = float(mass.get("value", "0"))
+        largest = max(float(inertia.get(key, "0")) for key in ("ixx", "iyy", "izz"))
+        if largest > kilogram * reach**2 > 0:
+            found.append(
+                f"link '{link.get('name')}': {kilogram:.4g} kg cannot have an inertia of "
+                f"{largest:.4g} kg m^2 in a robot of {reach:.2g} m: are its units right?"
+            )
+    return found
 
 
 def _check_entry(owner: str, tag: str, key: str, text: str) -> None:

@@ -94,6 +94,20 @@ def test_a_constant_power_for_an_hour_is_what_it_says():
     assert time == 3600.0
 
 
+def test_a_reading_without_a_location_is_not_one_without_a_meaning():
+    kind = STORE.types[POWER_READING]
+    nan = float("nan")
+    rows = [
+        bytes(STORE.serialize_cdr(kind(header(1.0), *said, 100.0, nan, nan), POWER_READING))
+        for said in ((1, 0), (0, 1), (0, 0), (1, 1))
+    ]
+    ingest = MeterIngest()
+    block = ingest.step([RawBatch.from_messages("/power_meter", POWER_READING, [SECOND] * 4, rows)])
+    assert len(block) == 1
+    assert ingest.account.rejected == {"unknown_location": 1, "unknown_meaning": 2}
+    assert ingest.account.balanced
+
+
 def test_float32_is_read_as_well():
     ingest = MeterIngest(MeterSource(**{**POWER, "type": FLOAT32}))
     block = ingest.step([floats("/p", [1.0, 2.0], [100.0, 300.0], FLOAT32)])

@@ -19,6 +19,8 @@ from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 
 S = 10**9
 NAN = np.nan
+TENTHS = "scale: 0.1 if these are tenths of a degree"
+FAULT = "which looks like a fault code: not used; check the sensor"
 
 
 def read(messages, named=(), **settings):
@@ -51,15 +53,16 @@ def test_kelvin_is_taken_off_where_it_is_said():
 @pytest.mark.parametrize(
     ("unit", "value", "sentence"),
     [
-        ("degc", 318.0, "/t reads 318 for b: set unit: kelvin"),
-        ("degc", 234.0, "/t reads 234 for b: set unit: kelvin"),
+        ("degc", 318.15, "/t reads 318.15 for b: set unit: kelvin"),
+        ("degc", 318.0, f"/t reads 318 for b: set unit: kelvin, or {TENTHS}"),
+        ("degc", 349.4, f"/t reads 349.4 for b: set unit: kelvin, or {TENTHS}"),
+        ("degc", 234.0, f"/t reads 234 for b: set {TENTHS}"),
         ("degc", 45.0, None),
         ("degc", 199.0, None),
-        ("degc", 999.0, None),  # an error code in any unit
-        ("degc", -273.15, None),
-        ("degc", 6553.5, None),
+        ("degc", 999.0, f"/t reads 999 for b, {FAULT}"),  # an error code in any unit
+        ("degc", -273.15, f"/t reads -273.15 for b, {FAULT}"),
+        ("degc", 6553.5, f"/t reads 6553.5 for b, {FAULT}"),
         ("kelvin", 45.0, "/t reads 45 for b: set unit: degc"),
-        ("kelvin", 0.0, None),
         ("kelvin", 300.0, None),
     ],
 )
@@ -68,6 +71,39 @@ def test_a_value_of_another_unit_is_named_and_never_converted(unit, value, sente
     block, ingest = read([says.motor_temperatures(S, [good, value], ("a", "b"))], unit=unit)
     assert ingest.doubts == ([] if sentence is None else [sentence])
     assert block.motor_temperature_degc[0, 1] == (value if unit == "degc" else value - 273.15)
+
+
+@pytest.mark.parametrize("unit", ["degc", "kelvin"])
+@pytest.mark.parametrize("code", [0.0, -1.0, -40.0, 127.0, 255.0])
+def test_a_fault_code_is_not_used_and_its_joints_are_named(code, unit):
+    good = 20.0 if unit == "degc" else 293.15
+    rows = [[code, good], [code, code]]
+    messages = [says.motor_temperatures(S * n, row, ("a", "b")) for n, row in enumerate(rows, 1)]
+    block, ingest = read(messages, unit=unit)
+    same(block.motor_temperature_degc, [[NAN, 20.0]])
+    assert ingest.doubts == [f"/t reads {code:g} for a, {code:g} for b, {FAULT}"]
+    assert ingest.account.rejected == {"not_finite": 1}
+
+
+def test_a_temperature_that_comes_to_zero_by_steps_is_used_at_any_cutting():
+    values = [0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 30.0, 0.0, 28.5, -40.0]
+    used = [1.0, 0.0, 0.0, -1.0, 30.0, 28.5]
+    messages = [says.motor_temperatures(S * n, [v], ("a",)) for n, v in enumerate(values, 1)]
+    block, ingest = read(messages)
+    same(block.motor_temperature_degc[:, 0], used)
+    assert ingest.doubts == [f"/t reads -40 for a, {FAULT}"]
+    ingest = TemperatureIngest(("a",), {"motors": TemperatureSource(topic="/t")})
+    parts = [
+        ingest.step([says.batch("/t", MOTOR_TEMPERATURES, [message], [S * n])])
+        for n, message in enumerate(messages, 1)
+    ]
+    same([each.motor_temperature_degc[0, 0] for each in parts if each is not None], used)
+
+
+def test_tenths_of_a_degree_are_scaled_where_it_is_said():
+    block, ingest = read([says.motor_temperatures(S, [300.0, 318.0], ("a", "b"))], scale=0.1)
+    np.testing.assert_allclose(block.motor_temperature_degc, [[30.0, 31.8]])
+    assert ingest.doubts == []
 
 
 def test_doubt_about_the_unit_ends_with_good_values():
