@@ -104,6 +104,23 @@ def test_before_the_first_power_a_healthy_start_is_no_trouble():
     assert board.line(107.0).startswith("from the grid")
 
 
+def test_what_was_counted_is_shown_while_the_robot_is_off(board):
+    off = ConsoleView()
+    off.registers = board.registers
+    off.registers.predicted_import_energy = 7.5 * 3600.0
+    off.registers.predicted_return_energy = 0.5 * 3600.0
+    totals = (
+        "counted 7.00 Wh from the grid, at the meter 6.78 Wh predicted, 6.98 Wh measured (-2.9 %)"
+    )
+    assert off.line(100.0) == f"waiting for the first power state; {totals}"
+    status = DiagnosticStatus(name="energy_monitor: node", message="all is well")
+    off.take_diagnostics(DiagnosticArray(status=[status]))
+    assert off.line(106.0) == f"no power state yet; {totals}; all is well"
+    assert totals in " ".join(word for row in words(off, 200) for word in row)
+    off.registers.measured_energy = math.nan
+    assert off.line(106.0) == "no power state yet; counted 7.00 Wh from the grid; all is well"
+
+
 def test_no_figure_is_cut_at_any_width(board):
     def figures(parts):
         return {part for part in parts if any(letter.isdigit() for letter in part)}

@@ -143,6 +143,14 @@ def test_a_second_publisher_of_the_registers_is_named(bench):
     )
 
 
+def test_a_twin_is_to_be_stopped_once(bench):
+    for _ in range(2):
+        bench.add(EnergyMonitor, model="kr16", state_folder="")
+    found = bench.diagnosed().wait("energy_monitor: node", "energy/registers is published by")
+    assert "2 nodes are named /energy_monitor; energy/registers is published by" in found.message
+    assert found.message.count("stop one of them") == 1
+
+
 def test_without_clock_the_node_waits_and_still_counts(bench, messages):
     node = bench.add(EnergyMonitor, model="kr16", use_sim_time=True)
     diagnosed = bench.diagnosed()

@@ -237,6 +237,8 @@ def test_a_disk_in_trouble_and_back(bench, messages, tmp_path):
     status = observer.diagnosed("cannot be kept in", str(folder))
     assert status.level == DiagnosticStatus.ERROR
     assert values(status)["checkpoint_failures"] > 0
+    assert status.message.startswith("counting goes on in memory")
+    assert status.message.lower().count("counting goes on in memory") == 1
     answer = call(bench, node, ResetRegisters, "reset_registers", reason="to see")
     assert not answer.success
     assert "have not been read yet" in answer.message

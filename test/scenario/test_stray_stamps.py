@@ -165,15 +165,40 @@ def test_a_thermometer_of_another_clock_is_never_used_in_silence(faulty, offset)
     result = faulty({TEMPERATURES: dict.fromkeys(range(36), offset)})
     used = result.pipeline.power.fallback_use
     assert used.missing + used.stale > 7000
-    assert used.of_another_time
-    assert used.apart_ns == pytest.approx(offset * S, abs=40 * S)
-    assert used.sentence in replay_report(result).notes
+    ahead_ns = result.temperatures.ahead_ns(result.joint_states)
+    assert ahead_ns == pytest.approx(offset * S, abs=2 * S)
+    (note,) = [note for note in replay_report(result).notes if "fallback temperature" in note]
+    way = "ahead of" if offset > 0 else "behind"
+    assert f"; its stamps are {abs(ahead_ns) / S:.1f} s {way} those of the joint states" in note
+    assert "synchronise the clocks" in note
+
+
+def test_a_thermometer_that_stops_is_no_clock(recorded, tmp_path):
+    """Its last reading is used for 5 s; then the notes say how long it has been silent."""
+    rows, types = recorded
+    begin = rows[0][0]
+    with BagWriter(tmp_path / "bag") as bag:
+        for topic, msgtype in types.items():
+            bag.add_topic(topic, msgtype)
+        for time, topic, data in rows:
+            if topic != TEMPERATURES or time < begin + 10 * S:
+                bag.write(topic, np.array([time]), [data])
+    short = MODEL.temperature.model_copy(update={"stale_after": 5.0})
+    result = replay(tmp_path / "bag", MODEL.changed(temperature=short))
+    notes = replay_report(result).notes
+    (note,) = [note for note in notes if "fallback temperature" in note]
+    silence = float(note.split("no new one for up to ")[1].split()[0])
+    assert silence == pytest.approx(26.0, abs=1.5)
+    assert note.endswith("s: check its driver or topic")
+    assert not any("clock" in note for note in notes)
 
 
 def test_a_thermometer_a_little_off_is_used_and_said(faulty, reference):
     result = faulty({TEMPERATURES: dict.fromkeys(range(36), -20.0)})
     assert change(result, reference) < 1e-2
-    assert any("before the newest joint state" in note for note in result.notes)
+    (note,) = [note for note in result.notes if "newest temperature" in note]
+    assert float(note.split("stamped ")[1].split()[0]) == pytest.approx(20.0, abs=2.0)
+    assert "before the joint states that arrived with it: synchronise the clocks" in note
 
 
 @pytest.mark.parametrize("stamp_source", ["header", "receive"])

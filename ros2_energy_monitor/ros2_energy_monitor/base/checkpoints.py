@@ -176,7 +176,7 @@ class Checkpoints:
                 "look at the disk",
             )
         elif store.trouble:
-            found.add(ERROR, store.trouble.rstrip("."), store.remedy)
+            found.add(ERROR, store.cause.rstrip("."), store.remedy)
         if self._warning:
             found.add(WARN, self._warning.rstrip("."))
         if store.adopted:

@@ -100,11 +100,7 @@ class ConsoleView:
                 f"{_number(measured, 0)} W ({_error(predicted, measured)})"
             )
         if registers is not None and not math.isnan(registers.measured_energy):
-            predicted, measured = registers.predicted_energy_at_meter, registers.measured_energy
-            parts.append(
-                f"{_wh(predicted)} Wh predicted, {_wh(measured)} Wh measured "
-                f"({_error(predicted, measured)})"
-            )
+            parts.append(_compared(registers))
         degc = [joint.motor_temperature_degc for joint in power.joints]
         parts.append(
             f"motors {_number(min(degc, default=math.nan), 0)} to "
@@ -194,14 +190,15 @@ class ConsoleView:
     def _waiting(self, now: float) -> str:
         """What to say before the first power; a healthy system is in trouble while it starts."""
         self._begun = now if self._begun is None else self._begun
+        totals = "" if self.registers is None else f"; {_totals(self.registers)}"
         if now - self._begun < STARTING:
-            return "waiting for the first power state"
+            return f"waiting for the first power state{totals}"
         if not self._status:
             return (
                 "no monitor is heard: start one, or start the console in its namespace and "
                 "ROS_DOMAIN_ID"
             )
-        return f"no power state yet; {self._trouble() or self._notes() or ALL_IS_WELL}"
+        return f"no power state yet{totals}; {self._trouble() or self._notes() or ALL_IS_WELL}"
 
     def _watts(self, key: str) -> str:
         return _number(self._powers.get(key, math.nan), 0)
@@ -230,6 +227,23 @@ def _powers(message: PowerState) -> Iterator[tuple[str, float]]:
     for joint in message.joints:
         yield f"{joint.name}.drive_power", joint.drive_power
         yield f"{joint.name}.friction_power", joint.friction_power
+
+
+def _totals(registers: EnergyRegisters) -> str:
+    """What was counted so far, as a robot that is switched off leaves it."""
+    net = registers.predicted_import_energy - registers.predicted_return_energy
+    text = f"counted {_wh(net)} Wh from the grid"
+    if math.isnan(registers.measured_energy):
+        return text
+    return f"{text}, at the meter {_compared(registers)}"
+
+
+def _compared(registers: EnergyRegisters) -> str:
+    predicted, measured = registers.predicted_energy_at_meter, registers.measured_energy
+    return (
+        f"{_wh(predicted)} Wh predicted, {_wh(measured)} Wh measured "
+        f"({_error(predicted, measured)})"
+    )
 
 
 def _rounded(parts: Sequence[float]) -> list[str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 
+import numpy as np
+
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.blocks import Quality
+from robot_energy.blocks import NANOSECOND, Quality
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -32,6 +34,7 @@ from ros2_energy_monitor.diagnostics.time import TimeWatch
 
 NO_STATES = "start the driver or set joint_states.topics"
 NO_TEMPERATURE = "start its driver or set the topic of the source"
+SILENT_TEMPERATURE = "check its driver or topic"
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
 
@@ -74,13 +77,14 @@ def joint_state_source(
             found.add(WARN, doubt)
         for number, (inbox, watch) in enumerate(zip(inboxes, watches, strict=True)):
             watch.check(found, f"{inbox.topic}." if number else "")
+        silence = min((inbox.age for inbox in inboxes if inbox.received), default=0.0)
         found.values |= {
             "gaps": ingest.order.gaps,
             "backward_jumps": ingest.order.jumps,
             "conflicts": ingest.conflicts.count,
             "joints_missing": len(ingest.missing_joints),
             "joints_ignored": len(ingest.ignored_joints),
-            **{f"age_s.{name}": age for name, age in ingest.ages.items()},
+            **{f"age_s.{name}": age + silence for name, age in ingest.ages.items()},
         }
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
         return found
@@ -109,16 +113,18 @@ def temperature_source(
     ingest: TemperatureIngest,
     stage: FrictionStage,
     model: RobotModel,
-    newest_ns: Callable[[], int | None] = lambda: None,
+    states: JointStateIngest | None = None,
 ) -> Source:
     """Check motor temperatures and the friction that follows from them.
+
+    The temperature of a motor is NaN while it is missing or too old to be used.
 
     Args:
         inboxes: Where they arrive.
         ingest: What became of them.
         stage: The friction that follows.
         model: The robot's model.
-        newest_ns: Gives the newest stamp of the joint states, where they are known. [ns]
+        states: The joint states, where they are known.
 
     Returns:
         Makes the status of the motor temperatures.
@@ -128,15 +134,21 @@ def temperature_source(
         found = StatusBuilder("motor temperatures")
         ages = [inbox.age for inbox in inboxes if inbox.received]
         topics = ", ".join(inbox.topic for inbox in inboxes) or "any topic"
-        silent = [
-            inbox
-            for inbox in inboxes
-            if inbox.msgtype != INTERFACE_NAMES and inbox.age > model.temperature.stale_after
-        ]
+        valued = [inbox for inbox in inboxes if inbox.msgtype != INTERFACE_NAMES]
+        silent = [inbox for inbox in valued if inbox.age > model.temperature.stale_after]
         fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
         latest = stage.latest()
-        degc = dict(zip(model.joint_names, latest.motor_temperature_degc[0].tolist(), strict=True))
-        unknown = [name for name, value in degc.items() if math.isnan(value)]
+        given = latest.motor_temperature_degc[0]
+        names = model.joint_names
+        unknown = [name for name, value in zip(names, given, strict=True) if math.isnan(value)]
+        silence = min((inbox.age for inbox in valued if inbox.received), default=0.0)
+        now_ns = states.newest_ns if states is not None else None
+        if now_ns is None:
+            now_ns = int(latest.stamp_ns[0]) + round(silence / NANOSECOND)
+        stale_after = model.temperature.stale_after
+        oldest_ns = now_ns - round(stale_after / NANOSECOND)
+        old = (latest.temperature_stamp_ns[0] < oldest_ns) | (silence > stale_after)
+        in_use = np.where(old, math.nan, given).tolist()
         absent = [inbox for inbox in inboxes if not inbox.received and not inbox.publishers]
         found.values |= {
             "input_age_s": min(ages, default=math.nan),
@@ -145,15 +157,18 @@ def temperature_source(
             **_by_source(ingest),
             "joints_ignored": len(ingest.ignored_joints),
             **accounting(stage.account, "readings_"),
-            **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
+            **{
+                f"motor_temperature_degc.{name}": value
+                for name, value in zip(names, in_use, strict=True)
+            },
         }
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
-        for doubt in (*ingest.doubts, *ingest.clock_doubts(newest_ns(), RECENT)):
+        for doubt in (*ingest.doubts, *ingest.clock_doubts(states, RECENT)):
             found.add(WARN, doubt)
         if unknown and ingest.account.rejected and not ingest.account.accepted:
             worst = ingest.account.rejected.most_common(1)[0][0]
             found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
-        elif len(unknown) == len(model.joint_names):
+        elif len(unknown) == len(names):
             have = ", which has no publisher" if absent == inboxes and len(inboxes) == 1 else ""
             remedy = NO_TEMPERATURE if absent else ""
             found.add(
@@ -162,7 +177,11 @@ def temperature_source(
         elif silent:
             age = min(inbox.age for inbox in silent)
             topics = ", ".join(inbox.topic for inbox in silent)
-            found.add(STALE, f"no motor temperature for {age:.1f} s on {topics}; {fallback}")
+            found.add(
+                STALE,
+                f"no new motor temperature for {age:.1f} s on {topics}; {fallback}",
+                SILENT_TEMPERATURE,
+            )
         elif unknown:
             where = f" on {', '.join(inbox.topic for inbox in absent)}" if absent else ""
             remedy = NO_TEMPERATURE if absent else ""
@@ -209,11 +228,15 @@ def stuck_temperatures(
     return check
 
 
-def fallback_temperatures(use: FallbackUse) -> Callable[[StatusBuilder], None]:
+def fallback_temperatures(
+    use: FallbackUse, ahead_ns: Callable[[], int | None]
+) -> Callable[[StatusBuilder], None]:
     """Check whether samples had to do without temperatures that do arrive.
 
     Args:
         use: Counts the samples with the fallback temperature.
+        ahead_ns: Gives how far the stamps of the temperatures are ahead of those of the joint
+            states on arrival; None where that is not known. [ns]
 
     Returns:
         A check that adds their number, and a warning if it has grown since the check before.
@@ -224,8 +247,8 @@ def fallback_temperatures(use: FallbackUse) -> Callable[[StatusBuilder], None]:
         nonlocal before
         count = use.missing + use.stale
         found.values["fallback_temperature_samples"] = count
-        if count > before and use.of_another_time:
-            found.add(WARN, use.sentence)
+        if count > before and use.of_another_time(ahead_ns()):
+            found.add(WARN, use.sentence(ahead_ns()))
         before = count
 
     return check

@@ -74,8 +74,8 @@ class NodeWatch:
                 "use_sim_time is on and /clock is silent: waiting for clock",
                 "start the simulation",
             )
-        for sentence in self._look():
-            found.add(WARN, sentence, "stop one of them")
+        if twins := self._look():
+            found.add(WARN, "; ".join(twins), "stop one of them")
         return found
 
     def _look(self) -> list[str]:

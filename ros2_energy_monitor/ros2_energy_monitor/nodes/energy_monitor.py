@@ -130,7 +130,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self._temperature,
                 self._pipeline.friction,
                 self.model,
-                lambda: self.ingest.newest_ns,
+                self.ingest,
             ),
             energy_source(
                 self.ledger,
@@ -138,7 +138,10 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self._meter,
                 self.parameters.meter_max_gap,
                 stuck_temperatures(self._pipeline.power.watch, self.model),
-                fallback_temperatures(self._pipeline.power.fallback_use),
+                fallback_temperatures(
+                    self._pipeline.power.fallback_use,
+                    lambda: self._temperature.ahead_ns(self.ingest),
+                ),
             ),
             *auxiliary_sources(self.ledger, self._loads),
             self._account_publisher.checkpoints.findings,

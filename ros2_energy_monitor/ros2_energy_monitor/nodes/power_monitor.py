@@ -11,7 +11,7 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.blocks import FrictionBlock, MeterBlock, PowerBlock, TorqueBlock
+from robot_energy.blocks import NANOSECOND, FrictionBlock, MeterBlock, PowerBlock, TorqueBlock
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import PowerStage
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
@@ -110,7 +110,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 torque.check,
                 partial(friction.check, prefix="friction_"),
                 stuck_temperatures(self._stage.watch, self.model),
-                fallback_temperatures(self._stage.fallback_use),
+                fallback_temperatures(self._stage.fallback_use, self._friction_ahead_ns),
                 self._clocks,
             ),
             *auxiliary_sources(self.ledger, self._loads),
@@ -181,6 +181,13 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         """Check the stamps of torque and friction."""
         stray_stamps(self._torque.epochs, f"messages on {self.torques.topic}", found)
         stray_stamps(self._friction.epochs, f"messages on {self.frictions.topic}", found)
+
+    def _friction_ahead_ns(self) -> int | None:
+        """How far the stamps of friction are ahead of those of torque, as they arrived. [ns]"""
+        apart_ns, age = self._stage.fallback_use.apart_ns, self.frictions.age
+        if apart_ns is None or math.isnan(age):
+            return None
+        return apart_ns + round(age / NANOSECOND)
 
     def _use_friction(self, friction: FrictionBlock | None) -> None:
         if friction is not None:

@@ -27,7 +27,8 @@ class SampledBag:
 
     Attributes:
         address: Of the bag.
-        options: With which it was replayed.
+        options: With which it is replayed: as for the dataset, but for those given now and without
+            jobs, which change no energy.
     """
 
     address: str
@@ -45,26 +46,43 @@ def evenly(count: int) -> list[int]:
     return places
 
 
-def sampled_bags(folder: str | Path, addresses: Sequence[str]) -> list[SampledBag]:
+@dataclass(frozen=True)
+class BagSample:
+    """What of a dataset can be looked at again.
+
+    Attributes:
+        bags: `MAX_BAGS` at most; none where fewer than `MIN_BAGS` can be read from this host.
+        without_inputs: Bags that are there, but were replayed with a file of inputs, of which a
+            dataset keeps a hash alone, how many.
+    """
+
+    bags: list[SampledBag]
+    without_inputs: int
+
+
+def bag_sample(folder: str | Path, addresses: Sequence[str], options: ReplayOptions) -> BagSample:
     """Return bags of a dataset, evenly spread over a list.
 
     Args:
         folder: Of the dataset.
         addresses: Of the bags that count, by robot and time.
+        options: That go before those with which a bag was replayed.
 
     Returns:
-        `MAX_BAGS` at most; none where fewer than `MIN_BAGS` can be read from this host.
+        The bags.
     """
-    there = [address for address in addresses if Path(address).exists()]
-    if len(there) < MIN_BAGS:
-        return []
-    chosen = [there[k] for k in evenly(len(there))]
     settings = dict(scan(folder).select("bag", "settings").collect().iter_rows())
-    return [SampledBag(address, _options(settings[address])) for address in chosen]
+    given = {name: value for name, value in options.items() if value is not None}
+    there = [SampledBag(one, _options(settings[one])) for one in addresses if Path(one).exists()]
+    known = [one for one in there if "inputs" in given or "inputs" not in one.options]
+    chosen = [known[k] for k in evenly(len(known))] if len(known) >= MIN_BAGS else []
+    bags = [replace(one, options=one.options | given) for one in chosen]
+    return BagSample(bags, len(there) - len(known))
 
 
 def _options(settings: str | None) -> dict[str, Any]:
-    known = ReplayOptions.__annotations__.keys()
+    """Options of the replay, as far as a dataset keeps them."""
+    known = ReplayOptions.__annotations__.keys() - {"jobs"}
     given: dict[str, Any] = json.loads(settings) if settings else {}
     return {name: value for name, value in given.items() if name in known and value is not None}
 

@@ -231,7 +231,7 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     )
 
 
-def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") -> Claim | None:
+def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> Claim | None:
     """Return what friction at the temperature of the warm robot saves.
 
     ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
@@ -241,7 +241,7 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
     Args:
         evidence: Of the recordings.
         model: Of the robot.
-        command: That shows it.
+        replay: Command that replays a cold recording; empty for none.
     """
     time = evidence.motion_time.sum(axis=1)
     if not evidence.measured_temperature or not (time > 0).all():
@@ -273,7 +273,7 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
         "warming up costs is not in it",
         f"start at {degc:.0f} degC: jobs without long breaks between them, a warmer place, and no "
         "cold start for a few cycles",
-        command,
+        replay and f"{replay} --compare {degc:.0f}",
         motor_temperature_degc=warm,
     )
 

@@ -6,19 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, sampled_bags
+from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, bag_sample
 from robot_energy.advice.claims import LONG_REST
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy.api.replay import ReplayOptions
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.dataset import read_tables
 from robot_energy.fleet.hour_sums import HOUR_NS
 from robot_energy.model import RobotModel
+from robot_energy.report.formats import counted
 
 FULL = 0.99  # of an hour in standby: it was one rest
 
 
 def dataset_evidence(
-    folder: str | Path, model: RobotModel
+    folder: str | Path, model: RobotModel, options: ReplayOptions | None = None
 ) -> tuple[RecordedEvidence, list[SampledBag]]:
     """Return what a dataset shows of the robots with one model, and bags to look at again.
 
@@ -29,6 +31,7 @@ def dataset_evidence(
     Args:
         folder: Of the dataset.
         model: Of the robots.
+        options: With which bags are looked at, before those of the dataset.
 
     Raises:
         DatasetError: If there is none, or no bag of this model in it.
@@ -43,14 +46,15 @@ def dataset_evidence(
             f"{folder} holds no bag of model {model.model_id}, but of {others}",
             "the model that the bags were replayed with",
         )
-    sampled = sampled_bags(folder, runs.sort("robot", "start_ns", "bag")["bag"].to_list())
+    addresses = runs.sort("robot", "start_ns", "bag")["bag"].to_list()
+    sample = bag_sample(folder, addresses, options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
-        f"{len(sampled)} of its {len(runs)} bags were looked at, spread over robots and time; the "
-        "bands hold how much they differ"
-        if sampled
+        f"{len(sample.bags)} of its {len(runs)} bags are looked at, spread over robots and time; "
+        "the bands hold how much they differ"
+        if sample.bags
         else f"name bags instead, such as {largest}, which took most energy: fewer than {MIN_BAGS} "
-        "are where they were"
+        "are where they were and can be read again"
     )
     found = RecordedEvidence(
         recordings=len(runs),
@@ -68,6 +72,11 @@ def dataset_evidence(
             f"a dataset holds sums: for warm-up, speeds and waiting poses {bags}",
         ],
     )
+    if sample.without_inputs:
+        found.notes.append(
+            f"not looked at: {counted(sample.without_inputs, 'bag')} replayed with a file of "
+            "inputs, which a dataset does not keep; name bags instead, and that file with --inputs"
+        )
     hours = tables.hours.join(runs.select("key"), on="key", how="semi")
     moved = float(hours["motion_time"].sum())
     found.rest_time = float(hours["observed_time"].sum()) - moved
@@ -92,4 +101,4 @@ def dataset_evidence(
             found.rests += [
                 RecordedRest(hour_ns, hour_ns + length, energy / count, still) for _ in range(count)
             ]
-    return found, sampled
+    return found, sample.bags

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +18,7 @@ from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.pieces import Compared
 
 WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
-MIN_REST = 1.0  # s; a shorter stop is part of the motion
+MIN_REST = 1.0  # s; a shorter stop is part of the work
 SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
 DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
 
@@ -95,6 +96,13 @@ class RecordedEvidence:
     places: bool = True
     fine: bool = True
     notes: list[str] = field(default_factory=list[str])
+
+    @property
+    def mean_degc(self) -> float:
+        """Mean motor temperature of the motion, of all joints; NaN without motion. [degC]"""
+        time = self.motion_time.sum()
+        middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
+        return float((self.motion_time * middle).sum() / time) if time > 0 else math.nan
 
     def add(self, other: RecordedEvidence) -> None:
         """Add what another recording shows.

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from robot_energy.advice.bag_sample import SampledBag, evenly, of_all
+from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, evenly, of_all
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
 from robot_energy.advice.dataset_evidence import dataset_evidence
-from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence
+from robot_energy.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy.advice.speeds import speeds
 from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.api.replay import ReplayOptions, run_replay
@@ -20,6 +21,7 @@ from robot_energy.errors import ParameterError, RobotEnergyError
 from robot_energy.model import RobotModel
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.report.formats import percent
+from robot_energy.report.repeats import given_once, overlaps
 from robot_energy.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy.results.model import model_used
 from robot_energy.units import JOULE_PER_KWH
@@ -31,7 +33,7 @@ LABELS = {
     "standby": "standby instead of drives that hold, in breaks and at night",
     "regenerative": "a regenerative supply or a common DC bus",
     "warm_up": "a warmer start",
-    "speeds": "other speeds and accelerations, no slower",
+    "speeds": "other speeds and accelerations, in the same cycle time",
     "waiting_pose": "wait where holding costs least",
 }
 OVERLAPS = (("speeds", "warm_up"), ("speeds", "regenerative"))
@@ -107,18 +109,28 @@ def advise(
             raise ParameterError(f"the {name} is {value}", f"0 to {most:g}")
     if not paths:
         raise ParameterError("no recording was named", "bags, or a dataset")
+    places = [Path(path).resolve() for path in paths]
+    rows, notes = given_once([str(path) for path in paths], places)
+    paths = [paths[row] for row in rows]
     problems: list[str] = []
     if len(paths) == 1 and any(Path(paths[0]).glob("robot=*")):
-        evidence, sampled = dataset_evidence(paths[0], used)
+        evidence, sampled = dataset_evidence(paths[0], used, options)
         fine = _sampled(sampled, evidence, used, named, look_at_speeds, problems, options)
     else:
-        evidence, each = RecordedEvidence(), list[RecordedEvidence]()
-        for path in paths:
-            each.append(_recorded(path, used, problems, options))
-            evidence.add(each[-1])
-        fine = _fine(str(paths[0]), evidence, used, named)
+        each = [_recorded(path, used, problems, options) for path in paths]
+        names = [str(path) for path in paths]
+        rows, more = given_once(names, [_content(one) for one in each])
+        paths, each = [paths[row] for row in rows], [each[row] for row in rows]
+        names = [names[row] for row in rows]
+        notes += [*more, *overlaps(names, [(one.start_ns, one.end_ns) for one in each])]
+        evidence = RecordedEvidence()
+        for one in each:
+            evidence.add(one)
+        moving = [row for row, one in enumerate(each) if not math.isnan(one.mean_degc)]
+        coldest = min(moving, key=lambda row: each[row].mean_degc, default=0)
+        fine = _fine(names[coldest], evidence, used, named)
         if look_at_speeds:
-            fine["speeds"] = _speeds([str(path) for path in paths], each, used, named, options)
+            fine["speeds"] = _speeds(names, each, used, named, options)
             evidence.notes += [
                 note for one in each for note in one.notes if note not in evidence.notes
             ]
@@ -153,7 +165,7 @@ def advise(
             without=tuple(without),
             energy_per_year=sum(one.energy_per_year for one in counted),
             counted=tuple(one.name for one in counted),
-            notes=tuple(evidence.notes),
+            notes=(*notes, *evidence.notes),
             problems=tuple(problems),
         )
     )
@@ -163,10 +175,9 @@ def _fine(
     path: str, evidence: RecordedEvidence, model: RobotModel, named: str
 ) -> dict[str, Claim | None]:
     """What needs samples; speeds are looked for apart."""
-    degc = model.temperature.fallback_degc
-    shown = f"robot-energy replay {path} --model {named} --compare {degc:g}"
+    replay = shlex.join(["robot-energy", "replay", path, "--model", named])
     return {
-        "warm_up": warm_up(evidence, model, shown),
+        "warm_up": warm_up(evidence, model, replay),
         "speeds": None,
         "waiting_pose": waiting_pose(evidence, model),
     }
@@ -201,7 +212,7 @@ def _sampled(
     found: list[dict[str, Claim | None]] = []
     time: list[float] = []
     for bag in bags:
-        given: Any = {**bag.options, **options}
+        given: Any = {**bag.options, "progress": options.get("progress")}
         try:
             own = _recorded(bag.address, model, problems, given)
             fine = _fine(bag.address, own, model, named)
@@ -212,6 +223,9 @@ def _sampled(
             problems.append(f"{bag.address} was not looked at: {error}")
             continue
         time.append(own.observed_time)
+    if len(found) < len(bags):
+        few = ", too few for warm-up, speeds and waiting poses" if len(found) < MIN_BAGS else ""
+        whole.notes.append(f"{len(found)} of these {len(bags)} bags could be looked at{few}")
     names = ("warm_up", "speeds", "waiting_pose")
     return {
         name: of_all([one[name] for one in found], time, whole.observed_time, whole.recordings)
@@ -236,6 +250,12 @@ def _recorded(
     return found
 
 
+def _content(evidence: RecordedEvidence) -> tuple[object, ...]:
+    """Equal for the same recording, wherever the bag lies."""
+    span = evidence.start_ns, evidence.end_ns, evidence.observed_time
+    return *span, evidence.grid_energy, evidence.motion_time.tobytes()
+
+
 def _basis(
     evidence: RecordedEvidence,
     price: float | None,
@@ -248,7 +268,8 @@ def _basis(
     if evidence.start_ns is not None and evidence.end_ns is not None:
         span = (evidence.end_ns - evidence.start_ns) * NANOSECOND
     recorded = evidence.observed_time
-    parts = [f"{recorded / 3600:.3g} h were recorded"]
+    rests = f"rests of {MIN_REST:g} s and more" if evidence.fine else "rests"
+    parts = [f"at work is all but {rests}", f"{recorded / 3600:.3g} h were recorded"]
     hours = hours_per_day
     if hours is not None:
         parts.append(f"{hours:g} h of such work a day, as given")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robot_energy.advice.claims import LONG_REST, Claim
-from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence
+from robot_energy.advice.evidence import RecordedEvidence
 from robot_energy.api.optimize import optimize
 from robot_energy.api.replay import ReplayOptions
 from robot_energy.blocks import NANOSECOND
@@ -47,10 +47,9 @@ def speeds(
     start, end, moving = part
     topics: Any = options.get("joint_states")
     topic = topics if isinstance(topics, str) else (topics[0] if topics else None)
-    middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
-    degc = model.temperature.fallback_degc
-    if (time := evidence.motion_time.sum()) > 0:
-        degc = float((evidence.motion_time * middle).sum() / time)
+    degc = evidence.mean_degc
+    if np.isnan(degc):
+        degc = model.temperature.fallback_degc
     try:
         found = optimize(
             path, model, degc, cycle_time=end - start, topic=topic, start=start, end=end

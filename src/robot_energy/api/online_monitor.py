@@ -205,12 +205,7 @@ class OnlineMonitor:
             "meter": (self._meter.account, self.account.comparison.curve.account),
         }
         return {
-            name: {
-                reason: count
-                for one in both
-                for reason, count in one.rejected.items()
-                if count
-            }
+            name: {reason: count for one in both for reason, count in one.rejected.items() if count}
             for name, both in accounts.items()
         }
 

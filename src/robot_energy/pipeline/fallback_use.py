@@ -22,6 +22,8 @@ class FallbackUse:
         stale: Samples with a motor whose temperature is too old, and none missing.
         apart_ns: Stamp of the nearest temperature minus that of the last such sample; None
             if no temperature has come. [ns]
+        silence_ns: Longest time that such a sample lay behind the last temperature of its
+            motor. [ns]
     """
 
     def __init__(self, fallback_degc: float) -> None:
@@ -29,6 +31,7 @@ class FallbackUse:
         self.missing = 0
         self.stale = 0
         self.apart_ns: int | None = None
+        self.silence_ns = 0
         self._fallback_degc = fallback_degc
 
     def note(
@@ -61,15 +64,26 @@ class FallbackUse:
         ahead = None if coming is None else coming - now
         found = [each for each in (behind, ahead) if each is not None]
         self.apart_ns = min(found, key=abs) if found else None
+        too_old = np.isnan(temperature_degc[-1]) & (seen_ns > 0)
+        if too_old.any():
+            self.silence_ns = max(self.silence_ns, now - int(seen_ns[too_old].min()))
 
-    @property
-    def of_another_time(self) -> bool:
-        """Whether temperatures come with stamps that are far from those of the torques."""
-        return self.apart_ns is not None and abs(self.apart_ns) > APART_NS
+    def of_another_time(self, ahead_ns: int | None) -> bool:
+        """Return whether the stamps of the temperatures are from another clock.
 
-    @property
-    def sentence(self) -> str:
-        """What a user should know of it; empty if every sample had its temperatures."""
+        Args:
+            ahead_ns: How far they are ahead of those of the torques on arrival, negative where
+                they are behind; None where that is not known. [ns]
+        """
+        far = self.apart_ns is not None and abs(self.apart_ns) > APART_NS
+        return far and ahead_ns is not None and abs(ahead_ns) > APART_NS
+
+    def sentence(self, ahead_ns: int | None) -> str:
+        """Return what a user should know of it; empty if every sample had its temperatures.
+
+        Args:
+            ahead_ns: As in `of_another_time`.
+        """
         count = self.missing + self.stale
         if not count:
             return ""
@@ -78,11 +92,15 @@ class FallbackUse:
             f"{count} of {self.samples} joint samples used the fallback temperature of "
             f"{self._fallback_degc:g} degC: a motor temperature was {why}"
         )
-        if self.of_another_time and self.apart_ns is not None:
-            apart = self.apart_ns * NANOSECOND
-            way = "ahead of" if apart > 0 else "behind"
+        if self.of_another_time(ahead_ns) and ahead_ns is not None:
+            way = "ahead of" if ahead_ns > 0 else "behind"
             text += (
-                f"; its stamps are {abs(apart):.1f} s {way} those of the joint states: "
-                "synchronise the clocks"
+                f"; its stamps are {abs(ahead_ns) * NANOSECOND:.1f} s {way} those of the joint "
+                "states: synchronise the clocks"
+            )
+        elif self.silence_ns:
+            text += (
+                f"; no new one for up to {self.silence_ns * NANOSECOND:.1f} s: check its driver "
+                "or topic"
             )
         return text

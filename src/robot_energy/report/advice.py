@@ -31,8 +31,8 @@ def advice_document(report: AdviceReport, page: Document) -> None:
             ("recordings", f"{basis.recordings}: {', '.join(report.source)}"),
             ("model", f"{report.model.robot}, id {report.model.model_id}"),
             ("energy from the grid", f"{energy_text(basis.recorded_energy)} in the recordings"),
-            ("in motion", percent(basis.duty)),
-            ("basis of a year", basis.sentence),
+            ("at work", percent(basis.duty)),
+            ("basis", basis.sentence),
         ]
     )
     both = (*report.advice, *report.unproven)

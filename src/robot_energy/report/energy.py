@@ -171,8 +171,8 @@ def uncertainty_table(page: Document, report: EnergyReport, scale: EnergyFormat)
     page.paragraph(f"How sure: {energy_text(report.energy.net)} {band_text(sure)}")
     if sure.readings:
         page.paragraph(
-            f"  {percent(sure.inside)} of {sure.readings} readings of the meter lay in the 90 % "
-            f"band of power, {percent(sure.inside_parametric)} uncalibrated"
+            f"  {percent(sure.inside)} of {sure.readings} meter readings lay in the 90 % band of "
+            f"power; before calibration {percent(sure.inside_parametric)} did"
         )
     page.rows(
         "What makes the energy from the grid unsure, the largest first: measure that next",

@@ -20,6 +20,7 @@ from robot_energy.report.formats import (
 from robot_energy.report.headline import error_of, headline, observed_time, tiles
 from robot_energy.report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy.report.prediction_figure import energy_bars
+from robot_energy.report.repeats import given_once, overlaps
 from robot_energy.report.replay import FIRST, ReplayCurves, replay_document
 from robot_energy.report.trend_figure import trend
 from robot_energy.results.model import ModelUsed
@@ -33,18 +34,24 @@ def recordings_document(
 ) -> None:
     """Add one or several recordings; what they say together comes first.
 
+    A recording that was given twice counts once, and a note says so; so it does where recordings
+    of one robot overlap in time.
+
     Args:
         recordings: Reports, with the curves for their figures over time or None.
         page: Where to.
         settings: Prices and emissions.
     """
+    recordings, notes = _once(recordings)
     if len(recordings) == 1:
+        page.notes(notes)
         replay_document(recordings[0][0], page, recordings[0][1], settings=settings)
         return
     ordered = sorted(recordings, key=lambda one: one[0].time.start_ns or 0)
     reports = [report for report, _ in ordered]
     groups = by_robot(reports)
     page.heading(FIRST)
+    page.notes(notes)
     page.add(tiles(reports, settings))
     for name, group in groups.items():
         add_flow(
@@ -95,6 +102,29 @@ def robot_name(model: ModelUsed) -> str:
     serial = f" {model.serial}" if model.serial else ""
     change = f", {model.change}" if model.change else ""
     return f"{model.robot}{serial}, model {model.model_id}{change}"
+
+
+def _once(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings without repetitions, and notes on these and on what overlaps in time."""
+    names, contents = [one.bag for one, _ in recordings], [_content(one) for one, _ in recordings]
+    rows, notes = given_once(names, contents)
+    kept = [recordings[row] for row in rows]
+    robots: dict[tuple[str, str | None, tuple[str, ...]], list[ReplayReport]] = {}
+    for one, _ in kept:
+        key = one.model.robot, one.model.serial, tuple(one.topics.joint_states or ())
+        robots.setdefault(key, []).append(one)
+    for group in robots.values():
+        spans = [(one.time.start_ns, one.time.end_ns) for one in group]
+        notes += overlaps([one.bag for one in group], spans)
+    return kept, notes
+
+
+def _content(report: ReplayReport) -> tuple[object, ...]:
+    """Equal for the same recording of the same robot, wherever the bag lies."""
+    time, states = report.time, tuple(report.topics.joint_states or ())
+    span = time.start_ns, time.end_ns, time.observed_ns
+    measured = report.comparison.measured_energy
+    return robot_name(report.model), states, *span, report.energy.net, measured
 
 
 def _name(report: ReplayReport) -> str:

@@ -19,7 +19,7 @@ class AdviceBasis(Result):
         recorded_energy: From the grid in that time. [J]
         hours_per_day: Of such work by all robots together. [h]
         days_per_year: With such work. [1]
-        duty: Share of the recorded time in which the robot moves. [-]
+        duty: Share of the recorded time outside of rests; in bags these last 1 s or more. [-]
         price_per_kwh: None without one. [currency/kWh]
         currency: Of the price.
         co2_kg_per_kwh: None without one. [kg/kWh]

@@ -359,8 +359,10 @@ def _notes(result: Replay) -> list[str]:
             "no motor temperatures: friction at the model's fallback of "
             f"{result.model.temperature.fallback_degc:g} degC"
         )
-    elif fallback := result.pipeline.power.fallback_use.sentence:
-        notes.append(fallback)
+    else:
+        ahead_ns = result.temperatures.ahead_ns(result.joint_states)
+        fallback = result.pipeline.power.fallback_use.sentence(ahead_ns)
+        notes += [fallback] if fallback else []
     if result.payload.refused:
         notes.append(f"a payload of the bag was refused: {result.payload.refused}")
     if result.jobs.left_out:

@@ -122,7 +122,8 @@ class AccountStore:
 
     Attributes:
         loaded: Whether the state files were read, so that this is the robot's account.
-        trouble: Why nothing can be kept at present; empty while all is well.
+        trouble: Why nothing can be kept at present, and what to do; empty while all is well.
+        cause: The same without what to do.
         remedy: What to do about it, where that is known.
         failures: Checkpoints that failed.
         checkpoints: Checkpoints that reached the disk.
@@ -139,7 +140,7 @@ class AccountStore:
     ) -> None:
         self.ledger = ledger
         self.loaded = slots is None
-        self.trouble = self.remedy = ""
+        self.trouble = self.cause = self.remedy = ""
         self.failures = 0
         self.checkpoints = 0
         self.notices: list[str] = []
@@ -205,11 +206,12 @@ class AccountStore:
         except StateFileError as error:
             self.failures += 1
             self.trouble, self.remedy = str(error), error.remedy
+            self.cause = str(StateFileError(error.found, error.expected))
             return False
         assert self._slots is not None
         self._written = self._slots.sequence
         self.checkpoints += 1
-        self.trouble = self.remedy = ""
+        self.trouble = self.cause = self.remedy = ""
         return True
 
     def open(self, patience: float | None = None) -> None:
@@ -269,7 +271,8 @@ class AccountStore:
             return None
         wait([self._pending], patience)
         if not self._pending.done():
-            self.trouble = f"the disk has not answered for {patience:g} s"
+            self.trouble = self.cause = f"the disk has not answered for {patience:g} s"
+            self.remedy = ""
             return False
         return self.poll()
 

@@ -52,6 +52,7 @@ class StreamSplitter(Generic[B]):
         epochs: The decisions and their counts.
         refused: Outliers of the last step; None if there were none.
         held: Messages of which it is not known where they belong; None if there are none.
+        lag_ns: Newest stamp minus the time at which it arrived; None before the first. [ns]
     """
 
     def __init__(
@@ -66,22 +67,27 @@ class StreamSplitter(Generic[B]):
         self._order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
+        self.lag_ns: int | None = None
 
     @property
     def waiting(self) -> int:
         """Messages that wait for later ones."""
         return self.epochs.waiting + self._order.waiting
 
-    def step(self, block: B) -> list[StreamRun[B]]:
+    def step(self, block: B, arrival_ns: int | None = None) -> list[StreamRun[B]]:
         """Take messages in order of arrival.
 
         Args:
             block: At least one.
+            arrival_ns: When the last of them was received; None where it does not matter. [ns]
 
         Returns:
             The messages that are known to belong to their epoch; often one run.
         """
+        newest_ns = self.epochs.newest_ns
         found = self.epochs.step(block.stamp_ns)
+        if arrival_ns is not None and self.epochs.newest_ns not in (None, newest_ns):
+            self.lag_ns = self.epochs.newest_ns - arrival_ns
         if self.held is not None:
             block = type(block).concatenate([self.held, block])
         return self._taken(block, found)
@@ -172,21 +178,28 @@ def sentence_of(
     return ""
 
 
-def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, what: str) -> str:
+def apart_sentence(
+    epochs: EpochSplitter, newest_ns: int | None, ahead_ns: int | None, what: str
+) -> str:
     """Return that a stream of states is of another time than the joint states; empty if not.
+
+    A stream that has stopped is no clock: its stamps were right when they arrived.
 
     Args:
         epochs: Of the stream.
         newest_ns: Newest stamp of the joint states; None before the first. [ns]
+        ahead_ns: How far its stamps are ahead of those of the joint states on arrival; None where
+            that is not known. [ns]
         what: Name of one message, such as ``temperature``.
     """
-    if epochs.newest_ns is None or newest_ns is None:
+    if epochs.newest_ns is None or newest_ns is None or ahead_ns is None:
         return ""
+    bound = SLOW_NS + 3 * epochs.period_ns
     apart = epochs.newest_ns - newest_ns
-    if abs(apart) <= SLOW_NS + 3 * epochs.period_ns:
+    if abs(apart) <= bound or abs(ahead_ns) <= bound:
         return ""
-    way = "after" if apart > 0 else "before"
+    way = "after" if ahead_ns > 0 else "before"
     return (
-        f"the newest {what} is stamped {abs(apart) * NANOSECOND:.1f} s {way} the newest joint "
-        "state: synchronise the clocks, unless one of them has stopped"
+        f"the newest {what} is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint states "
+        "that arrived with it: synchronise the clocks"
     )

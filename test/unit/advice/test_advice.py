@@ -151,6 +151,37 @@ def test_braked_energy_is_that_of_the_replay():
     assert report.basis.recorded_energy == pytest.approx(re.replay(path, MODEL).energy.grid_import)
 
 
+def test_a_recording_given_twice_counts_once_and_is_named(tmp_path):
+    cold, warm = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"
+    copy = shutil.copytree(cold, tmp_path / "copy")
+    once = re.advise([cold, warm], MODEL, look_at_speeds=False).report
+    found = re.advise([cold, cold, copy, warm], MODEL, look_at_speeds=False).report
+    assert found.basis == once.basis
+    assert found.source == (str(cold), str(warm))
+    assert f"{cold} was given twice: it counts once" in found.notes
+    assert f"{copy} is the same recording as {cold}: they count once" in found.notes
+    (overlap,) = once.notes
+    assert overlap.startswith(f"{cold}, {warm} overlap in time, by 36.0 s in all")
+
+
+def test_a_warm_start_is_tried_at_the_warm_temperature_on_the_coldest_recording():
+    bags = [str(ROOT / "bags" / name) for name in ("kr16_warm", "kr16_cold")]
+    report = re.advise(bags, "kr16", look_at_speeds=False).report
+    (warm,) = [one for one in (*report.advice, *report.unproven) if one.name == "warm_up"]
+    degc = warm.change.split()[2]
+    assert int(degc) > 50
+    assert warm.command == f"robot-energy replay {bags[1]} --model kr16 --compare {degc}"
+
+
+def test_short_stops_belong_to_the_work_and_the_basis_says_so(capsys):
+    """`replay` shows 15 % of this bag at rest, in stops shorter than a second."""
+    bag = str(ROOT / "bags/kr16_cold")
+    assert main(["advise", bag, "--model", "kr16", "--no-speeds"]) == 0
+    said = capsys.readouterr().out
+    assert "in motion  " not in said
+    assert "at work is all but rests of 1 s and more; " in said
+
+
 def test_no_supply_is_advised_where_there_is_one():
     share = {"value": 0.8, "tag": "assumed"}
     cabinet = MODEL.cabinet.model_copy(update={"regeneration_efficiency": share})
@@ -235,7 +266,7 @@ def test_bags_of_a_dataset_say_what_its_sums_do_not(tmp_path):
     assert len(bags) == evidence.recordings >= 3
     assert bags[0].options == {"max_gap": 0.5}
     report = re.advise(out, LOSSY).report
-    assert any("4 of its 4 bags were looked at" in note for note in report.notes)
+    assert any("4 of its 4 bags are looked at" in note for note in report.notes)
     several = re.advise([bag.address for bag in bags], LOSSY, max_gap=0.5).report
     each = [energies(re.advise(bag.address, LOSSY, max_gap=0.5).report) for bag in bags]
     for name in ("speeds", "waiting_pose"):
@@ -244,6 +275,26 @@ def test_bags_of_a_dataset_say_what_its_sums_do_not(tmp_path):
     for number in range(2):
         shutil.rmtree(tmp_path / "hall" / f"bag{number}")
     assert dataset_evidence(out, LOSSY)[1] == []
+
+
+def test_bags_of_a_dataset_are_opened_without_files_of_which_it_has_a_hash(tmp_path):
+    for number in range(3):
+        record_poses(tmp_path / "hall" / f"bag{number}", long=10.0 + number)
+    jobs, inputs = tmp_path / "jobs.yaml", tmp_path / "inputs.yaml"
+    jobs.write_text("jobs:\n  - {name: pick, begin: 1.0, end: 2.0}\n")
+    inputs.write_text("/**:\n  ros__parameters:\n    max_gap: 0.5\n")
+    with_jobs, with_inputs = tmp_path / "jobs", tmp_path / "inputs"
+    re.fleet_run(tmp_path / "hall", with_jobs, LOSSY, workers=0, jobs=jobs, max_gap=0.5)
+    _, bags = dataset_evidence(with_jobs, LOSSY)
+    assert [bag.options for bag in bags] == [{"max_gap": 0.5}] * 3
+    assert re.advise(with_jobs, LOSSY, look_at_speeds=False).report.problems == ()
+    re.fleet_run(tmp_path / "hall", with_inputs, LOSSY, workers=0, inputs=inputs, max_gap=0.5)
+    found, bags = dataset_evidence(with_inputs, LOSSY)
+    assert bags == []
+    assert any("not looked at: 3 bags replayed with a file of inputs" in one for one in found.notes)
+    found, bags = dataset_evidence(with_inputs, LOSSY, {"inputs": inputs, "max_gap": None})
+    assert [bag.options for bag in bags] == [{"max_gap": 0.5, "inputs": inputs}] * 3
+    assert not any("not looked at" in one for one in found.notes)
 
 
 def energies(report):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from base64 import b64decode
 from html import unescape
 from pathlib import Path
@@ -91,6 +92,20 @@ def test_recordings_are_sorted_summed_and_named_by_robot(tmp_path, capsys):
         assert picture["net"] * picture["unit"] == pytest.approx(
             net / 3600 * round(picture["net"] * picture["unit"] * 3600 / net), rel=1e-3
         )
+
+
+def test_a_recording_given_twice_counts_once_and_is_named(tmp_path, capsys):
+    copy = shutil.copytree(WARM, tmp_path / "copy")
+    page = page_of(tmp_path, WARM, BAG, WARM, str(copy), "--model", "kr16")
+    assert len([one for one in headings(page, 2) if one[0].isdigit()]) == 2
+    said = unescape(page)
+    assert f"{WARM} was given twice: it counts once" in said
+    assert f"{copy} is the same recording as {WARM}: they count once" in said
+    # both began at the same instant of the virtual clock
+    assert f"{BAG}, {WARM} overlap in time, by 36.0 s in all" in said
+    twice = page_of(tmp_path, WARM, WARM, "--model", "kr16")
+    assert headings(twice, 2) == SECTIONS
+    assert "it counts once" in twice
 
 
 def test_prices_and_emissions_are_on_the_first_page(tmp_path, capsys):

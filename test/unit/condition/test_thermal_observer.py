@@ -90,7 +90,7 @@ def test_without_a_sensor_it_follows_the_losses_from_the_air_on():
     np.testing.assert_allclose(degc[2 * at], expected[at], atol=0.7)  # the last window's heat
     assert expected[-1] > 50.0
     assert (power.quality & np.uint32(Quality.TEMPERATURE_ESTIMATED) > 0).all()
-    assert pipeline.power.fallback_use.sentence == ""
+    assert pipeline.power.fallback_use.sentence(None) == ""
     assert pipeline.power.thermal.std[0] < 10.0
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,16 @@ def test_the_printed_parts_sum_to_the_printed_total(tmp_path: Path) -> None:
     values = [float([cell for cell in row if cell.strip()][1]) for row in rows]
     assert values[-1] == pytest.approx(680.0)
     assert sum(values[:-1]) == pytest.approx(values[-1])
+
+
+def test_meter_readings_are_counted_by_band_before_calibration_too(tmp_path: Path) -> None:
+    (line,) = [
+        line
+        for line in printed(replay_report(replay(wheel_bag(tmp_path), one_wheel())))
+        if "meter readings lay" in line
+    ]
+    words = r" *[\d.]+ % of \d+ meter readings lay in the 90 % band of power; "
+    assert re.fullmatch(words + r"before calibration [\d.]+ % did", line)
 
 
 def test_without_a_meter_there_is_no_comparison_and_no_zero(tmp_path: Path) -> None:
