@@ -60,7 +60,7 @@ def test_a_misspelt_key_is_said_once_with_the_joint_and_the_right_spelling():
         (shoulder(gear_ratio=[1]), "is a list", "a mapping with value and tag"),
         (shoulder(gear_ratio=None), "is empty", "a mapping with value and tag"),
         (shoulder(name=5), "'joints.0.name' is 5", "text"),
-        (shoulder(name=""), "'joints.0.name' is ''", "text of at least 1"),
+        (shoulder(name=""), "'joints.0.name' is ''", "text with a length of at least 1"),
         (
             shoulder(friction={"coulomb": figure(1.0), "viscous": {"law": "konstant"}}),
             "'joints.shoulder.friction.viscous.law' is 'konstant'",
