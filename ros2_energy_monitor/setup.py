@@ -10,7 +10,7 @@ EXECUTABLES = runpy.run_path(f"{NAME}/executables.py")["EXECUTABLES"]
 
 setup(
     name=NAME,
-    version="0.2.0",
+    version="0.3.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["meters/profiles/*.yaml"]},
     data_files=[
