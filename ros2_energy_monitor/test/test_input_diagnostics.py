@@ -108,7 +108,7 @@ def test_loss_is_counted_and_told(bench):
     values = diagnosed.values(status)
     assert values["received"] + values["lost_in_transport"] == 101
     assert values["lost_in_transport"] >= 80
-    diagnosed.wait_anew(NAME, "no joint state for")  # told once
+    diagnosed.wait_anew(NAME, "no joint state for")  # said once
     assert "lost" not in diagnosed[NAME].message
 
 

@@ -69,7 +69,7 @@ def robot(child_environment) -> Iterator:
 
 
 class Stopwatch:
-    """Time since data return, which is anew after each silence of the robot."""
+    """Time since data return, counted from zero after each silence of the robot."""
 
     def __init__(self, bench, node) -> None:
         self.time, self._inbox = 0.0, node.joint_states
@@ -130,7 +130,7 @@ def test_a_subscription_that_lost_its_publisher_is_made_anew(bench):
     publisher = bench.publisher(JointState, "joint_states")
     bench.spin_until(lambda: inbox.renewals, "a new subscription")
     bench.spin_until(lambda: inbox.publishers, "the publisher")
-    # Once more if the subscription is made anew just then.
+    # Once more if the subscription is made again just then.
     bench.spin_until(lambda: publisher.publish(JointState()) or inbox.received, "a message")
     values = diagnosed.values(diagnosed.wait(NAME, "no joint state for"))
     assert values["subscription_renewals"] >= 1

@@ -73,7 +73,7 @@ MODULES = {
         readings states
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link link_errors link_readings meter_delay supply
+        cabinet dc_link level link_errors link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
         bags log_channels observations recordings rest signals

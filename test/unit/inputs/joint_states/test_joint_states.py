@@ -291,7 +291,7 @@ def test_velocities_that_stay_zero_are_found():
     again = JointStateIngest(NAMES, limits=limits())
     zero = np.zeros(1000)
     take(again, moving(np.where(np.arange(1000) < 500, zero, zero + 0.01), zero))
-    assert not sentences(again)  # referenced anew at rest
+    assert not sentences(again)  # its zero is set again at rest
 
 
 @pytest.mark.parametrize("size", [1, 3, 8, 1000])
