@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,24 @@ def at_once(monkeypatch):
     monkeypatch.setattr(model_check, "NICENESS", 0)
 
 
-def play(bench: Any, node: EnergyMonitor, turned: int | None = None) -> None:
-    """Publish the beginning of a recording; the sign of one torque may be turned."""
+def unchanged(message: JointState) -> None:
+    """Leave a joint state as it is."""
+
+
+def turned(message: JointState) -> None:
+    """Turn the sign of one torque."""
+    message.effort[2] *= -1.0
+
+
+def jittered(message: JointState) -> None:
+    """Leave positions alone, with stamps that jitter by 3 ms: their curvature is noise."""
+    message.velocity = []
+    stamp = message.header.stamp
+    stamp.nanosec -= min(stamp.nanosec // 1000 * 7919 % 3_000_000, stamp.nanosec)
+
+
+def play(bench: Any, node: EnergyMonitor, change: Callable[[JointState], None] = unchanged) -> None:
+    """Publish the beginning of a recording, changed."""
     publishers = {topic: bench.publisher(kind, topic[1:]) for topic, kind in TYPES.items()}
     bag, sent = BagReader(BAG), 0
     until = (bag.start_ns or 0) + round(SECONDS * 1e9)
@@ -46,8 +63,7 @@ def play(bench: Any, node: EnergyMonitor, turned: int | None = None) -> None:
                 message = deserialize_message(batch.row(row), TYPES[topic])
                 if topic == "/joint_states":
                     sent += 1
-                    if turned is not None:
-                        message.effort[turned] *= -1.0
+                    change(message)
                 publishers[topic].publish(message)
                 if sent % BURST == 1:
                     least = sent - BURST
@@ -71,11 +87,19 @@ def test_a_sound_robot_is_said_to_fit(bench):
 def test_a_torque_of_the_wrong_sign_is_named_with_its_remedy_first(bench):
     node = bench.add(EnergyMonitor, model="kr16", model_check=8.0, **MOTOR_TORQUE)
     diagnosed = bench.diagnosed()
-    play(bench, node, turned=2)
+    play(bench, node, turned)
     status = diagnosed.wait(NAME, "opposite sign")
     assert status.level == DiagnosticStatus.ERROR
     assert "joint_states: {effort: {sign: [1, 1, -1, 1, 1, 1]}}" in status.message[:128]
     assert diagnosed.values(status)["torque_sign.joint_a3"] == -1.0
+
+
+def test_torques_that_no_drive_has_are_named(bench):
+    node = bench.add(EnergyMonitor, model="kr16", model_check=8.0)
+    diagnosed = bench.diagnosed()
+    play(bench, node, jittered)
+    status = diagnosed.wait(NAME, "needs more than its torque limit")
+    assert status.level == DiagnosticStatus.WARN
 
 
 def test_it_can_be_switched_off(bench):

@@ -38,8 +38,8 @@ from robot_energy.recorded_jobs import Job, RecordedJobs
 from robot_energy.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
 from robot_energy.replay_topics import Topics, find_temperatures, find_topics
 from robot_energy.timeline.pieces import Compared
+from robot_energy.units import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 LONGER_WINDOW = "lengthen derivative_window, or check units, payload and limits"
 Progress = Callable[[float], None]
 
@@ -68,8 +68,6 @@ class Replay:
         origin: Where the recording comes from, as its writer said; empty if it did not.
         jobs: What the jobs of a list have counted.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
-        beyond_torque: Joints that need more than their torque limit too often, one sentence
-            by name.
     """
 
     bag: Path
@@ -90,7 +88,6 @@ class Replay:
     origin: str = ""
     jobs: RecordedJobs = field(default_factory=lambda: RecordedJobs(()))
     auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
-    beyond_torque: dict[str, str] = field(default_factory=dict[str, str])
 
     @property
     def ledger(self) -> EnergyAccount:
@@ -239,8 +236,7 @@ def replay(
         clocks = result.temperatures.clock_doubts(result.joint_states)
         result.notes += [*result.temperatures.doubts, *clocks]
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
-        result.beyond_torque = limit_watch.sentences()
-        result.notes += [f"{one}: {LONGER_WINDOW}" for one in result.beyond_torque.values()]
+        result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)
         if writer is not None:
             writer.close()

@@ -15,7 +15,7 @@ from robot_energy.accounting.record import EnergyInterval
 from robot_energy.blocks import Int
 from robot_energy.config_file import load
 from robot_energy.errors import RegisterError
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 MAX_JOBS = 20_000
 STEP_NS = 20_000_000  # of the pipeline while jobs may begin or end [ns]

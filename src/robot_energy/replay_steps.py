@@ -26,11 +26,11 @@ from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.recorded_jobs import RecordedJobs
 from robot_energy.replay_topics import Topics
+from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-SECOND_NS = 1_000_000_000
 ROWS = 8192  # samples in one step at most
 MESSAGES = 8192  # of parts that are read together, at most
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from robot_energy.errors import ShapeError
 from robot_energy.files.output_files import GENERATOR
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 Column = NDArray[Any]
 

@@ -13,3 +13,7 @@ DqScaling = Literal["peak", "rms", "power_invariant"]
 # Power over the sum of products of current and voltage in the frame of the rotor: of amplitudes
 # that are peaks of a phase, RMS values of a phase, or power-invariant.
 DQ_FACTORS: dict[DqScaling, float] = {"peak": 1.5, "rms": 3.0, "power_invariant": 1.0}
+
+SECOND_NS = 1_000_000_000  # [ns]
+MINUTE_NS = 60 * SECOND_NS  # [ns]
+HOUR_NS = 60 * MINUTE_NS  # [ns]

@@ -27,6 +27,7 @@ from robot_energy.model.payload import payload
 from robot_energy.motion import MotionLimits, Program, random_program
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import record
+from robot_energy.units import SECOND_NS
 
 ROBOT = "kr16"
 BEGIN = datetime(2026, 3, 2, tzinfo=UTC)  # a Monday
@@ -49,7 +50,6 @@ WARM = (3.0, 25.0)  # motors above the hall when a bag begins [K]
 WORN, WORN_AXIS, WEAR_FROM, WEAR = 6, 2, 0.5, 0.4  # robot, axis, from which share on, at the end
 MISLOADED, MISSING = 11, 5.0  # robot, and what it carries less than its model file says [kg]
 AWAKE = 16  # robot that stands by all night
-SECOND_NS = 1_000_000_000
 MAX_SEED = 2_147_483_647
 
 

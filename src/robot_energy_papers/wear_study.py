@@ -23,10 +23,10 @@ from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.condition.wear_records import MotionGatherer, WearRecord
 from robot_energy.rig import PlantProfile
+from robot_energy.units import HOUR_NS
 from robot_energy_papers.wear_rows import START_NS, WearRows
 
 DAY = 24  # h
-HOUR_NS = 3_600_000_000_000
 METER_PART = 5.0  # s of a window of the meter
 
 

@@ -145,7 +145,8 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet collision derivative drive drivetrain effort effort_check electrical_power equations
-        friction limit_utilisation motor_heat rigid_body torque torque_limits transmission
+        friction limit_utilisation motor_heat plausibility rigid_body torque
+        torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse

@@ -15,7 +15,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from robot_energy.shown_text import MAX_LINE, shown, shown_lines
-from robot_energy.timeline.stamps import SECOND_NS, bounded
+from robot_energy.timeline.stamps import bounded
+from robot_energy.units import SECOND_NS
 
 Number = float | int
 Value = Number | str

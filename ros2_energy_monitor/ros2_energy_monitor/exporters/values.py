@@ -8,8 +8,7 @@ from enum import Enum
 from typing import Any
 
 from robot_energy.blocks import NANOSECOND, Phase
-from robot_energy.timeline.stamps import SECOND_NS
-from robot_energy.units import ENERGY_UNITS
+from robot_energy.units import ENERGY_UNITS, SECOND_NS
 
 MAX_JOINTS = 32  # that an exporter lists one by one
 

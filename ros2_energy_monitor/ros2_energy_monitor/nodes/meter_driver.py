@@ -20,7 +20,8 @@ from ros2_energy_msgs.msg import PowerReading
 from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE
-from robot_energy.timeline.stamps import SECOND_NS, bounded
+from robot_energy.timeline.stamps import bounded
+from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare

@@ -31,6 +31,7 @@ from robot_energy.cdr.types import extended
 from robot_energy.errors import BagError, MissingTopicError, RobotEnergyError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.shown_text import shown, shown_lines
+from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.message_definitions import definitions_of
 from ros2_energy_monitor.base.publishers import reliable
@@ -44,7 +45,6 @@ MATCHING = 10.0  # s until every topic that has a subscriber has met it
 LISTENING = 1.0  # s after the first subscriber, for the others
 REPORTS = 10  # lines about the progress
 MAX_SENTENCES = 20  # about topics left out
-SECOND_NS = 1_000_000_000
 
 
 class Player:

@@ -10,10 +10,10 @@ from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.messages import PayloadWriter, answer_set_payload
 from robot_energy.pipeline import TorqueStage
+from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.publishers import RowPublisher, latched
 
 DEPTH = 100  # changes that a late subscriber gets at most
-SECOND_NS = 1_000_000_000
 
 
 class PayloadService:

@@ -15,10 +15,10 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.errors import RegisterError
 from robot_energy.messages import interval_fields
 from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.checkpoints import Checkpoints
 
 R = TypeVar("R")
-SECOND_NS = 1_000_000_000
 
 
 class RegisterServices:

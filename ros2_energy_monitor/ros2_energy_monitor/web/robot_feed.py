@@ -15,7 +15,7 @@ from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, Res
 
 from robot_energy.page.alarms import PageFinding
 from robot_energy.page.robot_state import RobotState
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.publishers import best_effort, latched
 

@@ -42,10 +42,9 @@ from robot_energy.uncertainty.band import (
     half_width,
     scores,
 )
-from robot_energy.units import MAX_COUNTER
+from robot_energy.units import MAX_COUNTER, SECOND_NS
 
 COVERED = 0.9  # share of the readings that a band holds
-SECOND_NS = 1_000_000_000
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
 STRETCH_NS = 5_000_000_000  # whose energies are scored: about a motion
 MIN_SHARE = 0.5  # of a stretch that must be compared

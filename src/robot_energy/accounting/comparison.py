@@ -28,8 +28,8 @@ from robot_energy.blocks import (
 )
 from robot_energy.inputs.meter.power_curve import MAX_POWER, MeterCurve
 from robot_energy.timeline.pieces import Compared, CoveredPieces
+from robot_energy.units import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 MAX_PIECES = 1_000_000
 MAX_BEGINNING = 2  # readings of a first epoch that may have been none
 MAX_EPOCHS = 8  # of the meter that wait for the prediction to follow

@@ -12,9 +12,9 @@ from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRe
 from robot_energy.api.replay import ReplayOptions
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.dataset import read_tables
-from robot_energy.fleet.hour_sums import HOUR_NS
 from robot_energy.model import RobotModel
 from robot_energy.report.formats import counted
+from robot_energy.units import HOUR_NS
 
 FULL = 0.99  # of an hour in standby: it was one rest
 

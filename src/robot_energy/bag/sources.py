@@ -13,7 +13,8 @@ from robot_energy.bag.mcap_block import McapChunk, Messages
 from robot_energy.bag.mcap_file import McapFile
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.timeline.stamps import SECOND_NS, valid_stamps
+from robot_energy.timeline.stamps import valid_stamps
+from robot_energy.units import SECOND_NS
 
 MANY_STEPS_BACK = 3  # of over a second in one chunk: no clock was set, the times are broken
 BATCH_MESSAGES = 8192

@@ -21,7 +21,7 @@ from robot_energy.bag.sources import (
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import BagError
 from robot_energy.files.regular_file import open_regular
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 MAGIC = b"SQLite format 3\x00"
 MAX_VALUE_BYTES = 64 * 2**20

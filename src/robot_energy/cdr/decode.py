@@ -30,7 +30,8 @@ from robot_energy.cdr.schema import (
 from robot_energy.cdr.types import typestore as default_typestore
 from robot_energy.cdr.walk import HEADER_SIZE, MAX_PARTS, MAX_TRAILING, Malformed, Walk, walk
 from robot_energy.errors import MessageTypeError
-from robot_energy.timeline.stamps import INVALID_STAMP_NS, SECOND_NS
+from robot_energy.timeline.stamps import INVALID_STAMP_NS
+from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

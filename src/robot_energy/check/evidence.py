@@ -28,6 +28,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.torque_limits import TorqueLimitWatch
 from robot_energy.pipeline import Output, Settings
 
 HARMLESS = ("duplicate_stamp", "unknown_joint")  # said twice, or of another robot
@@ -48,8 +49,6 @@ class Remarks:
         stream: What is wrong with stamps and publishers of the joint states.
         refused: Share of the joint states that were refused, by reason. [-]
         repeating: Whether the driver repeats its joint states.
-        beyond_torque: Joints that need more than their torque limit too often, one sentence
-            by name.
     """
 
     problems: tuple[str, ...] = ()
@@ -62,7 +61,6 @@ class Remarks:
     stream: tuple[JointStateProblem, ...] = ()
     refused: Mapping[str, float] = field(default_factory=dict[str, float])
     repeating: bool = False
-    beyond_torque: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 @dataclass(frozen=True)
@@ -85,6 +83,8 @@ class Evidence:
         shaft_power: Measured torque times motor velocity of every sample of ``supply``, shape
             (M, n); NaN where unknown. [W]
         meter: Readings of the meter; None without one.
+        beyond_torque: Joints that need more than their torque limit too often, one sentence
+            by name.
         remarks: What the stages of the monitor noticed.
         inputs: How the recording was read.
         derived: Whether velocities come from the positions, so that both say the same.
@@ -104,6 +104,7 @@ class Evidence:
     supply: SupplyBlock | None = None
     shaft_power: Float | None = None
     meter: MeterBlock | None = None
+    beyond_torque: Mapping[str, str] = field(default_factory=dict[str, str])
     remarks: Remarks = field(default_factory=Remarks)
     inputs: Inputs = field(default_factory=Inputs)
     derived: bool = False
@@ -204,7 +205,6 @@ def remarks_of(result: Replay) -> Remarks:
             if reason not in HARMLESS
         },
         result.joint_states.repeating,
-        result.beyond_torque,
     )
 
 
@@ -247,11 +247,13 @@ def evidence_of(
         _, ours, theirs = np.intersect1d(torque.stamp_ns, power.stamp_ns, return_indices=True)
         temperature[ours] = power.motor_temperature_degc[theirs]
         supply, shafts = power.supply, power.shaft_power_measured
-    robot = Robot.from_model(model)
+    robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
+    limit_watch = TorqueLimitWatch(robot.limits, drivetrain)
+    limit_watch.step(torque)
     return Evidence(
         model=model,
         robot=robot if carried is None else robot.with_payload(carried),
-        drivetrain=Drivetrain.from_model(model),
+        drivetrain=drivetrain,
         effort=effort,
         stamp_ns=torque.stamp_ns,
         segment=torque.segment,
@@ -263,6 +265,7 @@ def evidence_of(
         supply=supply,
         shaft_power=shafts,
         meter=meter,
+        beyond_torque=limit_watch.sentences(),
         remarks=remarks,
         inputs=inputs or Inputs(),
         derived=bool((torque.quality & np.uint32(Quality.VELOCITY_DERIVED)).all()),

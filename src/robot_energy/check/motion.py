@@ -56,7 +56,7 @@ def _torque_limits(evidence: Evidence) -> list[Finding]:
         Finding(
             "torque_limit", WARNING, (name,), sentence, float("nan"), float("nan"), LONGER_WINDOW
         )
-        for name, sentence in evidence.remarks.beyond_torque.items()
+        for name, sentence in evidence.beyond_torque.items()
     ]
 
 

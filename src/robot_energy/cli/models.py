@@ -128,14 +128,11 @@ def run_check(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.model import model_document
     from robot_energy.results.model import model_report
-    from robot_energy.starter import implausible
 
     check_outputs(args, [args.model])
     model = load(args.model)
-    robot = Robot.from_model(model)
-    report, page = model_report(model, robot), Document()
+    report, page = model_report(model, Robot.from_model(model)), Document()
     model_document(report, page)
-    page.notes(implausible(model, robot))
     present(args, report, page)
     return 0
 
@@ -175,8 +172,9 @@ def run_init(args: Namespace) -> int:
     from robot_energy.errors import ModelFileError
     from robot_energy.files.output_files import TEXT, write_file
     from robot_energy.model import validate
+    from robot_energy.physics.plausibility import implausible
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.starter import implausible, read_arm, read_description, starter_text
+    from robot_energy.starter import read_arm, read_description, starter_text
 
     out = Path(args.out)
     if os.path.lexists(out):

@@ -12,8 +12,8 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
+from robot_energy.units import HOUR_NS
 
-HOUR_NS = 3_600_000_000_000
 MIN_STANDBY = 60.0  # at rest with drives on, from which on it is standby [s]
 OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(5)
 

@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.pipeline import Output
 from robot_energy.timeline.pieces import Compared
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 BIN = 5.0  # width of a bin of temperature [K]
 

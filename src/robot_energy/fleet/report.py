@@ -15,7 +15,6 @@ import polars as pl
 from robot_energy.blocks import Float
 from robot_energy.fleet.bag_joints import BagJoints, bag_joints
 from robot_energy.fleet.findings import RobotsCompared, compare
-from robot_energy.fleet.hour_sums import HOUR_NS
 from robot_energy.fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
 from robot_energy.fleet.tables import FleetTables
 from robot_energy.fleet.wear_history import MIN_HOURS, MIN_RECORDS
@@ -32,13 +31,12 @@ from robot_energy.results.fleet import (
     RobotEnergy,
     ShiftEnergy,
 )
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.units import HOUR_NS, JOULE_PER_KWH
 
 DEGC_STEP = 10.0  # of the table of the model's error [K]
 CURVE_STEP = 5.0  # of the curves of friction [K]
 MIN_ROBOTS = 3  # that make a middle and a range
 RANGE = (0.1, 0.9)
-MINUTE_NS = 60_000_000_000
 WEEK_NS = 7 * 86_400_000_000_000
 SHIFTS = (6, 14, 22)  # hours at which a shift begins, where nothing else is said
 
@@ -170,12 +168,8 @@ def _parts_of_hour(
 ) -> list[tuple[int, int, float | None, int]]:
     """Begin, end, price and number of the shift of each part of a UTC hour in which both hold."""
     zone = ZoneInfo(settings.timezone)
-    clocks = [clock for one in settings.time_of_use for clock in (one.begin, one.end)]
-    changes = {0, *(int(clock[-2:]) for clock in clocks)}  # minutes of the local hour
-    begin = datetime.fromtimestamp(hour_ns // 10**9, UTC).astimezone(zone).minute
-    edges = sorted({0, *((minute - begin) % 60 for minute in changes), 60})
     parts: list[tuple[int, int, float | None, int]] = []
-    for first, last in pairwise(hour_ns + minute * MINUTE_NS for minute in edges):
+    for first, last in pairwise(settings.edges(hour_ns, hour_ns + HOUR_NS)):
         local = datetime.fromtimestamp(first // 10**9, UTC).astimezone(zone)
         shift = (sum(local.hour >= one for one in shifts) - 1) % len(shifts)
         holds = settings.price_at(first), shift

@@ -15,11 +15,11 @@ import numpy as np
 
 from robot_energy.condition.drift_test import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear_records import WearRecord
+from robot_energy.units import HOUR_NS
 
 MIN_RECORDS = MIN_BEFORE + MIN_AFTER  # without which no change is seen
 MIN_HOURS = BAGS.min_hours  # of motion that they span, likewise [h]
 MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
-HOUR_NS = 3_600_000_000_000
 MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
 
 

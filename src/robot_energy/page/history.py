@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
+from robot_energy.units import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 MAX_BUCKETS = 600  # of one ring; more than most screens have pixels for
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -10,12 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from robot_energy.config_file import load
 from robot_energy.errors import PageError
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
 MAX_PRICE = 1e6  # [currency/kWh]; some currencies count in thousands
-SECOND_NS = 1_000_000_000
 
 Price = Annotated[float, Field(ge=0.0, le=MAX_PRICE, allow_inf_nan=False)]
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
@@ -104,6 +104,43 @@ class PageSettings(_Strict):
         local = datetime.fromtimestamp(stamp_ns / SECOND_NS, ZoneInfo(self.timezone))
         held = (one.price_per_kwh for one in self.time_of_use if one.holds(local))
         return next(held, self.price_per_kwh)
+
+    def mean_price(self, start_ns: int, end_ns: int) -> float | None:
+        """Return the mean over a time, each price by its share of it. [currency/kWh]
+
+        Args:
+            start_ns: Its begin. [ns]
+            end_ns: Its end. [ns]
+
+        Returns:
+            None without prices.
+        """
+        if not self.time_of_use or end_ns <= start_ns:
+            return self.price_at(start_ns)
+        parts = list(pairwise(self.edges(start_ns, end_ns)))
+        return sum(
+            (self.price_at(first) or 0.0) * ((last - first) / (end_ns - start_ns))
+            for first, last in parts
+        )
+
+    def edges(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return when prices may change: between two of these instants one price holds. [ns]
+
+        Args:
+            start_ns: The first of them. [ns]
+            end_ns: The last of them. [ns]
+
+        Returns:
+            In time order; the begins of local hours are among them.
+        """
+        zone = ZoneInfo(self.timezone)
+        clocks = [clock for one in self.time_of_use for clock in (one.begin, one.end)]
+        minutes = {0, *(_minute(clock) % 60 for clock in clocks)}
+        found = {start_ns, end_ns}
+        for hour_ns in range(start_ns // HOUR_NS * HOUR_NS, end_ns, HOUR_NS):
+            begin = datetime.fromtimestamp(hour_ns // SECOND_NS, UTC).astimezone(zone).minute
+            found.update(hour_ns + (minute - begin) % 60 * MINUTE_NS for minute in minutes)
+        return sorted(edge for edge in found if start_ns <= edge <= end_ns)
 
 
 class CostCounter:

@@ -19,12 +19,11 @@ from robot_energy.report.canvas import (
     panels,
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.units import JOULE_PER_KWH, SECOND_NS
 
 PANELS = 2  # in a row: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn
 MAX_LINES = 6  # robots to look at, in a panel
-SECOND_NS = 1_000_000_000
 
 
 def energy_of_robots(robots: Sequence[RobotEnergy], path: Target) -> None:

@@ -109,15 +109,18 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         found.append(
             ("Into friction", percent(friction / net), f"{scale.watt_hour(friction)} of all joints")
         )
-    prices = [_price(one, settings) for one in reports]
+    prices = [settings.mean_price(*_span(one)) for one in reports]
     cost = sum(
         one.energy.grid_import / JOULE_PER_KWH * (price or 0.0)
         for one, price in zip(reports, prices, strict=True)
     )
     if None not in prices:
-        found.append(
-            ("Cost", f"{cost:.4f} {settings.currency}", "at the price of the middle of a recording")
+        how = (
+            "energy spread evenly over each recording, each time at its price"
+            if settings.time_of_use
+            else f"at {settings.price_per_kwh:g} {settings.currency}/kWh"
         )
+        found.append(("Cost", f"{cost:.4f} {settings.currency}", how))
     if settings.co2_kg_per_kwh is not None:
         used = sum(one.energy.grid_import for one in reports)
         grams = used / JOULE_PER_KWH * settings.co2_kg_per_kwh * 1e3
@@ -169,6 +172,6 @@ def duration(time: float) -> str:
     return f"{time:.1f} s"
 
 
-def _price(report: ReplayReport, settings: PageSettings) -> float | None:
-    time = report.time
-    return settings.price_at((time.start_ns or 0) + time.span_ns // 2)
+def _span(report: ReplayReport) -> tuple[int, int]:
+    start_ns = report.time.start_ns or 0
+    return start_ns, start_ns + report.time.span_ns

@@ -66,6 +66,7 @@ def model_document(report: ModelReport, page: Document) -> None:
         ],
         report.joints,
     )
+    page.notes(report.remarks)
 
 
 def _fitted(joint: JointOfModel) -> str:

@@ -9,6 +9,7 @@ from typing import ClassVar, cast, get_args
 
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Tag
+from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import Result
 
@@ -80,6 +81,7 @@ class ModelReport(ModelUsed):
         regenerates: Whether braking energy returns to the grid.
         capacitor: Whether the DC-link capacitor is modelled.
         stale_after: Age from which a temperature counts as unknown. [s]
+        remarks: What contradicts the rest, as figures in wrong units do, one sentence each.
     """
 
     NAME: ClassVar[str] = "model"
@@ -96,6 +98,7 @@ class ModelReport(ModelUsed):
     regenerates: bool
     capacitor: bool
     stale_after: float
+    remarks: tuple[str, ...]
 
 
 def count_tags(model: RobotModel) -> dict[str, int]:
@@ -180,6 +183,7 @@ def model_report(model: RobotModel, robot: Robot) -> ModelReport:
         regenerates=cabinet.regeneration_efficiency is not None,
         capacitor=cabinet.capacitor is not None,
         stale_after=model.temperature.stale_after,
+        remarks=tuple(implausible(model, robot)),
     )
 
 

@@ -1,7 +1,7 @@
 """A first model file of a robot from its URDF: every figure assumed, and stated as such."""
 
-from robot_energy.starter.arm import Arm, implausible, read_arm
+from robot_energy.starter.arm import Arm, read_arm
 from robot_energy.starter.description import RobotText, read_description
 from robot_energy.starter.model_text import starter_text
 
-__all__ = ["Arm", "RobotText", "implausible", "read_arm", "read_description", "starter_text"]
+__all__ = ["Arm", "RobotText", "read_arm", "read_description", "starter_text"]

@@ -1,4 +1,4 @@
-"""Which joints of a URDF a first model has, the limits that scale it, and what cannot be true."""
+"""Which joints of a URDF a first model has, and the limits that scale it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.model import RobotModel
+from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
-from robot_energy.physics.urdf.parse import inertia_remarks
 from robot_energy.starter.priors import (
     CLASSES,
     MAX_COBOT_MASS,
@@ -28,11 +27,6 @@ MAX_EFFORT_RATIO = 30.0
 MIN_EFFORT_SHARE = 0.1
 """Least effort of a rotary joint over the largest one: wrists of published robots have more."""
 PRISMATIC_VELOCITY = 1.0  # [m/s]
-CONFIGURATIONS = 200  # drawn for the largest torque of gravity
-MAX_GRAVITY_RATIO = 3.0  # gravity over the effort limit, where springs may balance a part
-MAX_TURNING = 30.0  # rad/s of a joint between two ends; quick wrists reach 20
-MAX_RISE = 5.0  # s, from standstill to the velocity limit; robots need less than one
-_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -144,50 +138,6 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
         class_source=source,
         remarks=tuple(remarks),
     )
-
-
-def implausible(model: RobotModel, robot: Robot) -> list[str]:
-    """Say what in a model or its URDF contradicts the rest, as wrong units do.
-
-    Args:
-        model: The model.
-        robot: Its rigid bodies, which were built from it.
-
-    Returns:
-        What the user should look at, a sentence each.
-    """
-    limits = robot.limits
-    gravity = np.max(np.abs(_gravity(robot)[1]), axis=0)
-    found = inertia_remarks(parse(model.urdf_xml))
-    for row, joint in enumerate(model.joints):
-        velocity, effort = float(limits.velocity[row]), float(limits.effort[row])
-        unit = "N" if limits.prismatic[row] else "N m"
-        ratio = joint.gear_ratio.value
-        coulomb = joint.friction.coulomb.value * abs(ratio)
-        rise = joint.rotor_inertia.value * ratio**2 * velocity / effort
-        limit = f"its effort limit in the URDF is {effort:.4g} {unit}"
-        turns = not (limits.prismatic[row] or limits.wraps[row])
-        if turns and MAX_TURNING < velocity < np.inf:
-            found.append(
-                f"{joint.name}: its velocity limit in the URDF is {velocity:.4g} rad/s: are these "
-                "degrees per second?"
-            )
-        if gravity[row] > MAX_GRAVITY_RATIO * effort:
-            found.append(
-                f"{joint.name}: gravity needs {gravity[row]:.4g} {unit}, {limit}: are lengths in "
-                "m and masses in kg?"
-            )
-        if coulomb > effort:
-            found.append(
-                f"{joint.name}: Coulomb friction is {coulomb:.4g} {unit} on the joint side, "
-                f"{limit}: is coulomb that of the motor side?"
-            )
-        if MAX_RISE < rise < np.inf:
-            found.append(
-                f"{joint.name}: its rotor alone needs {rise:.3g} s to the velocity limit, {limit}: "
-                "is rotor_inertia in kg m^2, motor side?"
-            )
-    return found
 
 
 def _chosen(
@@ -363,7 +313,7 @@ def _needed_effort(robot: Robot, acceleration: Float) -> Float:
         Joint side, shape (n,), at least 0.1. [N m] or [N]
     """
     limits = robot.limits
-    position, gravity = _gravity(robot)
+    position, gravity = gravity_torques(robot)
     zero = np.zeros_like(position)
     needed = np.max(np.abs(gravity), axis=0)
     for joint in range(robot.n_joints):
@@ -376,14 +326,3 @@ def _needed_effort(robot: Robot, acceleration: Float) -> Float:
         needed[rotary], MIN_EFFORT_SHARE * np.max(needed[rotary], initial=0)
     )
     return np.maximum(needed, 0.1)
-
-
-def _gravity(robot: Robot) -> tuple[Float, Float]:
-    """Positions drawn from the joint ranges, and the torque of gravity there, both (N, n)."""
-    limits = robot.limits
-    low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
-    high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
-    rng = np.random.default_rng(_SEED)
-    position = rng.uniform(low, high, (CONFIGURATIONS, robot.n_joints))
-    zero = np.zeros_like(position)
-    return position, robot.joint_torque(position, zero, zero)

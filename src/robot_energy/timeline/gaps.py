@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Int, differences
 from robot_energy.errors import ParameterError
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
 HISTORY = 31  # periods behind the median

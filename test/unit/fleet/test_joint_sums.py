@@ -6,7 +6,7 @@ import pytest
 from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear_records import FEATURES
 from robot_energy.fleet.bag_figures import bag_figures
-from robot_energy.fleet.hour_sums import HOUR_NS, HourSums
+from robot_energy.fleet.hour_sums import HourSums
 from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, SIGN, VISCOUS, JointSums, gram_of
 from robot_energy.fleet.merged_friction import fit_merged, score
 from robot_energy.fleet.merged_laws import JointBags, without_nuisances
@@ -15,6 +15,7 @@ from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.motion import Program
 from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy.units import HOUR_NS
 from robot_energy_papers.learning_study import joint_block, pipeline_of, work
 
 MODEL, PROFILE = load("kr16"), load_profile("kr16")

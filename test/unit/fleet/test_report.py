@@ -13,15 +13,15 @@ from fleets import dataset, fleet
 from robot_energy.cli.main import main
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.fleet.dataset import read_tables
-from robot_energy.fleet.hour_sums import HOUR_NS
 from robot_energy.fleet.identify import identify_fleet
-from robot_energy.fleet.report import MINUTE_NS, fleet_report
+from robot_energy.fleet.report import fleet_report
 from robot_energy.fleet.tables import SCHEMAS, FleetTables
 from robot_energy.model import load
 from robot_energy.page.settings import PageSettings, PricePeriod
 from robot_energy.report.document import Document
 from robot_energy.report.fleet import fleet_document, fleet_headline
 from robot_energy.report.html import page_html
+from robot_energy.units import HOUR_NS, MINUTE_NS
 from robot_energy_papers.fleet_study import judged
 from robot_energy_papers.generated_fleet import FleetPlan
 

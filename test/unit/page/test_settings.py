@@ -54,6 +54,31 @@ def test_a_period_over_midnight_belongs_to_the_day_it_begins():
     assert [night.price_at(round(second) * 10**9) for second in at] == [1.0, 0.5]
 
 
+@pytest.mark.parametrize(
+    ("begin", "end", "mean"),
+    [
+        ((2026, 11, 18, 5, 0), (2026, 11, 18, 7, 0), 0.25),  # half at 0.2, half at 0.3
+        ((2026, 11, 18, 5, 45), (2026, 11, 18, 6, 45), 0.275),
+        ((2026, 11, 18, 7, 10), (2026, 11, 18, 7, 20), 0.3),
+        ((2026, 11, 18, 0, 0), (2026, 11, 19, 0, 0), (10 * 0.2 + 14 * 0.3) / 24),
+        ((2026, 11, 20, 21, 0), (2026, 11, 21, 1, 0), (0.2 + 2 * 0.15 + 0.1) / 4),
+        ((2026, 3, 29, 0, 0), (2026, 3, 30, 0, 0), 0.1),  # 23 hours, a Sunday
+        ((2026, 11, 18, 6, 0), (2026, 11, 18, 6, 0), 0.3),
+    ],
+)
+def test_a_mean_price_shares_by_time(begin, end, mean):
+    assert DAY_AND_NIGHT.mean_price(ns(*begin), ns(*end)) == pytest.approx(mean, rel=1e-12)
+
+
+def test_prices_change_at_minutes_of_a_zone_with_odd_hours():
+    delhi = PageSettings.model_validate(
+        {"price_per_kwh": 1.0, "timezone": "Asia/Kolkata", "time_of_use": [
+            {"begin": "10:10", "end": "10:40", "price_per_kwh": 3.0}]}
+    )  # fmt: skip
+    begin = round(datetime(2026, 11, 18, 4, 30, tzinfo=ZoneInfo("UTC")).timestamp()) * 10**9
+    assert delhi.mean_price(begin, begin + 3_600_000_000_000) == pytest.approx(2.0)
+
+
 @given(st.lists(st.floats(0.0, 3.6e7), min_size=1, max_size=20))
 def test_energy_is_priced_when_it_is_used(increments):
     counter, energy, stamp = CostCounter(DAY_AND_NIGHT), 5e8, ns(2026, 11, 18, 0, 30)

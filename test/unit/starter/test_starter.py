@@ -1,5 +1,6 @@
 """First model files: figures scaled by hand, joints chosen, and what is refused."""
 
+import json
 import subprocess
 import sys
 
@@ -16,10 +17,10 @@ from robot_energy.cdr.types import typestore
 from robot_energy.cli import main
 from robot_energy.errors import BagError, RobotDescriptionError, UnknownJointError
 from robot_energy.model import load, parse_yaml, validate
+from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.starter import (
     RobotText,
-    implausible,
     read_arm,
     read_description,
     starter_text,
@@ -162,6 +163,9 @@ def test_init_and_check_name_what_cannot_be_true(tmp_path, capsys):
     assert "degrees per second" in capsys.readouterr().out
     assert main(["model", "check", str(out)]) == 0
     assert "degrees per second" in capsys.readouterr().out
+    assert main(["model", "check", str(out), "--json", str(tmp_path / "check.json")]) == 0
+    remarks = json.loads((tmp_path / "check.json").read_text())["remarks"]
+    assert [text.split(":")[0] for text in remarks] == ["j1"]
 
 
 def test_a_gripper_and_a_mimic_are_left_out_with_the_reason():

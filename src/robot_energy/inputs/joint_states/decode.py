@@ -15,7 +15,8 @@ from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy.timeline.reorder import OLDER
-from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

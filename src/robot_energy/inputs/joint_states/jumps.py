@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import NANOSECOND, Float, Int, differences
 from robot_energy.physics.derivative import FULL_TURN
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 Mask = NDArray[np.bool_]
 Directions = NDArray[np.int8]

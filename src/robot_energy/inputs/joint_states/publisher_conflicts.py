@@ -11,7 +11,7 @@ from robot_energy.blocks import JointBlock, Quality
 from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import SECOND_NS
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched

@@ -19,8 +19,9 @@ from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
 from robot_energy.inputs.parameters import HEADER, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.epochs import Reach
-from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 from robot_energy.timeline.streams import StreamRun, StreamSplitter, joined, sentence_of
+from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
