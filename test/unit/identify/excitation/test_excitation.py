@@ -210,18 +210,21 @@ def test_senseless_searches_are_refused(change):
 
 @pytest.fixture(scope="module")
 def six_axes():
-    """A few steps of the search for the rig's robot."""
+    """The search for the rig's robot from one start, to its end.
+
+    After a few steps only, results differ with the rounding of the processor.
+    """
     model = load("kr16")
     limits = ExcitationLimits(model, load_profile("kr16").acceleration, floor=Floor("tool0", 0.2))
     return {
         name: optimise_excitation(
-            model, limits, ExcitationSettings(criterion=name, starts=1, iterations=12)
+            model, limits, ExcitationSettings(criterion=name, starts=1)
         )
         for name in ("condition", "determinant")
     }
 
 
-def test_six_axes_within_seconds(six_axes):
+def test_six_axes(six_axes):
     """58 base parameters; the condition number falls to less than a fifth."""
     for result in six_axes.values():
         assert len(result.base) == 58

@@ -286,7 +286,8 @@ def test_velocities_that_stay_zero_are_found():
     ingest = JointStateIngest(NAMES, limits=limits())
     take(ingest, moving(sway(), np.zeros(1000)))
     assert sentences(ingest) == [
-        "the velocity of a stays 0 while its positions move: leave the velocity out"
+        "the velocity of a stays 0 while its positions move: set joint_states.velocity_source to "
+        "positions"
     ]
     again = JointStateIngest(NAMES, limits=limits())
     zero = np.zeros(1000)
