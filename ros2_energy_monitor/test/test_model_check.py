@@ -44,11 +44,10 @@ def turned(message: JointState) -> None:
     message.effort[2] *= -1.0
 
 
-def jittered(message: JointState) -> None:
-    """Leave positions alone, with stamps that jitter by 3 ms: their curvature is noise."""
-    message.velocity = []
-    stamp = message.header.stamp
-    stamp.nanosec -= min(stamp.nanosec // 1000 * 7919 % 3_000_000, stamp.nanosec)
+def noisy(message: JointState) -> None:
+    """Add noise of 0.2 rad/s to the velocities, whose slope no drive follows."""
+    noise = np.random.default_rng(message.header.stamp.nanosec).normal(scale=0.2, size=6)
+    message.velocity = (np.asarray(message.velocity) + noise).tolist()
 
 
 def play(bench: Any, node: EnergyMonitor, change: Callable[[JointState], None] = unchanged) -> None:
@@ -97,7 +96,7 @@ def test_a_torque_of_the_wrong_sign_is_named_with_its_remedy_first(bench):
 def test_torques_that_no_drive_has_are_named(bench):
     node = bench.add(EnergyMonitor, model="kr16", model_check=8.0)
     diagnosed = bench.diagnosed()
-    play(bench, node, jittered)
+    play(bench, node, noisy)
     status = diagnosed.wait(NAME, "needs more than its torque limit")
     assert status.level == DiagnosticStatus.WARN
 

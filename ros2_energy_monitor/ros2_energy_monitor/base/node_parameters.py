@@ -55,10 +55,15 @@ class TorqueParameters(JointStateInputs, Common):
         100_000,
     )
     derivative_window: float = parameter(
-        "Length of the window over which acceleration is estimated [s].", 0.02, 0.001, 1.0
+        "Length of the window over which acceleration is estimated; 2.5 times as long where "
+        "velocities come from the positions [s].",
+        0.02,
+        0.001,
+        1.0,
     )
     derivative_lag: float = parameter(
-        "How far that window reaches ahead of the sample; -1 for half the window [s].",
+        "How far that window reaches ahead of the sample, 2.5 times as far likewise; -1 for half "
+        "the window [s].",
         -1.0,
         -1.0,
         1.0,

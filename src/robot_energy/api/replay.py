@@ -68,7 +68,7 @@ class ReplayOptions(TypedDict, total=False):
             ``motor_torque`` or ``joint_torque``.
         stamp_source: What dates joint states: ``header`` or ``receive``.
         reorder_window: Window in which joint states that overtook each other are sorted. [s]
-        derivative_window: Window behind an acceleration. [s]
+        derivative_window: Window behind an acceleration; 2.5 times as long without velocities. [s]
         temperature_wait: How long torque waits for late temperatures. [s]
         max_gap: Longest time between two joint states that is bridged; 0: five times their
             usual period, 0.1 s to 1 s. [s]

@@ -23,7 +23,8 @@ MIN_BEYOND = 0.02  # share of samples beyond a limit
 FAR = 4.0  # times a limit: what several turns of a joint do not reach, and degrees do
 MIN_REST = 2.0  # s of a joint, below which its noise may be motion
 MIN_TRAVEL = 0.05  # rad or m that a joint moves, beyond the noise of one at rest
-NO_VELOCITY = "leave the velocity out; it is then taken from the positions"
+MIN_STEPS = 40  # of held velocities while the robot moves
+MIN_HELD = 0.9  # share of the steps that come after a velocity was held
 NEAR = 0.3  # of the logarithm of a factor
 
 
@@ -47,7 +48,30 @@ def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
     ]
     if not any(finding.severity == ERROR for finding in findings):
         findings += _torque_limits(evidence)
-    return [*findings, *_rest(evidence), *_degrees_unseen(evidence)], ""
+    return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
+
+
+def _held(evidence: Evidence) -> list[Finding]:
+    """Velocities of all joints that stay the same together and then step, while positions move."""
+    if evidence.derived or evidence.remarks.repeating:
+        return []
+    moved = (np.diff(evidence.position, axis=0) != 0).any(axis=1)
+    moved &= np.diff(evidence.segment) == 0
+    stepped = (np.diff(evidence.velocity, axis=0) != 0).any(axis=1)
+    steps = np.flatnonzero(moved & stepped)
+    held = np.diff(steps)[moved[steps[1:] - 1]] if len(steps) > 1 else np.empty(0)
+    if len(steps) < MIN_STEPS or np.count_nonzero(held > 1) < MIN_HELD * len(steps):
+        return []
+    time = float(np.median(held)) * float(np.median(np.diff(evidence.stamp_ns))) * NANOSECOND
+    return [
+        Finding(
+            "velocity_held", WARNING, (),
+            f"velocities stay the same for {1e3 * time:.0f} ms and then step, while positions move "
+            "on: their slope, and so the acceleration, is a staircase",
+            time, float("nan"),
+            *remedies.no_velocity(),
+        )
+    ]  # fmt: skip
 
 
 def _torque_limits(evidence: Evidence) -> list[Finding]:
@@ -99,7 +123,7 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 "velocity_zero", ERROR, (name,),
                 f"{ALWAYS_ZERO.format(name)} by {travel:.3g} {evidence.robot.limits.unit(joint)}",
                 travel, float("nan"),
-                NO_VELOCITY,
+                *remedies.no_velocity(),
             )
         ]  # fmt: skip
     if len(change) < MIN_SAMPLES or not change.std() > 1e-3 or not velocity.std() > 1e-4:
@@ -123,7 +147,7 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 f"the velocity of {name} does not follow its position "
                 f"(correlation {correlation:.2f})",
                 correlation, 1.0 - correlation**2,
-                NO_VELOCITY,
+                *remedies.no_velocity(),
             )
         ]  # fmt: skip
     if abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:

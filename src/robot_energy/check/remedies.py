@@ -15,6 +15,7 @@ from robot_energy.check.evidence import Evidence
 from robot_energy.check.finding import MODEL, PARAMETERS
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
+from robot_energy.inputs.parameters import POSITIONS
 
 Remedy = tuple[str, str]  # line of YAML, file
 
@@ -67,6 +68,11 @@ def _present(evidence: Evidence, quantity: str) -> JointCorrection:
 
 def _below_joint_states(line: str) -> Remedy:
     return f"joint_states: {{{line}}}", PARAMETERS
+
+
+def no_velocity() -> Remedy:
+    """Return the line that takes velocities from the positions."""
+    return f"joint_states: {{velocity_source: {POSITIONS}}}", PARAMETERS
 
 
 def effort_meaning(meaning: str) -> Remedy:

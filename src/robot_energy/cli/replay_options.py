@@ -58,7 +58,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "derivative_window": {
         "type": positive,
         "metavar": "S",
-        "help": "window behind an acceleration (default 0.02 s)",
+        "help": "window behind an acceleration (default 0.02 s), 2.5 times as long where the "
+        "messages have no velocities",
     },
     "stamp_source": {
         "choices": ("header", "receive"),

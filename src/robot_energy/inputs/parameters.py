@@ -36,6 +36,7 @@ KINDS: dict[Any, str] = {
     tuple[float, ...]: "a list of numbers",
 }
 HEADER, RECEIVE = "header", "receive"  # sources of stamps, the same words for every input
+MESSAGES, POSITIONS = "messages", "positions"  # sources of velocities
 RENAMED = {  # parameters of earlier versions, and what they are called now
     "settle": "temperature_wait",
     "joint_state_topics": "joint_states.topics",

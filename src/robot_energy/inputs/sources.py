@@ -20,7 +20,15 @@ from robot_energy.errors import ParameterError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import MeterInputs
-from robot_energy.inputs.parameters import HEADER, RECEIVE, group, named_groups, parameter
+from robot_energy.inputs.parameters import (
+    HEADER,
+    MESSAGES,
+    POSITIONS,
+    RECEIVE,
+    group,
+    named_groups,
+    parameter,
+)
 from robot_energy.inputs.temperatures.kinds import (
     MOTOR_TEMPERATURES,
     TEMPERATURE_KINDS,
@@ -49,6 +57,12 @@ class JointStateSource:
         "set it.",
         HEADER,
         choices=(HEADER, RECEIVE),
+    )
+    velocity_source: str = parameter(
+        "Where velocities come from: the messages, or the positions for drivers whose velocities "
+        "stay 0 or step. They come from the positions anyway where messages have none.",
+        MESSAGES,
+        choices=(MESSAGES, POSITIONS),
     )
     reorder_window: float = parameter(
         "Window in which joint states that overtook each other are sorted [s].", 0.0, 0.0, 0.5

@@ -5,14 +5,15 @@ sample and its slope at that sample is reported. The window reaches ``lag`` seco
 ahead, so a sample leaves once the stamps have passed it by ``lag``: the estimate is
 phase-true, and the same live and in replay. Lag 0 makes a causal fit.
 
-Where the window holds too few samples (slow drivers), it reaches to the nearest
+Of positions alone the window is `POSITIONS_RATIO` as long: a second derivative makes far more
+of their noise. Where the window holds too few samples (slow drivers), it reaches to the nearest
 neighbours instead. It never crosses a change of segment. Positions of a joint that turns
 without end are followed the short way round, wherever its driver lets them begin again.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mar
 from robot_energy.physics.equations import CACHED
 
 FULL_TURN = 2 * np.pi  # rad
+POSITIONS_RATIO = 2.5  # window where velocities are missing, over that of velocities [-]
 
 
 class Derivative:
@@ -28,7 +30,8 @@ class Derivative:
 
     Measured velocities pass unchanged, and the acceleration is their slope. Where the
     robot reports no velocity, both come from the positions and the sample is flagged
-    ``VELOCITY_DERIVED``. Where the window is cut by the start, the end or a gap, the
+    ``VELOCITY_DERIVED``; if the first sample of a segment lacks one, the segment has the longer
+    window. Where the window is cut by the start, the end or a gap, the
     sample is flagged ``ACCELERATION_INCOMPLETE``; with a single sample the result is NaN.
 
     Args:
@@ -53,11 +56,17 @@ class Derivative:
             raise ValueError(f"lag {lag} s; expected between 0 and the window of {window} s")
         if neighbours < 3:
             raise ValueError(f"neighbours {neighbours}; expected at least 3 for a quadratic")
-        self._ahead_ns = round(lag / NANOSECOND)
-        self._behind_ns = round((window - lag) / NANOSECOND)
+        self._windows = [
+            _Window(
+                round(ratio * (window - lag) / NANOSECOND),
+                round(ratio * lag / NANOSECOND),
+                ratio * window / 2,
+            )
+            for ratio in (1.0, POSITIONS_RATIO)
+        ]
+        self._window = self._windows[0]  # of the running segment
         self._least_ahead = (neighbours - 1) // 2 if lag > 0 else 0
         self._least_behind = neighbours - 1 - self._least_ahead
-        self._scale = window / 2
         self._wraps = wraps if wraps is not None and bool(wraps.any()) else None
         self._pending: JointBlock | None = None  # context behind plus samples not yet out
         self._done = 0  # samples of _pending that are context only
@@ -81,6 +90,9 @@ class Derivative:
             part = block[slice(start, stop)] if starts else block
             if self._pending is not None and self._pending.segment[-1] != part.segment[0]:
                 out += self.flush()
+            if self._pending is None:
+                known = bool(np.isfinite(part.joint_velocity[0]).all())
+                self._window = self._windows[0 if known else 1]
             self._follow(part.joint_position)
             if self._pending is not None:
                 part = JointBlock.concatenate([self._pending, part])
@@ -115,7 +127,7 @@ class Derivative:
         stamp = buffer.stamp_ns
         ready = len(buffer)
         if not closing:
-            newest = int(stamp[-1]) - self._ahead_ns
+            newest = int(stamp[-1]) - self._window.ahead_ns
             within = int(np.searchsorted(stamp, newest, side="right"))
             ready = min(within, len(buffer) - self._least_ahead)
         out: list[JointBlock] = []
@@ -130,7 +142,7 @@ class Derivative:
         buffer = self._pending
         if buffer is None or self._done == 0:
             return
-        oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._behind_ns
+        oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._window.behind_ns
         reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
         keep = max(0, min(reach, self._done - self._least_behind))
         self._pending = buffer[slice(keep, None)]
@@ -143,11 +155,9 @@ class Derivative:
             buffer.stamp_ns,
             start,
             stop,
-            self._behind_ns,
-            self._ahead_ns,
+            self._window,
             self._least_behind,
             self._least_ahead,
-            self._scale,
         )
         rows = slice(start, stop)
         velocity = buffer.joint_velocity
@@ -176,6 +186,14 @@ class Derivative:
         )
 
 
+class _Window(NamedTuple):
+    """How far the window of a sample reaches, and the unit of its times."""
+
+    behind_ns: int
+    ahead_ns: int
+    scale: float  # [s]
+
+
 class _QuadraticFit:
     """Weights of a local quadratic through the samples around each row.
 
@@ -185,23 +203,23 @@ class _QuadraticFit:
     """
 
     def __init__(
-        self, stamp: Int, start: int, stop: int, behind_ns: int, ahead_ns: int,
-        least_behind: int, least_ahead: int, scale: float,
+        self, stamp: Int, start: int, stop: int, window: _Window,
+        least_behind: int, least_ahead: int,
     ) -> None:  # fmt: skip
         rows, instants = np.arange(start, stop), stamp[start:stop]
-        low = np.searchsorted(stamp, instants - behind_ns, side="left")
-        high = np.searchsorted(stamp, instants + ahead_ns, side="right") - 1
+        low = np.searchsorted(stamp, instants - window.behind_ns, side="left")
+        high = np.searchsorted(stamp, instants + window.ahead_ns, side="right") - 1
         behind = rows - np.maximum(np.minimum(low, rows - least_behind), 0)
         ahead = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1) - rows
         self.incomplete = (rows - least_behind < 0) | (rows + least_ahead >= len(stamp))
-        self._scale = scale
+        self._scale = window.scale
         offsets = np.arange(-int(behind.max()), int(ahead.max()) + 1)
         self._first, self._last = start + int(offsets[0]), stop + int(offsets[-1])
         # u and the weights are (offsets, rows), so that every operation runs along the rows
         near = (self._part(stamp) - instants[0]).astype(np.float64)  # whole numbers, exact
         around = windows_of(near, len(rows))
         self._u = around - (instants - instants[0]).astype(np.float64)
-        self._u *= NANOSECOND / scale
+        self._u *= NANOSECOND / window.scale
         shortest_behind, shortest_ahead = int(behind.min()), int(ahead.min())
         self._outside = {  # of the offsets that lie outside of some windows, which windows
             index: (offset < -behind) | (offset > ahead)

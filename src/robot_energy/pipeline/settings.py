@@ -15,7 +15,8 @@ class Settings(AccountSettings):
     """How samples are differentiated, joined and averaged.
 
     Attributes:
-        derivative_window: Length of the window of the derivative. [s]
+        derivative_window: Length of the window of the derivative; longer without velocities, see
+            `Derivative`. [s]
         derivative_lag: How far it reaches ahead; None: half the window. [s]
         derivative_neighbours: Least number of samples in the window.
         max_gap: Longest time between two joint states that is bridged; 0: five median periods,

@@ -68,6 +68,7 @@ class JointStateReader:
         aliases: What messages call the joints, in model order, where that is not ``joint_names``;
             messages with ``joint_names`` are read as well.
         corrections: Of position, velocity and effort, in this order; none by default.
+        velocity: Whether to use the velocity of messages.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
@@ -84,6 +85,7 @@ class JointStateReader:
         checked: Callable[[JointBlock], JointBlock | None] | None = None,
         aliases: Sequence[str] = (),
         corrections: Sequence[JointCorrection] = (),
+        velocity: bool = True,
     ) -> None:
         self._corrections = corrections or (JointCorrection(),) * 3
         self._checked = checked
@@ -92,7 +94,7 @@ class JointStateReader:
         names = tuple(joint_names)
         self.known_names = tuple(dict.fromkeys((tuple(aliases) or names, names)))
         self._n_joints = len(names)
-        self._effort = effort
+        self._effort, self._velocity = effort, velocity
         self._receive_time = receive_time
         fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
         fields = (*fields, "effort") if effort else fields
@@ -194,6 +196,8 @@ class JointStateReader:
         position, *others = (np.asarray(array, dtype=np.float64) for array in arrays)
         if position.shape[1] != len(names):
             return "wrong_length"
+        if not self._velocity:
+            others[0] = np.empty((len(position), 0))
         if others[0].shape[1] not in (0, len(names)):
             return "wrong_length"
         if self._effort and others[1].shape[1] != len(names):

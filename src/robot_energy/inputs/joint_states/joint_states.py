@@ -18,7 +18,7 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
     PublisherConflictFilter,
 )
 from robot_energy.inputs.joint_states.velocities import VelocityCheck
-from robot_energy.inputs.parameters import RECEIVE
+from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
@@ -99,6 +99,7 @@ class JointStateIngest:
             self._velocities.step,
             source.names_of(joint_names),
             source.corrections_of(joint_names),
+            velocity=source.velocity_source == MESSAGES,
         )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints

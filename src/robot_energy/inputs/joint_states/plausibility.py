@@ -18,6 +18,7 @@ from robot_energy.blocks import (
     mark,
 )
 from robot_energy.inputs.joint_states.jumps import shortest
+from robot_energy.inputs.parameters import POSITIONS
 from robot_energy.physics.urdf.checks import JointLimits
 
 SLACK = 0.05  # share of its range that a joint may be beyond a limit
@@ -266,7 +267,7 @@ class Plausibility:
         joint, ratio = self._ratio
         name = self._names[joint]
         if ratio == 0:
-            return f"{ALWAYS_ZERO.format(name)}: leave the velocity out"
+            return f"{ALWAYS_ZERO.format(name)}: set joint_states.velocity_source to {POSITIONS}"
         if ratio < 0:
             return f"the velocity of {name} has the opposite sign of what its positions do"
         looks = ""

@@ -217,9 +217,7 @@ def six_axes():
     model = load("kr16")
     limits = ExcitationLimits(model, load_profile("kr16").acceleration, floor=Floor("tool0", 0.2))
     return {
-        name: optimise_excitation(
-            model, limits, ExcitationSettings(criterion=name, starts=1)
-        )
+        name: optimise_excitation(model, limits, ExcitationSettings(criterion=name, starts=1))
         for name in ("condition", "determinant")
     }
 
