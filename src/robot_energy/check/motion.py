@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,20 +13,32 @@ from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence, rest_noise
 from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
 from robot_energy.inputs.joint_states.jumps import shortest
-from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO
+from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO, FAR
 
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
 DEGREES = 180.0 / np.pi
-MARGIN = 0.2  # rad beyond a limit of the URDF
 MIN_BEYOND = 0.02  # share of samples beyond a limit
-FAR = 4.0  # times a limit: what several turns of a joint do not reach, and degrees do
+
 MIN_REST = 2.0  # s of a joint, below which its noise may be motion
 MIN_TRAVEL = 0.05  # rad or m that a joint moves, beyond the noise of one at rest
 MIN_STEPS = 40  # of held velocities while the robot moves
 MIN_HELD = 0.9  # share of the steps that come after a velocity was held
+MIN_SHARE = 0.05  # of its range that a joint moves
 NEAR = 0.3  # of the logarithm of a factor
+
+
+class _Unit(NamedTuple):
+    """What positions of a joint may be stated in instead of SI."""
+
+    name: str
+    factor: float  # of the value in SI
+    margin: float  # beyond a limit of the URDF, in SI
+
+
+UNITS = {False: _Unit("degrees", DEGREES, 0.2), True: _Unit("millimetres", 1e3, 0.05)}
+"""By whether a joint is prismatic."""
 
 
 def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
@@ -41,10 +54,16 @@ def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
     del wrong
     if len(evidence.stamp_ns) < MIN_SAMPLES:
         return [], f"{len(evidence.stamp_ns)} samples with a full derivative window"
+    joints = range(len(evidence.names))
+    foreign = [_in_other_unit(evidence, joint) for joint in joints]
     findings = [
         finding
-        for joint in range(len(evidence.names))
-        for finding in (*_slope(evidence, joint), *_limits(evidence, joint))
+        for joint in joints
+        for finding in (
+            _units(evidence, joint, foreign)
+            if foreign[joint]
+            else (*_slope(evidence, joint), *_limits(evidence, joint))
+        )
     ]
     if not any(finding.severity == ERROR for finding in findings):
         findings += _torque_limits(evidence)
@@ -171,33 +190,83 @@ def _exact(slope: float) -> float:
     return factors[0] if factors else slope
 
 
-def _limits(evidence: Evidence, joint: int) -> list[Finding]:
-    limits, name = evidence.robot.limits, evidence.names[joint]
+def _unit(evidence: Evidence, joint: int) -> _Unit:
+    return UNITS[bool(evidence.robot.limits.prismatic[joint])]
+
+
+def _outside(evidence: Evidence, joint: int) -> float:
+    """Share of the positions outside the limits of the URDF; 0 where it has none."""
+    limits, margin = evidence.robot.limits, _unit(evidence, joint).margin
     position = evidence.position[:, joint]
+    low, high = limits.lower[joint] - margin, limits.upper[joint] + margin
+    beyond = np.count_nonzero((position < low) | (position > high)) / len(position)
+    return beyond if np.isfinite(low + high) and beyond >= MIN_BEYOND else 0.0
+
+
+def _in_other_unit(evidence: Evidence, joint: int) -> bool:
+    """Whether positions lie far outside the limits, and inside them in the other unit."""
+    if not _outside(evidence, joint):
+        return False
+    limits, unit = evidence.robot.limits, _unit(evidence, joint)
     low, high = float(limits.lower[joint]), float(limits.upper[joint])
-    if limits.prismatic[joint] or not np.isfinite(low + high):
-        return []
-    beyond = float(np.mean((position < low - MARGIN) | (position > high + MARGIN)))
-    if beyond < MIN_BEYOND:
-        return []
-    within = np.all((position / DEGREES > low - MARGIN) & (position / DEGREES < high + MARGIN))
-    far = float(np.max(np.abs(position))) > FAR * max(abs(low), abs(high))
-    degrees = bool(within) and far
-    cause = "degrees" if degrees else "position_limit"
-    remedy, place = "check the zero and the sign of the joint, or the limits of the URDF", ""
-    if degrees:
-        everything = tuple(range(len(evidence.names)))
-        remedy, place = remedies.corrected(
-            evidence, ("position", "velocity"), everything, scale=1.0 / DEGREES
-        )
+    position = evidence.position[:, joint] / unit.factor
+    within = np.all((position > low - unit.margin) & (position < high + unit.margin))
+    most = unit.factor * float(np.max(np.abs(position)))
+    return bool(within) and most > FAR * max(abs(low), abs(high))
+
+
+def _recorded(evidence: Evidence, joint: int) -> str:
+    """Where the positions of a joint lie, and its limits, in words."""
+    limits, position = evidence.robot.limits, evidence.position[:, joint]
+    return (
+        f"outside the limits of the URDF ({limits.lower[joint]:.3g} to {limits.upper[joint]:.3g} "
+        f"{limits.unit(joint)}; recorded {position.min():.3g} to {position.max():.3g})"
+    )
+
+
+def _travels(evidence: Evidence, joint: int) -> bool:
+    """Whether a joint moves far between its limits as it is, and hardly in another unit."""
+    limits = evidence.robot.limits
+    travel = float(np.ptp(evidence.position[:, joint]))
+    return travel > MIN_SHARE * float(limits.upper[joint] - limits.lower[joint])
+
+
+def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> list[Finding]:
+    """Name the unit, and correct all joints of its kind: most drivers state them alike."""
+    unit, beyond = _unit(evidence, joint), _outside(evidence, joint)
+    kinds = {_unit(evidence, one) for one, is_foreign in enumerate(foreign) if is_foreign}
+    joints = tuple(
+        one
+        for one in range(len(foreign))
+        if foreign[one] or (_unit(evidence, one) in kinds and not _travels(evidence, one))
+    )
+    scales = [1.0 / _unit(evidence, one).factor for one in joints]
+    change, velocity = _change(evidence, joint)
+    slope = float(velocity @ change / (change @ change)) if change.any() else 1.0
+    sound = slope > 0 and abs(np.log(slope * unit.factor)) < NEAR  # the velocity is in SI
+    quantities = ("position",) if sound else ("position", "velocity")
     return [
         Finding(
-            cause, ERROR if degrees else WARNING, (name,),
-            f"{100 * beyond:.0f} % of the positions of {name} lie outside the limits of the URDF "
-            f"({low:.3g} to {high:.3g} rad; recorded {position.min():.3g} to {position.max():.3g})"
-            + (", and inside them as degrees" if degrees else ""),
+            unit.name, ERROR, (evidence.names[joint],),
+            f"{100 * beyond:.0f} % of the positions of {evidence.names[joint]} lie "
+            f"{_recorded(evidence, joint)}, and inside them as {unit.name}",
             beyond, beyond,
-            remedy, place,
+            *remedies.corrected(evidence, quantities, joints, scale=scales),
+        )
+    ]  # fmt: skip
+
+
+def _limits(evidence: Evidence, joint: int) -> list[Finding]:
+    beyond = _outside(evidence, joint)
+    if not beyond:
+        return []
+    return [
+        Finding(
+            "position_limit", WARNING, (evidence.names[joint],),
+            f"{100 * beyond:.0f} % of the positions of {evidence.names[joint]} lie "
+            f"{_recorded(evidence, joint)}",
+            beyond, beyond,
+            "check the zero and the sign of the joint, or the limits of the URDF",
         )
     ]  # fmt: skip
 

@@ -25,7 +25,7 @@ def corrected(
     quantities: Sequence[str],
     joints: tuple[int, ...],
     sign: float = 1.0,
-    scale: float = 1.0,
+    scale: float | Sequence[float] = 1.0,
 ) -> Remedy:
     """Return the line that corrects quantities of some joints.
 
@@ -34,13 +34,15 @@ def corrected(
         quantities: Of ``position``, ``velocity`` and ``effort``.
         joints: Indices in model order.
         sign: 1 or -1. [-]
-        scale: Factor. [-]
+        scale: Factor, or one for each of ``joints``. [-]
     """
-
-    def each(value: float) -> tuple[float, ...]:
-        return tuple(value if j in joints else 1.0 for j in range(len(evidence.names)))
-
-    other = JointCorrection(sign=each(sign), scale=each(float(f"{scale:.6g}")))
+    scales = scale if isinstance(scale, Sequence) else [float(scale)] * len(joints)
+    factors: dict[int, float] = dict(zip(joints, scales, strict=True))
+    each = range(len(evidence.names))
+    other = JointCorrection(
+        sign=tuple(sign if joint in joints else 1.0 for joint in each),
+        scale=tuple(float(f"{factors.get(joint, 1.0):.6g}") for joint in each),
+    )
     lines = [_present(evidence, one).followed_by(other).line(one) for one in quantities]
     return _below_joint_states(", ".join(lines))
 

@@ -35,6 +35,7 @@ CHECKS: dict[str, Check] = {
 }
 MOTION_CAUSES = (
     "degrees",
+    "millimetres",
     "velocity_sign",
     "velocity_scale",
     "velocity_zero",

@@ -24,6 +24,7 @@ from robot_energy.physics.urdf.checks import JointLimits
 SLACK = 0.05  # share of its range that a joint may be beyond a limit
 MIN_SLACK = 0.05  # rad or m
 MAX_SPEED_RATIO = 2.0  # times its velocity limit
+FAR = 4.0  # times a limit, beyond which another unit explains a position
 ZEROS_NS = 5_000_000_000  # all joints exactly zero for so long is suspicious
 DEGREES = 180 / np.pi
 MILLIMETRES = 1000.0
@@ -258,7 +259,9 @@ class Plausibility:
         least, most = self._least / scale, self._most / scale
         fits = (least >= self._low) & (most <= self._high) | (not positions)
         fits &= self._speed / scale <= self._fastest
-        if bool(fits.all()):
+        size = np.maximum(np.abs(self._least), np.abs(self._most))
+        reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+        if bool(fits.all()) and bool((size > FAR * reach)[wrong].any() or not positions):
             subject = "joint states look" if positions else "velocities look"
             return f"{what}: the {subject} like {unit}{'' if positions else ' per second'}"
         return f"{what}: is this the model of the robot, and are the units rad and m?"
