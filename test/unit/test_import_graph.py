@@ -36,8 +36,8 @@ MODULES = {
         replay
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader sources
-        sqlite_source time_range writer
+        by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader
+        sources sqlite_source time_range writer
     """,
     "robot_energy.cdr": """
         batch decode encode plan schema types walk

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_energy.bag.by_log_time import MAX_OVERLAP_NS, merged, rises
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
 from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
@@ -26,8 +27,6 @@ __all__ = ["BagReader", "TopicInfo"]
 
 MAX_PROBLEMS = 100
 """Sentences about what is wrong that are kept."""
-MAX_OVERLAP_NS = 1_000_000_000
-"""By which files of a split bag may overlap: several publishers are not in step. [ns]"""
 _COMPARED = 2**16
 
 
@@ -60,13 +59,14 @@ class BagReader:
         self._said_count: int | None = None  # of metadata.yaml
         self._sources = self._find()
         contents = BagContents()
-        spans: list[tuple[int, int]] = []
+        spans: list[tuple[int, int, frozenset[str]]] = []
         for source in self._sources:
             part = source.contents()
             contents.add(part, self._report)
             if part.start_ns is not None and part.end_ns is not None:
-                spans.append((part.start_ns, part.end_ns))
-        self._check_spans(spans)
+                spans.append((part.start_ns, part.end_ns, frozenset(part.topics)))
+        files_overlap = self._check_spans(spans)
+        self._scattered = max(files_overlap, contents.overlap_ns) > MAX_OVERLAP_NS
         if None not in (self._said_count, contents.message_count) and (
             self._said_count != contents.message_count
         ):
@@ -132,6 +132,7 @@ class BagReader:
 
         Each part holds one chunk of the bag, or at most 8192 messages. Inside a batch the order
         is by log time, equal times in file order; from part to part log times may step back.
+        Topics that lie one behind the other in the bag are brought together by their log times.
         Where the log times of a topic jump back and forth, it is the order in the file, and the
         problem is reported.
 
@@ -151,9 +152,19 @@ class BagReader:
     def _parts(
         self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
     ) -> Iterator[dict[str, RawBatch]]:
-        if not wanted:
-            return
-        for source in self._sources:
+        if not self._scattered or len(wanted) < 2:
+            return self._in_file_order(wanted, spans)
+        if not all(rises(self._one(topic, kind, spans)) for topic, kind in wanted.items()):
+            return self._in_file_order(wanted, spans)
+        return merged([self._one(topic, kind, spans) for topic, kind in wanted.items()])
+
+    def _one(self, topic: str, msgtype: str, spans: Mapping[str, LogTimes]) -> Iterator[RawBatch]:
+        return (part[topic] for part in self._in_file_order({topic: msgtype}, spans))
+
+    def _in_file_order(
+        self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
+    ) -> Iterator[dict[str, RawBatch]]:
+        for source in self._sources if wanted else ():
             for part in source.parts(wanted, spans):
                 within = {
                     topic: found
@@ -236,18 +247,24 @@ class BagReader:
                 self._report(f"{file.name} is the same as {same.name}; it was left out")
         return kept
 
-    def _check_spans(self, spans: Sequence[tuple[int, int]]) -> None:
-        """Report files that were recorded at the same time: they may hold the same."""
-        latest: int | None = None
-        overlap = 0
-        for start, end in sorted(spans):
-            if latest is not None:
-                overlap = max(overlap, min(latest, end) - start)
-            latest = end if latest is None else max(latest, end)
-        if overlap > MAX_OVERLAP_NS:
+    def _check_spans(self, spans: Sequence[tuple[int, int, frozenset[str]]]) -> int:
+        """Report files with a topic in common at the same time: they may hold the same.
+
+        Returns:
+            By how much files overlap at most, whatever their topics. [ns]
+        """
+        most = same = latest = 0
+        ends: dict[str, int] = {}
+        for start, end, topics in sorted(spans, key=lambda span: span[:2]):
+            most = max(most, min(latest, end) - start)
+            same = max(same, *(min(ends.get(topic, 0), end) - start for topic in topics), 0)
+            latest = max(latest, end)
+            ends |= {topic: max(ends.get(topic, 0), end) for topic in topics}
+        if same > MAX_OVERLAP_NS:
             self._report(
-                f"files of the bag overlap by {overlap * 1e-9:.3f} s; what is in both counts twice"
+                f"files of the bag overlap by {same * 1e-9:.3f} s; what is in both counts twice"
             )
+        return most
 
 
 def _within(batch: RawBatch, span: LogTimes | None) -> RawBatch:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,13 +41,17 @@ class TopicInfo:
 
 @dataclass(slots=True)
 class BagContents:
-    """What a file or folder holds: times in [ns]; None where it does not say."""
+    """What a file or folder holds: times in [ns]; None where it does not say.
+
+    ``overlap_ns`` is by how much at most one chunk begins before the end of another ahead of it.
+    """
 
     topics: dict[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
     definitions: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
     start_ns: int | None = None
     end_ns: int | None = None
     message_count: int | None = 0
+    overlap_ns: int = 0
 
     def add(self, other: BagContents, report: Report) -> None:
         """Add what another file of the same bag holds.
@@ -63,6 +67,7 @@ class BagContents:
         ends = [t for t in (self.end_ns, other.end_ns) if t is not None]
         self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)
         self.message_count = _sum(self.message_count, other.message_count)
+        self.overlap_ns = max(self.overlap_ns, other.overlap_ns)
 
     def add_topic(self, name: str, info: TopicInfo, report: Report) -> None:
         """Add a stream on a topic; of two types on one topic the first counts.
@@ -83,6 +88,14 @@ class BagContents:
         else:
             count = _sum(have.message_count, info.message_count)
             self.topics[name] = TopicInfo(have.msgtype, count, have.encoding)
+
+
+def _overlap(spans: Iterable[LogTimes]) -> int:
+    """By how much at most a span begins before the latest end so far."""
+    overlap, latest = 0, 0
+    for start, end in spans:
+        overlap, latest = max(overlap, latest - start), max(latest, end)
+    return overlap
 
 
 def _sum(a: int | None, b: int | None) -> int | None:
@@ -118,6 +131,9 @@ class McapSource:
                 "read instead"
             )
         if defined and file.channels:
+            chunks = file.summary.chunks if file.summary else {}
+            ordered = (chunks[start] for start in sorted(chunks))
+            result.overlap_ns = _overlap((chunk.start_ns, chunk.end_ns) for chunk in ordered)
             if statistics:
                 counts = statistics.channel_counts
                 result.message_count = statistics.message_count
@@ -126,15 +142,17 @@ class McapSource:
         else:
             statistics = None
             result.message_count = 0
+            spans: list[LogTimes] = []
             for block in file.blocks():
                 result.message_count += block.count
                 for channel, messages in block.messages.items():
                     counts[channel] = counts.get(channel, 0) + len(messages.offset)
-                    low = int(messages.log_time_ns.min())
-                    high = int(messages.log_time_ns.max())
-                    first, last = result.start_ns, result.end_ns
-                    result.start_ns = low if first is None else min(first, low)
-                    result.end_ns = high if last is None else max(last, high)
+                times = [messages.log_time_ns for messages in block.messages.values()]
+                first, last = min(int(t.min()) for t in times), max(int(t.max()) for t in times)
+                spans.append((first, last))
+            result.start_ns = min((first for first, _ in spans), default=None)
+            result.end_ns = max((last for _, last in spans), default=None)
+            result.overlap_ns = _overlap(spans)
         counted = statistics is not None or result.message_count is not None
         for channel in file.channels.values():
             count = counts.get(channel.id, 0) if counted else None
