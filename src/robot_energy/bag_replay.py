@@ -21,7 +21,7 @@ from robot_energy.condition.record import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
-from robot_energy.inputs.bag_topics import find_auxiliary, find_meter
+from robot_energy.inputs.bag_topics import find_auxiliary, find_meter, topics_of_other_robots
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
@@ -157,7 +157,9 @@ def replay(
     loads = model.auxiliary or ()
     loaded, unread = find_auxiliary(bag, loads, inputs)
     others = {topic for load in loaded.values() for topic in load.topics}
-    source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None, others)
+    given = inputs.meter if inputs is not None else None
+    foreign = topics_of_other_robots(bag, used.joint_states or ())
+    source, more = find_meter(bag, used.meter, given, others, foreign)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:

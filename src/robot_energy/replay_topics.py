@@ -11,6 +11,7 @@ from robot_energy.inputs.bag_topics import (
     possible_temperatures,
     resolve,
     sources_by_type,
+    topics_of_other_robots,
 )
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.sources import Inputs, TemperatureSource
@@ -89,12 +90,22 @@ def find_temperatures(
     """
     if inputs is not None and wanted.temperatures is None:
         return named_sources(bag, inputs.temperature_sources)
-    sources = sources_by_type(bag, wanted.temperatures)
-    possible = possible_temperatures(bag) if not sources and wanted.temperatures is None else []
+    foreign = topics_of_other_robots(bag, wanted.joint_states or ())
+    sources = sources_by_type(bag, wanted.temperatures, foreign)
+    if sources or wanted.temperatures is not None:
+        return sources, []
+    left_out = [
+        f"{topic} is not used: other joint states have its namespace; name it with --temperatures "
+        "if it is this robot's"
+        for topic in sources_by_type(bag)
+    ]
     return sources, [
-        f"{topic} ({bag.topics[topic].msgtype}) may hold motor temperatures; say what it means "
-        "in a parameter file and name that with --inputs"
-        for topic in possible
+        *left_out,
+        *(
+            f"{topic} ({bag.topics[topic].msgtype}) may hold motor temperatures; say what it means "
+            "in a parameter file and name that with --inputs"
+            for topic in possible_temperatures(bag)
+        ),
     ]
 
 

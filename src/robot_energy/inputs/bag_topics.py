@@ -8,6 +8,7 @@ from dataclasses import replace
 from robot_energy.bag import BagReader
 from robot_energy.errors import MissingTopicError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs, LoadTopics
+from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.inputs.meter.kinds import meter_kind
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.inputs.sources import TemperatureSource
@@ -78,26 +79,50 @@ def named_sources(
     return held, notes
 
 
+def topics_of_other_robots(bag: BagReader, joint_states: Collection[str]) -> frozenset[str]:
+    """Return the topics in namespaces of joint states that are not used.
+
+    Args:
+        bag: An open bag.
+        joint_states: Topics of the joint states that are used.
+
+    Returns:
+        Full names; those of a namespace that holds a used topic as well are not among them.
+    """
+    used = {_namespace(topic) for topic in joint_states}
+    present = (topic for topic, info in bag.topics.items() if info.msgtype == JOINT_STATE)
+    foreign = {_namespace(topic) for topic in present} - used
+    foreign -= {space for space in foreign if any(one.startswith(space) for one in used)}
+    return frozenset(t for t in bag.topics if any(t.startswith(space) for space in foreign))
+
+
+def _namespace(topic: str) -> str:
+    """All up to the last slash and with it."""
+    return topic[: topic.rfind("/") + 1]
+
+
 def temperatures_by_type() -> tuple[str, ...]:
     """Return the types of temperatures that need no settings."""
     return tuple(name for name, kind in TEMPERATURE_KINDS.items() if kind.found_by_type)
 
 
 def sources_by_type(
-    bag: BagReader, topics: tuple[str, ...] | None = None
+    bag: BagReader, topics: tuple[str, ...] | None = None, foreign: Collection[str] = ()
 ) -> dict[str, TemperatureSource]:
     """Return sources of the types that need no settings, named as their topics.
 
     Args:
         bag: An open bag.
         topics: The topics to use; None for all of these types.
+        foreign: Topics of other robots, which are not found by type.
 
     Raises:
         MissingTopicError: If a topic is absent, or of a type that needs settings.
     """
     known = temperatures_by_type()
     if topics is None:
-        topics = tuple(t for t, info in sorted(bag.topics.items()) if info.msgtype in known)
+        found = (topic for topic, info in bag.topics.items() if info.msgtype in known)
+        topics = tuple(sorted(set(found) - set(foreign)))
     for topic in topics:
         info = bag.topics.get(topic)
         if info is not None and info.msgtype in TEMPERATURE_KINDS and info.msgtype not in known:
@@ -132,6 +157,7 @@ def find_meter(
     topic: str | None,
     source: MeterSource | None,
     others: Collection[str] = (),
+    foreign: Collection[str] = (),
 ) -> tuple[MeterSource | None, list[str]]:
     """Find the power meter in a bag.
 
@@ -140,6 +166,7 @@ def find_meter(
         topic: Its topic as the user named it; None to go by the source, or by type.
         source: The meter of the node that the bag is to be read like; None to go by type.
         others: Topics that are known to be something else.
+        foreign: Topics of other robots, which are not found by type.
 
     Returns:
         The meter with the full names of its topics, None if there is none, and what the
@@ -167,7 +194,8 @@ def find_meter(
     open_topics = sorted(
         item for item in bag.topics.items() if item[0] not in others and LOADS not in item[0]
     )
-    meters = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
+    by_type = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
+    meters = [name for name in by_type if name not in foreign]
     if len(meters) > 1:
         raise MissingTopicError(
             f"{bag.path} has several topics of a power meter: {', '.join(meters)}",
@@ -176,12 +204,18 @@ def find_meter(
         )
     if meters:
         return MeterSource(topic=meters[0], type=bag.topics[meters[0]].msgtype), []
-    return None, [
+    left_out = [
+        f"{name} is not used: other joint states have its namespace; name it with --meter if it is "
+        "this robot's"
+        for name in by_type
+    ]
+    possible = [
         f"{name} ({info.msgtype}) may be a power meter; say what it means in a parameter file "
         "and name that with --inputs"
         for name, info in open_topics
         if any(word in name.lower() for word in meter_kind(info.msgtype).topic_words)
     ]
+    return None, left_out + possible
 
 
 def find_auxiliary(

@@ -77,6 +77,8 @@ class TemperatureIngest:
             TemperatureReader(name, source, joint_names, typestore)
             for name, source in sources.items()
         ]
+        self._names = tuple(joint_names)
+        self._met = np.zeros((len(self.readers), len(self._names)), dtype=np.bool_)
 
     @property
     def topics(self) -> dict[str, str]:
@@ -102,8 +104,18 @@ class TemperatureIngest:
 
     @property
     def doubts(self) -> list[str]:
-        """One sentence for each source whose readings look like another unit."""
-        return [reader.doubt for reader in self.readers if reader.doubt]
+        """One sentence for each source whose readings look like another unit, and for several.
+
+        Several are doubtful where they bring readings of the same joint, as of two robots.
+        """
+        found = [reader.doubt for reader in self.readers if reader.doubt]
+        twice = np.flatnonzero(self._met.sum(axis=0) > 1).tolist()
+        if twice:
+            sources = np.flatnonzero(np.logical_or.reduce(self._met[:, twice], axis=1)).tolist()
+            topics = " and ".join(self.readers[number].source.topic for number in sources)
+            joints = ", ".join(self._names[joint] for joint in twice)
+            found.append(f"{topics} all bring temperatures of {joints}: name those of this robot")
+        return found
 
     def ahead_ns(self, states: JointStateIngest) -> int | None:
         """Return how far the stamps are ahead of those of the joint states on arrival. [ns]
@@ -181,6 +193,9 @@ class TemperatureIngest:
                 for number, part in parts
             ]
         )
+        for number, part in parts:
+            known = np.isfinite(part.block.motor_temperature_degc)
+            self._met[number] |= np.logical_or.reduce(known, axis=0)
         if len(parts) > 1:
             keys = [_order(part) for _, part in parts]
             block = block[np.lexsort([np.concatenate(key) for key in zip(*keys, strict=True)])]
