@@ -58,7 +58,13 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
     for topic in joints:
         bag.require(topic, (JOINT_STATE,))
     if not joints:
-        found = _one(bag, None, (JOINT_STATE,), "joint states", "--joint-states")
+        found = _one(
+            bag,
+            None,
+            (JOINT_STATE,),
+            "joint states",
+            "--joint-states, or as joint_states.topics in a parameter file (--inputs)",
+        )
         joints = () if found is None else (found,)
     if not joints:
         raise MissingTopicError(

@@ -20,6 +20,7 @@ MAX_RATIO = 1.8  # ratios this far from a unit's, either way, still point at it;
 IDLE_NS = 10 * SECOND_NS  # prediction without comparison that is worth a sentence
 SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wrong clock
 READINGS = 3  # that must have arrived meanwhile
+MIN_RETURNED = 0.02  # of the measured energy drawn, fed back without prediction, worth a sentence
 REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sentence
 NANOJOULE = 1e9
 MAX_WAITING = 50  # steps whose sums are made together
@@ -41,6 +42,7 @@ class MeterDiagnostics:
         self._seconds: deque[tuple[int, Sums]] = deque()
         self._total: Sums = [0, 0, 0]
         self._waiting: list[Compared] = []
+        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
 
     def step(self, compared: Compared) -> None:
         """Take what became comparable.
@@ -67,15 +69,13 @@ class MeterDiagnostics:
         compared = Compared.concatenate(self._waiting)
         self._waiting.clear()
         second = compared.available_ns // SECOND_NS
+        measured = np.rint(compared.measured * NANOJOULE).astype(np.int64)
+        predicted = np.rint(compared.predicted * NANOJOULE).astype(np.int64)
+        self._drawn += int(measured[measured > 0].sum())
+        self._returned -= int(measured[measured < 0].sum())
+        self._predicted_returned -= int(predicted[predicted < 0].sum())
         starts = np.concatenate([[0], np.flatnonzero(np.diff(second)) + 1])
-        table = np.stack(
-            [
-                compared.duration_ns,
-                np.rint(compared.measured * NANOJOULE).astype(np.int64),
-                np.rint(compared.predicted * NANOJOULE).astype(np.int64),
-            ],
-            axis=1,
-        )
+        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
         sums = np.add.reduceat(table, starts, axis=0)
         for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
             self._add(number, row)
@@ -114,8 +114,21 @@ class MeterDiagnostics:
         Args:
             comparison: The comparison that gave the intervals.
         """
-        found = (self._clock(comparison), self._scale(comparison), _refused(comparison))
+        scale = self._scale(comparison)
+        found = (self._clock(comparison), scale or self._fed_back(), _refused(comparison))
         return [sentence for sentence in found if sentence]
+
+    def _fed_back(self) -> str:
+        """Whether the meter sees energy returned that the model cannot predict."""
+        self._settle()
+        share = self._returned / self._drawn if self._drawn else 0.0
+        if self._predicted_returned or share < MIN_RETURNED:
+            return ""
+        return (
+            f"the meter reads {100 * share:.0f} % of the energy drawn as fed "
+            "back, the model predicts none: does the supply or a battery take energy back? Then "
+            "state cabinet.regeneration_efficiency in the model file"
+        )
 
     def _clock(self, comparison: Comparison) -> str:
         """Why nothing is compared although readings and predictions arrive."""

@@ -155,6 +155,17 @@ def test_a_meter_that_fell_silent_is_left_to_the_watch_of_its_topic():
     assert bench.run(60, 100.0, meter=False) == []
 
 
+@pytest.mark.parametrize(
+    ("fed_back", "predicted", "found"), [(50.0, 0.0, True), (1.0, 0.0, False), (50.0, -40.0, False)]
+)
+def test_energy_fed_back_that_the_model_cannot_predict_is_named(fed_back, predicted, found):
+    bench = Bench()
+    bench.run(60, 100.0)
+    bench.run(30, -fed_back, predicted)
+    findings = bench.run(90, 100.0)  # it is said after the minute too
+    assert ["regeneration_efficiency" in sentence for sentence in findings] == [True] * found
+
+
 @given(
     size=st.integers(1, 60), seed=st.integers(0, 999), cuts=st.lists(st.integers(0, 60), max_size=6)
 )

@@ -19,8 +19,10 @@ BATTERY_STATE = "sensor_msgs/msg/BatteryState"
 METER_WORDS = ("power", "energy", "watt", "current")  # in names of topics that may be a meter
 
 
-def _first(column: Mapping[str, Float]) -> Float:
-    return next(iter(column.values()))
+def _total(column: Mapping[str, Float]) -> Float:
+    """The number, or the sum of several, as of phases."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.sum(np.stack(list(column.values())), axis=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +47,7 @@ class MeterKind(Kind):
     """
 
     fields: tuple[str, ...] = ("data",)
-    number: Callable[[Mapping[str, Float]], Float] = _first
+    number: Callable[[Mapping[str, Float]], Float] = _total
     unit: str = ""
     location: str = ""
     instantaneous: bool = False
@@ -116,7 +118,7 @@ METER_KINDS = Kinds(
 OTHER = MeterKind(
     name="any other type",
     label="number at value_path",
-    line="the number that `value_path` names; unit, meaning and location by parameters",
+    line="the number that `value_path` names, or a sum; unit, meaning and location by parameters",
     fields=(),
 )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, stamp_ns
+from robot_energy.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
 from robot_energy.cdr.types import typestore as default_typestore
 from robot_energy.errors import ParameterError
@@ -29,6 +31,31 @@ if TYPE_CHECKING:
 Kind = tuple[MeterMeaning, MeterLocation]
 REACH = Reach(max_ahead_ns=3600 * SECOND_NS, prompt=True)  # meters of one reading an hour
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_INDEX = re.compile(r"\[(\d{1,9})\]")
+
+
+@dataclass(frozen=True)
+class _Number:
+    """One number of a message: the path of its field, and its place where that is an array."""
+
+    path: str
+    index: int | None = None
+
+    @classmethod
+    def read(cls, text: str) -> _Number:
+        """Read a path with at most one index, such as ``phases[0].power``."""
+        places = _INDEX.findall(text)
+        if len(places) > 1:
+            raise ParameterError(f"value_path has {len(places)} indices: {text}", "at most one")
+        return cls(_INDEX.sub("", text).strip(), int(places[0]) if places else None)
+
+    def of(self, run: Run) -> Float:
+        """Return its values, shape (m,); NaN where the array is too short."""
+        values = run.array(self.path).astype(np.float64)
+        if self.index is None:
+            return values
+        short = self.index >= values.shape[1]
+        return np.full(len(values), np.nan) if short else values[:, self.index]
 
 
 class MeterIngest:
@@ -58,8 +85,8 @@ class MeterIngest:
     ) -> None:
         self.source = source or MeterSource()
         self.account = RejectionLog()
-        paths = self._paths(typestore or default_typestore())
-        self._value_paths = paths
+        self._numbers = self._read_numbers(typestore or default_typestore())
+        paths = tuple(number.path for number in self._numbers.values())
         fields = (*STAMP, *paths) if self._stamped else paths
         self._decoder = Decoder(self.source.type, fields, typestore)
         self._kind: Kind | None = None  # of the first reading that says it
@@ -67,8 +94,8 @@ class MeterIngest:
         self._stream = StreamSplitter[MeterBlock](REACH, self.account.reject)
         self.epochs = self._stream.epochs
 
-    def _paths(self, typestore: Typestore) -> tuple[str, ...]:
-        """Return the fields that hold the reading, after a check that the type has them."""
+    def _read_numbers(self, typestore: Typestore) -> dict[str, _Number]:
+        """Return what makes a reading, by its text, after a check that the type has it."""
         source = self.source
         schema = compile_schema(source.type, typestore)
         headed = set(STAMP) <= set(leaf_paths(schema))
@@ -78,14 +105,27 @@ class MeterIngest:
             )
         self._stamped = headed and source.stamp_source != RECEIVE
         if source.reading.fields:
-            return source.reading.fields
-        node, axes = leaf(schema, source.value_path, source.type)
-        if axes or not isinstance(node, ScalarField):
+            return {path: _Number(path) for path in source.reading.fields}
+        terms = [term.strip() for term in source.value_path.split("+")]
+        if len(set(terms)) < len(terms):
             raise ParameterError(
-                f"value_path {source.value_path} of {source.type} is no number",
-                "the path of one number",
+                f"value_path {source.value_path} adds a number twice", "different numbers"
             )
-        return (source.value_path,)
+        numbers = {term: _Number.read(term) for term in terms}
+        for text, number in numbers.items():
+            node, axes = leaf(schema, number.path, source.type)
+            if not isinstance(node, ScalarField):
+                raise ParameterError(
+                    f"value_path {text} of {source.type} is no number", "the path of a number"
+                )
+            if axes != (number.index is not None):
+                found, expected = (
+                    ("is an array", f"one place of it, such as {number.path}[0]")
+                    if axes
+                    else ("is no array", f"{number.path} without an index")
+                )
+                raise ParameterError(f"value_path {text} of {source.type} {found}", expected)
+        return numbers
 
     def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
         """Take messages of the topics of the meter.
@@ -167,8 +207,8 @@ class MeterIngest:
         valid = valid_stamps(stamp) & valid_stamps(stamp + self.source.shift_ns)
         self.account.reject(BAD_STAMP, int((~valid).sum()))
         column: dict[str, Float] = {
-            path: np.concatenate([run.array(path) for run in runs])[order].astype(np.float64)
-            for path in self._value_paths
+            text: np.concatenate([number.of(run) for run in runs])[order]
+            for text, number in self._numbers.items()
         }
         if not bool(valid.all()):
             rows, stamp = rows[valid], stamp[valid]
@@ -234,7 +274,7 @@ class MeterIngest:
     def _values(self, batch: RawBatch) -> Values:
         """Dated finite values of one topic of a pair, which the pairing counts."""
         rows, stamp, column = self._columns(batch)
-        value = column[self._value_paths[0]] if len(rows) else np.empty(0)
+        value = self.source.reading.number(column) if len(rows) else np.empty(0)
         stamped, finite = stamp != 0, np.isfinite(value)
         self.account.reject("zero_stamp", int((~stamped).sum()))
         self.account.reject("not_finite", int((stamped & ~finite).sum()))

@@ -47,7 +47,8 @@ class MeterSource:
         POWER_READING,
     )
     value_path: str = parameter(
-        "Path of the number in messages of any other type, such as power or measurement.power.",
+        "Path of the number in messages of any other type, such as power, measurement.power or "
+        "data[2]; a sum such as phases[0].power + phases[1].power adds them.",
         "",
     )
     quantity: str = parameter(

@@ -219,6 +219,7 @@ DEFINITIONS = {
     OTHER: ("ros2msg", "std_msgs/Header header\nacme_msgs/Measurement measurement\n"),
     "acme_msgs/msg/Measurement": ("ros2msg", "float64 power\nfloat64[] raw\nstring note\n"),
     "acme_msgs/msg/Plain": ("ros2msg", "int32 watts\n"),
+    "acme_msgs/msg/Phases": ("ros2msg", "acme_msgs/Measurement[] phases\nfloat64 standby\n"),
 }
 WIDER = extended(STORE, DEFINITIONS)
 
@@ -246,6 +247,34 @@ def test_any_stamped_message_with_a_number_is_a_meter():
     assert ingest.account.balanced
 
 
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("phases[1].power", [20.0, np.nan]),
+        ("phases[0].power + phases[1].power + standby", [35.0, np.nan]),
+        ("phases[0].power + standby", [15.0, 45.0]),
+    ],
+)
+def test_elements_of_arrays_are_read_and_added(path, expected):
+    kind = "acme_msgs/msg/Phases"
+    source = MeterSource(**{**POWER, "type": kind, "value_path": path})
+    ingest = MeterIngest(source, WIDER)
+    phase = WIDER.types["acme_msgs/msg/Measurement"]
+    rows = [
+        bytes(
+            WIDER.serialize_cdr(
+                WIDER.types[kind]([phase(power, np.zeros(1), "") for power in powers], 5.0), kind
+            )
+        )
+        for powers in ([10.0, 20.0, 30.0], [40.0])
+    ]
+    block = ingest.step([RawBatch.from_messages("/p", kind, [SECOND, 2 * SECOND], rows)])
+    known = [value for value in expected if np.isfinite(value)]
+    assert block.power.tolist() == known
+    assert ingest.account.rejected["not_finite"] == 2 - len(known)  # an array that is too short
+    assert ingest.account.balanced
+
+
 def test_a_message_without_header_is_stamped_by_its_receipt_or_refused():
     plain = {**POWER, "type": "acme_msgs/msg/Plain", "value_path": "watts"}
     assert MeterIngest(MeterSource(**plain), WIDER).step([]) is None
@@ -254,8 +283,17 @@ def test_a_message_without_header_is_stamped_by_its_receipt_or_refused():
     for path, error in (("volts", MessageTypeError), ("watts.x", MessageTypeError)):
         with pytest.raises(error):
             MeterIngest(MeterSource(**{**plain, "value_path": path}), WIDER)
-    for path in ("measurement.raw", "measurement.note"):
-        with pytest.raises(ParameterError, match="is no number"):
+    for path, said in (
+        ("measurement.raw", "is an array"),
+        ("measurement.note", "is no number"),
+        ("measurement.power[0]", "is no array"),
+        ("measurement.raw[0][1]", "2 indices"),
+        ("measurement.power + measurement.power", "adds a number twice"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            MeterIngest(MeterSource(**{**POWER, "type": OTHER, "value_path": path}), WIDER)
+    for path in ("measurement.raw[-1]", "measurement.power + ", "measurement.raw[x]"):
+        with pytest.raises(MessageTypeError):
             MeterIngest(MeterSource(**{**POWER, "type": OTHER, "value_path": path}), WIDER)
     with pytest.raises(MessageTypeError, match="unknown"):
         MeterIngest(MeterSource(**{**POWER, "type": "no/msg/Such", "value_path": "x"}))
