@@ -200,7 +200,7 @@ def _outside(evidence: Evidence, joint: int) -> float:
     position = evidence.position[:, joint]
     low, high = limits.lower[joint] - margin, limits.upper[joint] + margin
     beyond = np.count_nonzero((position < low) | (position > high)) / len(position)
-    return beyond if np.isfinite(low + high) and beyond >= MIN_BEYOND else 0.0
+    return beyond if beyond >= MIN_BEYOND else 0.0
 
 
 def _in_other_unit(evidence: Evidence, joint: int) -> bool:
@@ -209,6 +209,8 @@ def _in_other_unit(evidence: Evidence, joint: int) -> bool:
         return False
     limits, unit = evidence.robot.limits, _unit(evidence, joint)
     low, high = float(limits.lower[joint]), float(limits.upper[joint])
+    if not np.isfinite([low, high]).all():
+        return False
     position = evidence.position[:, joint] / unit.factor
     within = np.all((position > low - unit.margin) & (position < high + unit.margin))
     most = unit.factor * float(np.max(np.abs(position)))

@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.checks import parse
+from robot_energy.physics.urdf.checks import mimic_remarks, parse
 from robot_energy.physics.urdf.parse import inertia_remarks
 
 CONFIGURATIONS = 200  # drawn for the largest torque of gravity
@@ -32,7 +32,8 @@ def implausible(model: RobotModel, robot: Robot) -> list[str]:
     """
     limits = robot.limits
     gravity = np.max(np.abs(gravity_torques(robot)[1]), axis=0)
-    found = inertia_remarks(parse(model.urdf_xml))
+    root = parse(model.urdf_xml)
+    found = [*mimic_remarks(root), *inertia_remarks(root)]
     for row, joint in enumerate(model.joints):
         velocity, effort = float(limits.velocity[row]), float(limits.effort[row])
         unit = "N" if limits.prismatic[row] else "N m"

@@ -9,6 +9,7 @@ from typing import ClassVar
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.messages import interval_fields
+from robot_energy.physics.urdf.checks import mimic_remarks, parse
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.replay_topics import Topics
 from robot_energy.results.auxiliary import (
@@ -376,6 +377,7 @@ def _notes(result: Replay) -> list[str]:
     foreign = result.temperatures.ignored_joints - ignored
     if foreign:
         notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
+    notes += mimic_remarks(parse(result.model.urdf_xml))
     notes += [finding.sentence for finding in result.joint_states.findings()]
     jumps = ledger.registers.time.jumps
     if jumps:

@@ -12,7 +12,14 @@ from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
+from robot_energy.physics.urdf.checks import (
+    GRIPPER_MASS_SHARE,
+    MOVING_TYPES,
+    moved_mass,
+    moving_joints,
+    parse,
+    take_inventory,
+)
 from robot_energy.starter.priors import (
     CLASSES,
     MAX_COBOT_MASS,
@@ -20,13 +27,12 @@ from robot_energy.starter.priors import (
     RobotClass,
 )
 
-GRIPPER_MASS_SHARE = 0.015
-"""Prismatic joints and joints of a branch that carry less of the moving mass are a gripper's."""
 MAX_EFFORT_RATIO = 30.0
 """If all effort limits are equal and one exceeds the needed torque this often, none is a limit."""
 MIN_EFFORT_SHARE = 0.1
 """Least effort of a rotary joint over the largest one: wrists of published robots have more."""
 PRISMATIC_VELOCITY = 1.0  # [m/s]
+WHEELS = ("wheel", "caster", "castor")  # in names of joints
 
 
 @dataclass(frozen=True)
@@ -108,7 +114,7 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
             "a mass and an inertia for every body that moves",
             "use a URDF with inertials; many geometric ones have none",
         )
-    remarks = list(_mass_remarks(names, mass))
+    remarks = [*_mass_remarks(names, mass), *_wheel_remarks(names)]
     ratios = _transmissions(root)
     guess = CLASSES[class_name or "cobot"]
     joints = _joints(robot, guess, ratios)
@@ -144,9 +150,9 @@ def _chosen(
     root: ET.Element, wanted: Sequence[str]
 ) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
     """Joints to model from the base outward, and those left out with the reason."""
-    below = _subtrees(root)
-    moving = [name for name in below if _is_independent(root, name)]
-    others = [(name, "mimics another joint") for name in below if name not in moving]
+    below = moving_joints(root)
+    moving = [name for name, joint in below.items() if not joint.mimics]
+    others = [(name, "mimics another joint") for name, joint in below.items() if joint.mimics]
     if wanted:
         unknown = [name for name in wanted if name not in below]
         if unknown:
@@ -161,63 +167,15 @@ def _chosen(
         raise RobotDescriptionError(
             "no joint of the URDF moves independently", f"a joint of type {', '.join(MOVING_TYPES)}"
         )
-    total = max(below[name][0] for name in moving)
+    total = max(joint.mass for joint in below.values())
     chosen_names: list[str] = []
     for name in moving:
-        mass, prismatic, sibling = below[name]
-        if (prismatic or sibling) and mass < GRIPPER_MASS_SHARE * total:
+        joint = below[name]
+        if (joint.prismatic or joint.branches) and joint.mass < GRIPPER_MASS_SHARE * total:
             others.append((name, "looks like a gripper: it carries little mass at the tip"))
         else:
             chosen_names.append(name)
     return tuple(chosen_names or moving), others
-
-
-def _is_independent(root: ET.Element, name: str) -> bool:
-    joint = next(joint for joint in root.findall("joint") if joint.get("name") == name)
-    return joint.find("mimic") is None
-
-
-def _subtrees(root: ET.Element) -> dict[str, tuple[float, bool, bool]]:
-    """Moving joints from the base outward: mass they carry, prismatic, one of several branches."""
-    mass = {
-        str(link.get("name")): 0.0
-        if (element := link.find("inertial/mass")) is None
-        else float(element.get("value", "0"))
-        for link in root.findall("link")
-    }
-    children: dict[str, list[ET.Element]] = {}
-    for joint in root.findall("joint"):
-        parent = joint.find("parent")
-        if parent is not None:
-            children.setdefault(str(parent.get("link")), []).append(joint)
-    held = {str(child.get("link")) for child in root.findall("joint/child")}
-    base = next(link for link in mass if link not in held)
-    order: list[tuple[str, ET.Element | None, list[str]]] = []
-    stack: list[tuple[str, ET.Element | None, list[str]]] = [(base, None, [])]
-    while stack:
-        link, joint, above = stack.pop()
-        order.append((link, joint, above))
-        moves = joint is not None and joint.get("type") in MOVING_TYPES
-        path = [*above, str(joint.get("name"))] if joint is not None and moves else above
-        for part in reversed(children.get(link, [])):
-            child = part.find("child")
-            if child is not None:
-                stack.append((str(child.get("link")), part, path))
-    carried: dict[str, float] = {}
-    siblings: dict[tuple[str, ...], int] = {}
-    found: dict[str, tuple[bool, tuple[str, ...]]] = {}
-    for link, joint, above in order:
-        if joint is not None and joint.get("type") in MOVING_TYPES:
-            name = str(joint.get("name"))
-            found[name] = (joint.get("type") == "prismatic", tuple(above))
-            siblings[tuple(above)] = siblings.get(tuple(above), 0) + 1
-            above = [*above, name]
-        for name in above:
-            carried[name] = carried.get(name, 0.0) + mass[link]
-    return {
-        name: (carried[name], prismatic, siblings[above] > 1)
-        for name, (prismatic, above) in found.items()
-    }
 
 
 def _massless(root: ET.Element, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -240,6 +198,17 @@ def _mass_remarks(names: Sequence[str], mass: Sequence[float]) -> list[str]:
         if value == 0.0
     ]
     return remarks
+
+
+def _wheel_remarks(names: Sequence[str]) -> list[str]:
+    """Say what a model of wheels lacks."""
+    wheels = [name for name in names if any(word in name.lower() for word in WHEELS)]
+    if not wheels:
+        return []
+    return [
+        f"{', '.join(wheels)}: by the name a wheel; the model takes the base to stand still, so "
+        "the power of driving is missing; name the joints of the arm alone with --joints"
+    ]
 
 
 def _transmissions(root: ET.Element) -> dict[str, float]:

@@ -55,6 +55,7 @@ def robot(*parts):
     return f'<robot name="arm">{"".join(parts)}</robot>'
 
 
+LIFTS = ("lift_1", "lift_2")
 ONE = robot('<link name="base"/>', link("l1", 4.0), joint("j1", "base", "l1"))
 
 
@@ -140,6 +141,7 @@ def remarks(xml, change=None):
         ('mass value="4.0"', 'mass value="4000"', {}, "gravity needs 1.17"),
         ('velocity="2"', 'velocity="120"', {}, "are these degrees per second?"),
         ('ixx="0.01"', 'ixx="2000"', {}, "link 'l1': 4 kg cannot have an inertia of 2000 kg m^2"),
+        ('ixx="0.01"', 'ixx="0.9"', {}, "no body has principal moments of inertia of 0.01, 0.01"),
         ("", "", {"friction.coulomb": 0.6}, "Coulomb friction is 60 N m on the joint side"),
         ("", "", {"rotor_inertia": 0.5}, "its rotor alone needs 200 s"),
     ],
@@ -166,6 +168,31 @@ def test_init_and_check_name_what_cannot_be_true(tmp_path, capsys):
     assert main(["model", "check", str(out), "--json", str(tmp_path / "check.json")]) == 0
     remarks = json.loads((tmp_path / "check.json").read_text())["remarks"]
     assert [text.split(":")[0] for text in remarks] == ["j1"]
+
+
+@pytest.mark.parametrize("carrier", ["lift_1", "lift_2"])
+def test_a_mimic_that_carries_the_robot_is_named(carrier):
+    """A lift of two stages, where either follows the other."""
+    follows = {name: '<mimic joint="lift_2"/>' if name == carrier else "" for name in LIFTS}
+    if carrier == "lift_2":
+        follows["lift_2"] = '<mimic joint="lift_1"/>'
+    xml = robot(
+        '<link name="base"/>', link("s1", 10.0), link("s2", 10.0), link("l1", 4.0),
+        joint("lift_1", "base", "s1", "prismatic", more=follows["lift_1"]),
+        joint("lift_2", "s1", "s2", "prismatic", more=follows["lift_2"]),
+        joint("j1", "s2", "l1"),
+    )  # fmt: skip
+    (found,) = remarks(xml)
+    assert carrier in found
+    assert f"{24 if carrier == 'lift_1' else 14} of 24 kg" in found
+
+
+def test_wheels_are_named():
+    xml = robot(
+        '<link name="base"/>', link("w", 2.0), link("l1", 4.0),
+        joint("left_wheel_joint", "base", "w"), joint("j1", "base", "l1"),
+    )  # fmt: skip
+    assert ["wheel" in sentence for sentence in read_arm(xml).remarks] == [True]
 
 
 def test_a_gripper_and_a_mimic_are_left_out_with_the_reason():

@@ -20,6 +20,7 @@ MAX_ATTRIBUTES = 100  # of one element; a real URDF has six
 MAX_VALUE = 1e9  # no figure of a robot is larger, whatever its unit
 MIN_AXIS_LENGTH = 1e-6  # length of an axis that still has a direction
 INERTIA_TOLERANCE = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
+MAX_MOMENT_RATIO = 1.5  # of a principal moment over the sum of the other two; digits leave 1
 MIN_REACH = 1.0  # m; a smaller robot is taken for one of that size
 RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
 
@@ -132,7 +133,10 @@ def check_numbers(root: ET.Element) -> None:
 
 
 def inertia_remarks(root: ET.Element) -> list[str]:
-    """Name bodies whose mass would lie outside of the robot if their inertia were true.
+    """Name bodies whose inertia no distribution of their mass can have.
+
+    That is where the mass would lie outside of the robot, or where a principal moment of inertia
+    exceeds the sum of the other two.
 
     Args:
         root: The element ``robot``, checked by `check_numbers`.
@@ -154,13 +158,26 @@ def inertia_remarks(root: ET.Element) -> list[str]:
         if mass is None or inertia is None:
             continue
         kilogram = float(mass.get("value", "0"))
-        largest = max(float(inertia.get(key, "0")) for key in ("ixx", "iyy", "izz"))
+        small, middle, largest = _principal_moments(inertia)
         if largest > kilogram * reach**2 > 0:
             found.append(
                 f"link '{link.get('name')}': {kilogram:.4g} kg cannot have an inertia of "
                 f"{largest:.4g} kg m^2 in a robot of {reach:.2g} m: are its units right?"
             )
+        elif largest > MAX_MOMENT_RATIO * (small + middle) + INERTIA_TOLERANCE:
+            found.append(
+                f"link '{link.get('name')}': no body has principal moments of inertia of "
+                f"{small:.4g}, {middle:.4g} and {largest:.4g} kg m^2: the largest is at most "
+                "the sum of the others; check ixx to iyz"
+            )
     return found
+
+
+def _principal_moments(inertia: ET.Element) -> list[float]:
+    """From the smallest to the largest. [kg m^2]"""
+    ixx, iyy, izz, ixy, ixz, iyz = (float(inertia.get(key, "0")) for key in INERTIA)
+    matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    return np.linalg.eigvalsh(matrix).tolist()
 
 
 def _check_entry(owner: str, tag: str, key: str, text: str) -> None:
@@ -192,16 +209,14 @@ def _check_inertial(link: ET.Element, owner: str) -> None:
         return
     if mass is None or mass.get("value") is None:
         raise RobotDescriptionError(f"{owner} has an inertial without mass", "a mass")
-    given = {} if inertia is None else inertia.attrib
-    missing = [key for key in INERTIA if key not in given]
-    if missing:
+    missing = [key for key in INERTIA if inertia is None or key not in inertia.attrib]
+    if inertia is None or missing:
         raise RobotDescriptionError(
             f"{owner} has a mass, but its inertia lacks {', '.join(missing)}",
             "all six of ixx, iyy, izz, ixy, ixz, iyz",
             "a body of which only the mass is known has an inertia of zeros",
         )
-    ixx, iyy, izz, ixy, ixz, iyz = (float(given[key]) for key in INERTIA)
-    moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    moments = _principal_moments(inertia)
     if moments[0] < -(INERTIA_TOLERANCE + 1e-3 * moments[2]):
         raise RobotDescriptionError(
             f"{owner} has a principal moment of inertia of {moments[0]:.3g} kg m^2",
