@@ -107,8 +107,9 @@ def findings_of(
 def _stream(remarks: Remarks) -> list[Finding]:
     """Say what is wrong with stamps and publishers of the joint states."""
     return [
-        Finding("joint_states", WARNING, ("joint_states",), one.sentence, float("nan"),
-                float("nan"), one.setting, PARAMETERS if one.setting else "")
+        Finding("joint_states", ERROR if one.everywhere else WARNING, ("joint_states",),
+                one.sentence, float("nan"), float("nan"), one.setting,
+                PARAMETERS if one.setting else "")
         for one in remarks.stream
     ]  # fmt: skip
 

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.bag.writer import DEFAULT_QOS
-from robot_energy.blocks import Block, Float, Int, MeterLocation, MeterMeaning
+from robot_energy.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import LogFormatError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES
+from robot_energy.timeline.gaps import MAX_GAP_NS, MIN_PERIOD_NS
 from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
 
 JOINT_STATES_TOPIC = "/joint_states"
@@ -316,6 +317,10 @@ def write_bag(
     )
     report.readings, report.drive_powers = counts[METER_TOPIC], counts[DRIVE_POWER_TOPIC]
     report.payloads = counts[PAYLOAD_TOPIC]
+    rows, span_ns = report.joint_states - 1, (report.end_ns or 0) - report.start_ns
+    if rows > 0 and not MIN_PERIOD_NS <= span_ns / rows <= MAX_GAP_NS:
+        apart = span_ns / rows * NANOSECOND
+        report.notes.append(f"rows are {apart:.3g} s apart on average: is the unit of time right?")
     if not report.readings and contents.meaning is not MeterMeaning.UNKNOWN:
         report.notes.append("no row has a meter reading")
     if not report.temperatures and contents.temperatures:
@@ -355,4 +360,6 @@ def nothing_used(files: Sequence[FileAccount]) -> tuple[str, str, str]:
     found = f"none of the {received} rows of {names} can be used ({reasons or 'there are none'})"
     if any(account.rejected[BAD_STAMP] for account in files):
         return found, "rows with times between 1970 and 2038", NO_TIMES
+    if any(account.rejected["bad_time"] for account in files):
+        return found, "times as numbers in time.unit, or as ISO 8601 dates", NO_TIMES
     return found, "rows of numbers", ""

@@ -14,6 +14,8 @@ HISTORY = 31  # periods behind the median
 GAP_PERIODS = 5
 MIN_GAP_NS = SECOND_NS // 10
 MAX_GAP_NS = SECOND_NS
+MIN_PERIOD_NS = 50_000  # 20 kHz: quicker than any driver
+MIN_PERIODS = 10  # that make a period usual
 BY_PERIOD = 0.0  # as max_gap: five median periods, 0.1 s to 1 s
 MIN_MAX_GAP, MAX_MAX_GAP = 0.001, 60.0  # any other max_gap [s]
 
@@ -83,6 +85,11 @@ class StampOrder:
     def longest_gap_ns(self) -> int:
         """Longest time between two samples that would not be a gap now. [ns]"""
         return self._longest(self._periods)
+
+    @property
+    def usual_period_ns(self) -> int | None:
+        """Median step of the newest stamps, gaps included; None before there are a few. [ns]"""
+        return int(np.median(self._periods)) if len(self._periods) >= MIN_PERIODS else None
 
     def interrupt(self) -> None:
         """End the running segment here: what comes next follows a gap, however short."""

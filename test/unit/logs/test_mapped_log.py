@@ -251,3 +251,15 @@ def test_a_log_without_positions_makes_no_bag(tmp_path: Path) -> None:
     del joints["velocity"]
     with pytest.raises(ValueError, match="position or velocity, or both"):
         mapping(joints=joints)
+
+
+@pytest.mark.parametrize(("unit", "noted"), [("s", False), ("ms", True), ("us", True)])
+def test_a_unit_of_time_that_nothing_runs_in_is_noted(
+    tmp_path: Path, unit: str, noted: bool
+) -> None:
+    """A log at 25 Hz: read as ms its rows are 0.04 ms apart."""
+    rows = [f"{0.04 * row:.3f},0,0" for row in range(50)]
+    log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle", rows)
+    spoken = mapping(time={"column": "t", "unit": unit, "start": "2024-01-01T00:00:00"}, power=None)
+    report = import_log(log, spoken, tmp_path / "bag")
+    assert any("unit of time" in note for note in report.notes) == noted

@@ -23,7 +23,7 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.epochs import Reach
-from robot_energy.timeline.gaps import BY_PERIOD, StampOrder
+from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
 from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ class JointStateIngest:
 
     def stream_findings(self) -> list[JointStateProblem]:
         """Return what is wrong with stamps and publishers, one sentence each, with its time."""
-        found = [*self._conflict(), *self._repeats()]
+        found = [*self._conflict(), *self._repeats(), *self._spacing()]
         epochs = self._stream.epochs
         stray = sentence_of(epochs, "joint states")
         if stray and epochs.odd_ns is not None:
@@ -227,6 +227,28 @@ class JointStateIngest:
             f"{CHANGES_IN_WINDOW * repeats.hold:.2g} s"
         )
         return [JointStateProblem(sentence, repeats.first_ns, repeats.last_ns)]
+
+    def _spacing(self) -> list[JointStateProblem]:
+        """Say that samples are too far apart, or nearer than any driver sends them."""
+        period_ns, longest_ns = self.order.usual_period_ns, self.order.longest_gap_ns
+        newest, setting = self.newest_ns or 0, ""
+        if period_ns is None or MIN_PERIOD_NS <= period_ns <= longest_ns:
+            return []
+        apart = f"joint states come {period_ns * NANOSECOND:.3g} s apart"
+        if period_ns < MIN_PERIOD_NS:
+            sentence = f"{apart}, which no driver does: is the unit of their times right?"
+        else:
+            sentence = (
+                f"{apart}, further than the {longest_ns * NANOSECOND:.3g} s that are bridged: "
+                "nothing is predicted between them; check the unit of their times, or set max_gap"
+            )
+            if 2 * period_ns <= MAX_MAX_GAP / NANOSECOND:
+                setting = f"max_gap: {2 * period_ns * NANOSECOND:.3g}"
+        return [
+            JointStateProblem(
+                sentence, newest, newest, severe=True, everywhere=True, setting=setting
+            )
+        ]
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
         """Take messages of one topic or several.

@@ -378,3 +378,24 @@ def test_names_that_never_repeat_do_not_fill_the_memory():
     assert ingest.account.received == ingest.account.accepted == 1000
     assert len(ingest.ignored_joints) <= 100
     assert len(ingest._reader._columns) <= 100
+
+
+@pytest.mark.parametrize(
+    ("period", "max_gap", "found", "setting"),
+    [
+        (10.0, 0.0, True, "max_gap: 20"),
+        (100.0, 0.0, True, ""),  # beyond what max_gap can be
+        (0.2, 0.1, True, "max_gap: 0.4"),
+        (10.0, 20.0, False, ""),
+        (0.5, 0.0, False, ""),
+        (1e-4, 0.0, False, ""),
+        (1e-5, 0.0, True, ""),
+    ],
+)
+def test_times_in_another_unit_are_named(period, max_gap, found, setting):
+    ingest = JointStateIngest(NAMES, max_gap=max_gap)
+    for number in range(40):  # one by one: a step of 10 s ahead of all others may be a stray
+        take(ingest, [message(1000.0 + number * period)])
+    findings = ingest.stream_findings()
+    assert [finding.severe for finding in findings] == [True] * found
+    assert [finding.setting for finding in findings] == [setting] * found
