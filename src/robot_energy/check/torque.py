@@ -137,7 +137,8 @@ def _finding(
     if cause.name in ("gear_ratio", "torque_scale") and _ratio_is_a_guess(evidence, cause.joints):
         severity = WARNING
         sentence += "; the gear ratio is a prior"
-    return Finding(cause.name, severity, names, sentence, value, share, remedy, place, alike)
+    certainty = max(share, 0.0)  # one of several causes may explain nothing by itself
+    return Finding(cause.name, severity, names, sentence, value, certainty, remedy, place, alike)
 
 
 def _ratio_is_a_guess(evidence: Evidence, joints: tuple[int, ...]) -> bool:

@@ -103,5 +103,5 @@ def _show(result: CheckResult) -> None:
 
 
 def _certainty(finding: Finding) -> str:
-    known = finding.certainty == finding.certainty and finding.severity == "error"
+    known = finding.certainty > 0.0 and finding.severity == "error"  # not NaN
     return f" [explains {100 * finding.certainty:.0f} %]" if known else ""

@@ -89,6 +89,7 @@ class TemperatureReader:
         self._placed = ByNames[list[tuple[int, int]]]()
         self._adapter: Adapter = source.reading.adapter(source)
         self._decoder = Decoder(source.type, self._adapter.fields, typestore)
+        self._nameless = False
         self._keys = None
         if source.keys_topic:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
@@ -120,6 +121,11 @@ class TemperatureReader:
     def doubt(self) -> str:
         """What the last readings look like if not what the source says; empty if they fit."""
         topic, scale = self.source.topic, self.source.scale
+        if self._nameless:
+            return (
+                f"{topic} says no joint (its frame_id is empty): name the joint under joints of this "
+                "source in the parameter file"
+            )
         said: list[str] = []
         for column, degc in sorted(self._odd.items()):
             value = degc + self._offset
@@ -244,7 +250,9 @@ class TemperatureReader:
 
     def _match(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
         """Place in the message and model column of every joint that counts."""
-        foreign = (name for name in names if name not in self._columns and name != NO_JOINT)
+        self._nameless |= names == ("",)
+        unnamed = (NO_JOINT, "")
+        foreign = (name for name in names if name not in self._columns and name not in unnamed)
         remember_names(self.ignored_joints, foreign)
         return self._placed.put(
             names,

@@ -56,6 +56,15 @@ def test_topics_of_one_joint_each_are_merged_by_stamp():
     assert ingest.account.balanced
 
 
+def test_a_topic_that_says_no_joint_is_named():
+    ingest = ingest_of("/ta", "/tb", type=STANDARD)
+    ingest.step([standard("/ta", [1.0], [30.0], "a"), standard("/tb", [1.0], [40.0], "")])
+    (doubt,) = ingest.doubts
+    assert "/tb says no joint" in doubt
+    assert ingest.ignored_joints == set()
+    assert ingest.account.rejected == {"unknown_joint": 1}
+
+
 def test_a_loop_keeps_the_order_of_arrival():
     ingest = ingest_of("/t")
     block = ingest.step([own("/t", [8.0, 9.0, 1.0, 2.0], np.arange(8.0).reshape(4, 2))])
