@@ -123,8 +123,8 @@ class TemperatureReader:
         topic, scale = self.source.topic, self.source.scale
         if self._nameless:
             return (
-                f"{topic} says no joint (its frame_id is empty): name the joint under joints of this "
-                "source in the parameter file"
+                f"{topic} says no joint (its frame_id is empty): name the joint under joints of "
+                "this source in the parameter file"
             )
         said: list[str] = []
         for column, degc in sorted(self._odd.items()):
