@@ -142,8 +142,8 @@ def main() -> int:
                 note("gear ratio halved", words, True, kind)
             cases = mistakes(joint, joint + 1, len(model.joints))
             for what in (*TORQUE, *METER):
-                _, states, meter = cases[what]
-                spoiled = rewrite(bag, folder / f"{bag.name} {what}", states, meter)
+                case = cases[what]
+                spoiled = rewrite(bag, folder / f"{bag.name} {what}", case.states, case.meter)
                 for subject in SUBJECTS if what in TORQUE else ("cabinet", "all"):
                     test = ["--no-test"] if subject == "all" else []
                     used = common[:2] if subject == "cabinet" else common
