@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -106,6 +107,23 @@ class RecordedJobs:
         self._next = 0
         self._is_open = False
 
+    def notes(self, start_ns: int | None) -> list[str]:
+        """Return what a reader of the jobs should know, one sentence each.
+
+        Args:
+            start_ns: First sample of the recording; None if there is none. [ns since 1970]
+        """
+        if self._names and not (self.closed or self.left_out) and start_ns is not None:
+            first_ns = int(self._bounds_ns[0, 0])
+            return [
+                f"none of the jobs ({len(self._names)}) lies in the recording, which "
+                f"begins {_utc(start_ns)}; the first job begins {_utc(first_ns)}: are clock and "
+                "time zone right?"
+            ]
+        if not self.left_out:
+            return []
+        return [f"jobs that are not in the recording from begin to end, left out: {self.left_out}"]
+
     def cuts(self, stamp_ns: Int) -> Int:
         """Return where to cut samples, so that steps are short while a job begins or ends.
 
@@ -139,7 +157,7 @@ class RecordedJobs:
                 return
             elif end_ns - begin_ns > MAX_LATE_NS:  # it began before the recording, or in a gap
                 self._next += 1
-                self.left_out += 1
+                self.left_out += until_ns > (account.registers.time.start_ns or 0)
             else:
                 account.open_interval(self._names[self._next])
                 self._is_open = True
@@ -158,3 +176,7 @@ class RecordedJobs:
             else:
                 self.left_out += 1
             self._is_open = False
+
+
+def _utc(stamp_ns: int) -> str:
+    return f"{datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -23,7 +23,7 @@ def readme_commands():
 
 
 # Commands of the README that need a file of the reader's own.
-OWN_FILES = ("log.csv", "my_robot.yaml", "mapping.yaml", "FOLDER")
+OWN_FILES = ("LOG.csv", "log.csv", "MY_ROBOT.yaml", "MAPPING.yaml", "FOLDER")
 
 
 def test_readme_has_commands():

@@ -60,6 +60,16 @@ def test_a_job_that_is_not_whole_in_the_recording_is_left_out_and_said(tmp_path)
     assert any(note.endswith("left out: 2") for note in found.notes)
 
 
+@pytest.mark.parametrize("hours", [-2, 2])
+def test_jobs_of_another_time_are_named_with_both_times(hours, tmp_path):
+    path = tmp_path / "jobs.yaml"
+    begin = START + 3600 * hours
+    path.write_text(f"jobs: [{{name: one, begin: {begin}, end: {begin + 9}}}]")
+    (note,) = [note for note in replay(BAG, "kr16", jobs=path).notes if "jobs" in note]
+    assert "begins 2001-09-09 01:46:40 UTC" in note
+    assert f"begins 2001-09-{'08 23' if hours < 0 else '09 03'}:46:40 UTC" in note
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -77,7 +77,7 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
     """Read the inputs of a parameter file, of a known robot, or of both.
 
     Args:
-        path: Parameter file of a monitor, whose values go before; None for none.
+        path: Parameter file of a monitor, whose values override these; None for none.
         robot: Name of a robot in `ROBOTS`; None for none.
 
     Returns:

@@ -206,7 +206,9 @@ def run_init(args: Namespace) -> int:
     show(
         "All figures that the URDF does not give are assumed. Next:\n"
         f"  robot-energy replay BAG --model {out}\n"
-        f"  robot-energy identify all BAGS... --model {out} --out identified.yaml",
+        f"  robot-energy identify all BAGS... --model {out} --effort MEANING "
+        "--out identified.yaml\n"
+        "MEANING is what your driver sends as effort: motor_torque, joint_torque or motor_current.",
         soft_wrap=True,
         highlight=False,
     )

@@ -23,7 +23,7 @@ def add_robot(parser: ArgumentParser) -> None:
         "--robot",
         metavar="NAME",
         help="robot whose driver is known (see: robot-energy kinds): read the topics of its driver "
-        "and use the shipped model; --model and --inputs go before",
+        "and use the shipped model; --model and --inputs override it",
     )
 
 

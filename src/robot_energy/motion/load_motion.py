@@ -162,7 +162,7 @@ def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> L
         )
     elif kinematics.structure == "spatial" and options.start is None:
         kinematics = InverseKinematics(robot, options.link, orientation=TOOL_DOWN)
-        notes.append("no start was given: the tool points down, z of its frame downward")
+        notes.append("no start position was given: the tool points down, z of its frame downward")
     start = _start(robot, kinematics.structure) if options.start is None else options.start
     if start.shape != (robot.n_joints,):
         raise MotionError(

@@ -366,11 +366,7 @@ def _notes(result: Replay) -> list[str]:
         notes += [fallback] if fallback else []
     if result.payload.refused:
         notes.append(f"a payload of the bag was refused: {result.payload.refused}")
-    if result.jobs.left_out:
-        notes.append(
-            "jobs that are not in the recording from begin to end, left out: "
-            f"{result.jobs.left_out}"
-        )
+    notes += result.jobs.notes(ledger.registers.time.start_ns)
     ignored = result.joint_states.ignored_joints
     if ignored:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
