@@ -12,7 +12,8 @@ With `virtual:=true` a virtual robot is started as well; its model is kr16, and 
 kept in a folder of its own, apart from that of a real robot.
 
 With `robot:=ur5e` the nodes read what the driver of that robot publishes, and use the shipped
-model if there is one (`robot-energy kinds` lists the robots); `model` and `params_file` override it.
+model if there is one (`robot-energy kinds` lists the robots); `model` and `params_file` override
+it.
 
 ros2 launch ros2_energy_monitor energy_monitor.launch.py model:=/path/to/robot.yaml
 ros2 launch ros2_energy_monitor energy_monitor.launch.py robot:=ur5e

@@ -187,6 +187,8 @@ class TorqueBlock(Block):
     """Rigid-body torque at the instants of the joint states.
 
     Attributes:
+        segment: Segment number, shape (N,).
+        quality: Quality bits, shape (N,).
         joint_position: Joint side, shape (N, n). [rad] or [m]
         joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
         joint_acceleration: Joint side, shape (N, n). [rad/s^2] or [m/s^2]
@@ -227,6 +229,7 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
+        quality: Quality bits, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]

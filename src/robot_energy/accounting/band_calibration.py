@@ -42,7 +42,7 @@ from robot_energy.uncertainty.band import (
     half_width,
     scores,
 )
-from robot_energy.units import MAX_COUNTER, SECOND_NS
+from robot_energy.units import MAX_COUNTER, NANOJOULE_PER_JOULE, SECOND_NS
 
 COVERED = 0.9  # share of the readings that a band holds
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
@@ -53,7 +53,6 @@ MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
 MAX_LOG_SCALE = math.log(1e3)
-NANOJOULE = 1e9
 PARTS = [BUS, LOSS_GRID, TEMPERATURE]
 POOLED = Phase.UNKNOWN  # the place of all phases together
 
@@ -184,7 +183,7 @@ class BandCalibration:
             return
         columns = energy.shape[1]
         whole = np.empty((len(stamp_ns), columns + 1), dtype=np.int64, order="F")
-        whole[:, :columns] = np.rint(energy * NANOJOULE)
+        whole[:, :columns] = np.rint(energy * NANOJOULE_PER_JOULE)
         whole[:, columns] = duration_ns
         table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64, order="F")
         table[:, : len(PARTS)] = whole[:, PARTS]
@@ -209,8 +208,8 @@ class BandCalibration:
             [
                 compared.available_ns,
                 compared.duration_ns,
-                np.rint(compared.measured * NANOJOULE).astype(np.int64),
-                np.rint(compared.predicted * NANOJOULE).astype(np.int64),
+                np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64),
+                np.rint(compared.predicted * NANOJOULE_PER_JOULE).astype(np.int64),
             ],
             axis=1,
         )
@@ -257,9 +256,9 @@ class BandCalibration:
         if noted is None or duration_ns < MIN_SHARE * STRETCH_NS or noted[-1] <= 0:
             return
         share = duration_ns / int(noted[-1])
-        noted = noted[:-1] * (share / NANOJOULE)
+        noted = noted[:-1] * (share / NANOJOULE_PER_JOULE)
         at_bus = self.location is MeterLocation.DC_BUS
-        self._energies.take(noted, (predicted - measured) / NANOJOULE, step, at_bus)
+        self._energies.take(noted, (predicted - measured) / NANOJOULE_PER_JOULE, step, at_bus)
 
     def _set(self, scored: list[_Scored], means: MeanBlock | None, periods: slice) -> None:
         """Follow the scores in the order of time, and set the band of each period on the way."""

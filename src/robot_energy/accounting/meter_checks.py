@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.accounting.comparison import EARLY_NS, Comparison
 from robot_energy.blocks import NANOSECOND, MeterMeaning
 from robot_energy.timeline.pieces import Compared
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS, SECOND_NS
+from robot_energy.units import ENERGY_UNITS, NANOJOULE_PER_JOULE, POWER_UNITS, SECOND_NS
 
 WINDOW = 60  # of the rolling residual [s]
 MIN_COMPARED_TIME = 30.0  # compared time in it before a unit is doubted [s]
@@ -22,7 +22,6 @@ SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wron
 READINGS = 3  # that must have arrived meanwhile
 MIN_RETURNED = 0.02  # of the measured energy drawn, fed back without prediction, worth a sentence
 REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sentence
-NANOJOULE = 1e9
 MAX_WAITING = 50  # steps whose sums are made together
 
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
@@ -69,8 +68,8 @@ class MeterDiagnostics:
         compared = Compared.concatenate(self._waiting)
         self._waiting.clear()
         second = compared.available_ns // SECOND_NS
-        measured = np.rint(compared.measured * NANOJOULE).astype(np.int64)
-        predicted = np.rint(compared.predicted * NANOJOULE).astype(np.int64)
+        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
+        predicted = np.rint(compared.predicted * NANOJOULE_PER_JOULE).astype(np.int64)
         self._drawn += int(measured[measured > 0].sum())
         self._returned -= int(measured[measured < 0].sum())
         self._predicted_returned -= int(predicted[predicted < 0].sum())

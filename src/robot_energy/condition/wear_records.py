@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float
-from robot_energy.condition.buckets import SPEED_BUCKETS, shares
+from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
 
 RECORD_TIME = 300.0  # motion of a record [s]
@@ -28,7 +28,6 @@ MIN_OPEN = 15.0  # the same of the last record of a recording, which may be shor
 MAX_PARTS = 2000  # that wait for motion in the other direction
 HUBER = 2.5  # parts further from the median, in robust standard deviations, weigh less
 LAGS = (1200.0, 7200.0)  # means of the motor temperature, time constants [s]
-DEGC_STEP = 10.0  # from one bucket of temperature to the next [K]
 DEGC_BUCKETS = 16  # 0 to 150 degC, as far as readings are believed
 MIDDLE_DEGC, DEGC_SCALE = 50.0, 20.0  # warmth is (temperature - middle) / scale
 NUISANCES = 4 + len(LAGS)  # load, difference of directions, scatter, slope, above means

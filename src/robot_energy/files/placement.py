@@ -102,7 +102,7 @@ class OutputPlacement:
             self._check(self.target)
             folder = self.draft.is_dir()
             if folder:
-                _sync(self.draft)
+                sync_folder(self.draft)
             if os.path.lexists(self.target):
                 self._set_aside(folder)
             if folder:
@@ -119,7 +119,7 @@ class OutputPlacement:
             Exception: As `failure` makes it.
         """
         try:
-            _sync(self.target.parent)
+            sync_folder(self.target.parent)
         except OSError as error:
             raise self._failure(error) from error
 
@@ -323,7 +323,15 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def _sync(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk, where its file system can.
+
+    Args:
+        folder: Whose entries were made, renamed or removed.
+
+    Raises:
+        OSError: If it cannot be opened, or the disk fails.
+    """
     number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(number)

@@ -17,10 +17,10 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import Trajectory
+from robot_energy.units import SECOND_NS
 
 MAX_POINTS = 1_000_000
 MAX_VALUE = 1e6  # of any number
-SECOND = 1_000_000_000  # ns
 
 
 class JointTrajectory:
@@ -132,7 +132,7 @@ def read_points(message: Any, name: str) -> JointTrajectory:
     if not 2 <= len(points) <= MAX_POINTS:
         raise MotionError(f"{name} has {len(points)} points", f"2 to {MAX_POINTS}")
     time = np.array(
-        [p.time_from_start.sec + p.time_from_start.nanosec / SECOND for p in points],
+        [p.time_from_start.sec + p.time_from_start.nanosec / SECOND_NS for p in points],
         dtype=np.float64,
     )
     n_joints = len(message.joint_names)

@@ -25,6 +25,7 @@ from robot_energy.files.regular_file import read_regular_text, why_unreadable
 from robot_energy.motion.fourier import FourierMotion
 from robot_energy.motion.joint_trajectory import MAX_POINTS, JointTrajectory, read_points
 from robot_energy.motion.ptp import Trajectory
+from robot_energy.units import SECOND_NS
 
 MESSAGE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory"
@@ -33,7 +34,6 @@ COLUMNS = ("position", "velocity", "acceleration")
 MAX_BYTES = 256 * 1024 * 1024
 MAX_RATE = 10_000.0  # Hz
 MAX_LOOPS = 100
-SECOND = 1_000_000_000  # ns
 CDR = {b"\x00\x00", b"\x00\x01"}  # first bytes of a message: big and little endian
 
 
@@ -196,7 +196,7 @@ def write_trajectory(
     kinds = store.types
     instant = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
     duration = kinds["builtin_interfaces/msg/Duration"]
-    stamps: list[int] = np.rint(time * SECOND).astype(np.int64).tolist()
+    stamps: list[int] = np.rint(time * SECOND_NS).astype(np.int64).tolist()
     rows = zip(
         stamps, motion.joint_position, motion.joint_velocity, motion.joint_acceleration, strict=True
     )
@@ -209,7 +209,7 @@ def write_trajectory(
                 velocities=velocity,
                 accelerations=acceleration,
                 effort=np.empty(0),
-                time_from_start=duration(sec=stamp // SECOND, nanosec=stamp % SECOND),
+                time_from_start=duration(sec=stamp // SECOND_NS, nanosec=stamp % SECOND_NS),
             )
             for stamp, position, velocity, acceleration in rows
         ],

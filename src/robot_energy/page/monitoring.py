@@ -8,9 +8,9 @@ import yaml
 
 from robot_energy.files.output_files import COMMENT
 from robot_energy.page.metrics import METRICS
+from robot_energy.units import JOULE_PER_KWH
 
 DEFAULT_TARGET = "127.0.0.1:8421"
-JOULE_PER_KWH = "3.6e6"
 WIDTH = 24  # of a Grafana dashboard [columns]
 
 
@@ -113,7 +113,7 @@ def grafana_dashboard() -> dict[str, Any]:
     ]
     panels = [
         _panel("stat", "Energy", "kwatth", 6, 5,
-               [("{{robot}}", f"increase({used}[$__range]) / {JOULE_PER_KWH}")]),
+               [("{{robot}}", f"increase({used}[$__range]) / {JOULE_PER_KWH:g}")]),
         _panel("stat", "Power now", "watt", 6, 5,
                [("{{robot}}", _of_robot("robot_power_watts", 'source="predicted"'))]),
         _panel("stat", "Prediction against meter", "percentunit", 6, 5, [("{{robot}}", error)]),
@@ -156,13 +156,6 @@ def grafana_dashboard() -> dict[str, Any]:
         },
         "panels": panels,
     }  # fmt: skip
-
-
-def expressions() -> list[str]:
-    """All queries of the alert rules and of the dashboard."""
-    rules = yaml.safe_load(alert_rules())["groups"][0]["rules"]
-    targets = [one for panel in grafana_dashboard()["panels"] for one in panel["targets"]]
-    return [rule["expr"] for rule in rules] + [target["expr"] for target in targets]
 
 
 def _panel(

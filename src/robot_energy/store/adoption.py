@@ -12,6 +12,7 @@ import fcntl
 import os
 from pathlib import Path
 
+from robot_energy.files.placement import sync_folder
 from robot_energy.store.state_files import open_regular, read_regular
 
 BEGUN, COMPLETE = "begun", "complete"
@@ -71,7 +72,7 @@ class Adoption:
             if os.path.lexists(old) and not os.path.lexists(new):
                 old.rename(new)
                 moved = True
-        _sync(self._claim.parent)
+        sync_folder(self._claim.parent)
         self._write(COMPLETE)
         return moved
 
@@ -84,12 +85,4 @@ class Adoption:
             opened.flush()
             os.fsync(file)
         self._draft.rename(self._claim)
-        _sync(self._claim.parent)
-
-
-def _sync(folder: Path) -> None:
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
+        sync_folder(self._claim.parent)

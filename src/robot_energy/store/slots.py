@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from robot_energy.errors import StateFileError
+from robot_energy.files.placement import sync_folder
 from robot_energy.store.adoption import Adoption
 from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_newer, unwrap, wrap
 from robot_energy.store.state_files import open_regular, read_regular
@@ -126,7 +127,7 @@ class SlotPair(Generic[T]):
             finally:
                 os.close(file)
             if not existed:
-                _sync_folder(self.folder)
+                sync_folder(self.folder)
         except OSError as error:
             raise _wrapped(error, path) from error
         self.sequence = follows(self.sequence)
@@ -144,7 +145,7 @@ class SlotPair(Generic[T]):
         try:
             there = [path for path in self._paths if os.path.lexists(path)]
             notes = [f"moved aside as {_move_aside(path)}" for path in there]
-            _sync_folder(self.folder)
+            sync_folder(self.folder)
         except OSError as error:
             raise _wrapped(error, self.folder) from error
         self.sequence = 0
@@ -173,7 +174,7 @@ class SlotPair(Generic[T]):
     def _make_folder(self) -> None:
         if not self.folder.is_dir():
             self.folder.mkdir(parents=True, exist_ok=True)
-            _sync_folder(self.folder.parent)
+            sync_folder(self.folder.parent)
 
     def _take_lock(self) -> None:
         try:
@@ -230,7 +231,7 @@ class SlotPair(Generic[T]):
                 notices.append(f"{path}: {error} It was {_aside_or_left(path)}.")
         if notices:
             with suppress(OSError):  # a read-only folder, where nothing was moved either
-                _sync_folder(self.folder)
+                sync_folder(self.folder)
         if not found:
             self._newest = 1
             return Stored(None, 0, tuple(notices))
@@ -254,14 +255,6 @@ def _write_all(file: int, content: bytes) -> None:
     done = 0
     while done < len(content):
         done += os.pwrite(file, content[done:], done)
-
-
-def _sync_folder(folder: Path) -> None:
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
 
 
 def _move_aside(path: Path) -> Path:

@@ -9,6 +9,7 @@ import urllib.parse
 import urllib.request
 
 import pytest
+import yaml
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from page_client import PATIENCE, wait_until
@@ -17,7 +18,7 @@ from robot_energy.cli import main
 from robot_energy.page.access import page_access
 from robot_energy.page.hub import PageHub
 from robot_energy.page.metrics import METRICS, metrics_text
-from robot_energy.page.monitoring import expressions
+from robot_energy.page.monitoring import alert_rules, grafana_dashboard
 from robot_energy.page.settings import PageSettings
 from robot_energy.page.web_server import PageServer
 
@@ -94,12 +95,18 @@ def test_labels_are_escaped_and_bounded(hub):
     assert len(samples(families(hub)["robot_joint_temperature_celsius"])) == 90
 
 
+def queries():
+    rules = yaml.safe_load(alert_rules())["groups"][0]["rules"]
+    targets = [one for panel in grafana_dashboard()["panels"] for one in panel["targets"]]
+    return [rule["expr"] for rule in rules] + [target["expr"] for target in targets]
+
+
 def test_every_metric_of_a_query_is_served():
     page, _ = recorded()
     served = {one.name for family in families(page.hub).values() for one in family.samples}
     of_loads = {metric.sample for metric in METRICS.values() if "load" in metric.labels}
     assert {metric.sample for metric in METRICS.values()} - of_loads <= served
-    for query in expressions():
+    for query in queries():
         names = set(re.findall(r"\brobot_\w+(?=\{)", query))
         assert names, query
         assert names <= served, query

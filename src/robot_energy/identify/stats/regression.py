@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError, check_shape
 
 Method = Literal["ols", "wls", "irls"]
-METHODS: tuple[Method, ...] = get_args(Method)
 HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
 MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it

@@ -10,10 +10,13 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointStateReader, Mask
-from robot_energy.inputs.joint_states.partial_states import SAME_STAMP, PartialStateMerger
+from robot_energy.inputs.joint_states.partial_states import (
+    BROKEN,
+    SAME_STAMP,
+    PartialStateMerger,
+)
 from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
 from robot_energy.inputs.joint_states.publisher_conflicts import (
-    BROKEN,
     CONFLICTING,
     PublisherConflictFilter,
 )
@@ -143,11 +146,6 @@ class JointStateIngest:
     def ages(self) -> dict[str, float]:
         """How long each joint is behind the newest of all; inf where never seen. [s]"""
         return dict(zip(self._names, self._merger.ages.tolist(), strict=True))
-
-    @property
-    def stale_joints(self) -> set[str]:
-        """Joints that are further behind than their usual rate explains: samples wait for them."""
-        return self._named(self._merger.stale)
 
     @property
     def repeating(self) -> bool:

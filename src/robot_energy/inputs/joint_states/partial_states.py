@@ -118,12 +118,6 @@ class PartialStateMerger:
         last = [int(track.stamp[-1]) if len(track.stamp) else None for track in self._tracks]
         return np.array([np.inf if at is None else (self._newest - at) * NANOSECOND for at in last])
 
-    @property
-    def stale(self) -> Mask:
-        """Which joints are further behind than is bridged: samples wait for them, shape (n,)."""
-        limits = [track.order.longest_gap_ns * NANOSECOND for track in self._tracks]
-        return (self.ages > limits) & self.in_parts
-
     def restart(self) -> None:
         """Forget all that waits, as after an error."""
         self._broken = False  # the sample before the next one was given up

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import JointBlock, Quality
+from robot_energy.blocks import JointBlock
 from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
+from robot_energy.inputs.joint_states.partial_states import BROKEN
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.units import SECOND_NS
@@ -16,7 +17,6 @@ from robot_energy.units import SECOND_NS
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
 CONFLICTING = "conflicting_publisher"  # the reason under which refused samples are counted
-BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sample
 QUARANTINE_NS = SECOND_NS // 4  # how long a leap waits for the leap back
 
 

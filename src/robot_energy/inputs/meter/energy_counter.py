@@ -7,7 +7,7 @@ power, not zeros with a spike at every step. The first reading is only a base.
 A reading that no consumption explains, one that is lower than the last or implies more
 power than `max_power`, is held and not used. A reading that continues the old count
 ends the doubt: the held ones were wrong, and nothing of them is counted. If instead the
-readings go on from the new value, `CONFIRM_READINGS` of them over `CONFIRM_TIME` and
+readings go on from the new value, `CONFIRM_READINGS` of them over `CONFIRM_TIME_NS` and
 rising, the counter was reset: a new base, and nothing is counted across. A counter that
 wraps at a known value continues exactly instead.
 """
@@ -20,9 +20,10 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.units import SECOND_NS
 
 CONFIRM_READINGS = 3
-CONFIRM_TIME_NS = 5_000_000_000
+CONFIRM_TIME_NS = 5 * SECOND_NS
 
 Level = tuple[int, int, float]  # start, end [ns], power [W]
 

@@ -1,6 +1,7 @@
 """Fits of rows whose truth is known, and how often their intervals hold it."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from robot_energy.identify.data.observations import Filters, observe
 from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import fit_rows
 from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.stats.regression import METHODS, factor
+from robot_energy.identify.stats.regression import Method, factor
 from robot_energy.model import validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
@@ -61,7 +62,7 @@ def _one_thread():
         yield
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", get_args(Method))
 def test_fit_of_exact_rows_is_exact(method):
     observed = rows()
     exact = replace(observed, joint_torque=observed.regressor @ TRUTH)
