@@ -46,8 +46,8 @@ def dataset_evidence(
             f"{folder} holds no bag of model {model.model_id}, but of {others}",
             "the model that the bags were replayed with",
         )
-    addresses = runs.sort("robot", "start_ns", "bag")["bag"].to_list()
-    sample = bag_sample(folder, addresses, options or {})
+    keys = runs.sort("robot", "start_ns", "bag")["key"].to_list()
+    sample = bag_sample(folder, keys, options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
         f"{len(sample.bags)} of its {len(runs)} bags are looked at, spread over robots and time; "
