@@ -128,6 +128,7 @@ RUNS: Columns = {
     "band": TableColumn(TEXT, "", "parametric, or calibrated by the meter"),
     "payload_mass": TableColumn(FLOAT, "kg", "that the model carried at the end"),
     "motor_temperature_degc": TableColumn(FLOAT, "degC", "mean over joints in motion"),
+    "jobs_left_out": TableColumn(INTEGER, "", "jobs of which the bag holds a part only"),
     "samples": TableColumn(INTEGER, "", "joint states that gave a power"),
     "quality": TableColumn(
         pl.List(pl.Struct({"name": TEXT, "count": INTEGER})), "", "samples by quality bit"

@@ -19,7 +19,7 @@ from robot_energy.fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
 from robot_energy.fleet.tables import FleetTables, counted_twice
 from robot_energy.fleet.wear_history import MIN_HOURS, MIN_RECORDS
 from robot_energy.page.settings import PageSettings
-from robot_energy.report.formats import counted
+from robot_energy.report.formats import counted, jobs_left_out
 from robot_energy.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -86,6 +86,8 @@ def fleet_report(
             "a price or a shift changes within a UTC hour, and a dataset holds sums of UTC hours: "
             "those of such an hour are shared by the time that the bag has before and after"
         )
+    if left_out := int(read["jobs_left_out"].sum()):
+        notes.append(jobs_left_out(left_out))
     refused = tables.runs.filter(pl.col("reason") != "")
     damaged = read.filter(pl.col("problems").list.len() > 0)
     return FleetReport(

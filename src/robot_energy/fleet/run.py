@@ -48,6 +48,7 @@ class FleetRun:
         read: Replayed.
         refused: Those that could not be used, by robot and address.
         damaged: Those replayed that were read in part, by robot and address.
+        jobs_left_out: Jobs of which a bag replayed holds a part only.
         observed_time: Predicted, of the bags replayed. [s]
         written: Size of their rows. [bytes]
         peak_memory: Most memory that one worker has held. [bytes]
@@ -59,6 +60,7 @@ class FleetRun:
     read: int = 0
     refused: dict[Bag, RefusedBag] = field(default_factory=dict[Bag, RefusedBag])
     damaged: dict[Bag, DamagedBag] = field(default_factory=dict[Bag, DamagedBag])
+    jobs_left_out: int = 0
     observed_time: float = 0.0
     written: int = 0
     peak_memory: int = 0
@@ -74,8 +76,8 @@ class FleetRun:
         elapsed = time.monotonic() - self.begun
         return FleetRunReport(
             str(dataset.folder), self.bags, self.there, self.read, tuple(self.refused.values()),
-            tuple(self.damaged.values()), self.observed_time, elapsed, self.written,
-            self.peak_memory,
+            tuple(self.damaged.values()), self.jobs_left_out, self.observed_time, elapsed,
+            self.written, self.peak_memory,
         )  # fmt: skip
 
 
@@ -132,6 +134,7 @@ def run_fleet(
             done.read += 1
         if row.problems:
             done.damaged[own] = DamagedBag(address, row.robot, row.problems)
+        done.jobs_left_out += row.jobs_left_out
         done.observed_time += row.observed_time
         done.written += len(row.data)
         done.peak_memory = max(done.peak_memory, row.peak_memory)

@@ -27,6 +27,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         "measured_energy": pl.Float64,
         "predicted_energy_at_meter": pl.Float64,
         "motor_temperature_degc": pl.Float64,
+        "jobs_left_out": pl.Int64,
     },
     "jobs": {
         "key": pl.String,

@@ -148,6 +148,16 @@ def test_a_bag_that_cannot_be_read_takes_no_row_away(tmp_path):
     assert not dataset.files()
 
 
+def test_a_dataset_of_0_3_0_can_be_read(tmp_path):
+    path = put(Dataset(tmp_path / "d"), "a-1-x")
+    pl.read_parquet(path).drop("jobs_left_out").write_parquet(path)
+    assert read_tables(tmp_path / "d").runs["jobs_left_out"].to_list() == [None]
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "b-1-x", jobs_left_out=2)
+    dataset.pack()
+    assert read_tables(tmp_path / "d").runs["jobs_left_out"].to_list() == [None, 2]
+
+
 def test_one_command_writes_at_a_time(tmp_path):
     dataset = Dataset(tmp_path / "d")
     with dataset.locked():

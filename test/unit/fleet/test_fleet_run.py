@@ -406,6 +406,26 @@ def test_a_bag_that_is_gone_for_a_while_keeps_its_row(tmp_path, monkeypatch, is_
     assert reasons() == [("r1", False), ("r2", False)]
 
 
+def test_jobs_that_a_bag_holds_in_part_are_counted(tmp_path, capsys):
+    """Of a list of many bags, those that lie elsewhere do not count."""
+    bag, model = wheel_bag(tmp_path), wheel_model(tmp_path)
+    jobs, begin = tmp_path / "jobs.yaml", read_start(bag)
+    spans = [(-50.0, -40.0), (-3.0, 2.0), (2.0, 4.0), (5.0, 5.05), (8.0, 12.0), (60.0, 90.0)]
+    lines = [f"  - {{name: spin, begin: {begin + a}, end: {begin + b}}}\n" for a, b in spans]
+    jobs.write_text("jobs:\n" + "".join(lines))
+    words = ["fleet", "run", str(bag), "--model", str(model), "--out", str(tmp_path / "d")]
+    written = tmp_path / "run.json"
+    assert main([*words, "--workers", "0", "--jobs", str(jobs), "--json", str(written)]) == 0
+    said = "jobs that are not in a bag from begin to end, left out: 2"
+    assert said in capsys.readouterr().out
+    assert json.loads(written.read_text())["jobs_left_out"] == 2
+    report = re.fleet_report(tmp_path / "d")
+    assert said in report.notes
+    assert sum(one.jobs for one in report.robots) == 2
+    assert main(["fleet", "report", str(tmp_path / "d")]) == 0
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     """A part of it comes in, is said to be damaged, and makes way for the whole."""
     recording, whole = tmp_path / "hall" / "r1" / "run7", (WARM / "kr16_warm_0.mcap").read_bytes()
