@@ -60,24 +60,25 @@ class BagSample:
     without_inputs: int
 
 
-def bag_sample(folder: str | Path, addresses: Sequence[str], options: ReplayOptions) -> BagSample:
+def bag_sample(folder: str | Path, keys: Sequence[str], options: ReplayOptions) -> BagSample:
     """Return bags of a dataset, evenly spread over a list.
 
     Args:
         folder: Of the dataset.
-        addresses: Of the bags that count, by robot and time.
+        keys: Of the rows that count, by robot and time.
         options: That go before those with which a bag was replayed.
 
     Returns:
         The bags.
     """
-    settings = dict(scan(folder).select("bag", "settings").collect().iter_rows())
+    rows = scan(folder).select("key", "bag", "settings").collect().iter_rows()
+    known = {key: SampledBag(bag, _options(settings)) for key, bag, settings in rows}
     given = {name: value for name, value in options.items() if value is not None}
-    there = [SampledBag(one, _options(settings[one])) for one in addresses if Path(one).exists()]
-    known = [one for one in there if "inputs" in given or "inputs" not in one.options]
-    chosen = [known[k] for k in evenly(len(known))] if len(known) >= MIN_BAGS else []
+    there = [known[key] for key in keys if Path(known[key].address).exists()]
+    usable = [one for one in there if "inputs" in given or "inputs" not in one.options]
+    chosen = [usable[k] for k in evenly(len(usable))] if len(usable) >= MIN_BAGS else []
     bags = [replace(one, options=one.options | given) for one in chosen]
-    return BagSample(bags, len(there) - len(known))
+    return BagSample(bags, len(there) - len(usable))
 
 
 def _options(settings: str | None) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRe
 from robot_energy.api.replay import ReplayOptions
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.dataset import read_tables
+from robot_energy.fleet.tables import counted_twice
 from robot_energy.model import RobotModel
 from robot_energy.report.formats import counted
 from robot_energy.units import HOUR_NS
@@ -46,8 +47,8 @@ def dataset_evidence(
             f"{folder} holds no bag of model {model.model_id}, but of {others}",
             "the model that the bags were replayed with",
         )
-    addresses = runs.sort("robot", "start_ns", "bag")["bag"].to_list()
-    sample = bag_sample(folder, addresses, options or {})
+    keys = runs.sort("robot", "start_ns", "bag")["key"].to_list()
+    sample = bag_sample(folder, keys, options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
         f"{len(sample.bags)} of its {len(runs)} bags are looked at, spread over robots and time; "
@@ -77,6 +78,7 @@ def dataset_evidence(
             f"not looked at: {counted(sample.without_inputs, 'bag')} replayed with a file of "
             "inputs, which a dataset does not keep; name bags instead, and that file with --inputs"
         )
+    found.notes += counted_twice(runs)
     hours = tables.hours.join(runs.select("key"), on="key", how="semi")
     moved = float(hours["motion_time"].sum())
     found.rest_time = float(hours["observed_time"].sum()) - moved

@@ -195,7 +195,7 @@ def _time(seconds: float) -> str:
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
     from robot_energy.fleet.run import why_refused
-    from robot_energy.report.formats import counted
+    from robot_energy.report.formats import counted, jobs_left_out
 
     out, time_ = console(), report.observed_time
     out.print(
@@ -219,5 +219,7 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         out.print(f"  damaged, read in part: {bag.bag}: {problems}", soft_wrap=True)
     if more := len(report.damaged[SHOWN:]):
         out.print(f"  {more} more damaged: see `robot-energy fleet report`", soft_wrap=True)
+    if report.jobs_left_out:
+        out.print(f"  {jobs_left_out(report.jobs_left_out)}", soft_wrap=True)
     if args.json is not None:
         wrote(out, args.json, "all figures as JSON")

@@ -51,22 +51,16 @@ class BagJoints:
     work: Float
 
 
-def bag_joints(tables: FleetTables, model_id: str, robots: Sequence[str]) -> BagJoints:
+def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
     """Return the bags of robots with one model.
 
     Args:
-        tables: Of the fleet.
-        model_id: Of the model.
+        tables: Of the bags with this model.
         robots: Names, in the order of their numbers.
     """
-    runs = (
-        tables.runs.lazy()
-        .filter((pl.col("model_id") == model_id) & (pl.col("reason") == ""))
-        .select("key", "start_ns")
-    )
     rows = (
         tables.joints.lazy()
-        .join(runs, on="key", maintain_order="left")
+        .join(tables.runs.lazy().select("key", "start_ns"), on="key", maintain_order="left")
         .filter(pl.col("friction_rows") > 0)
         .collect()
     )

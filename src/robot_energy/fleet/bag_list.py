@@ -9,7 +9,7 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -84,6 +84,7 @@ class FleetBag:
         texts: Text of files among the options, by option: workers need not have the files.
         model_digest: Hash of the model.
         version: Of this tool.
+        named: Addresses under which a table names it.
     """
 
     place: BagPlace
@@ -95,6 +96,7 @@ class FleetBag:
     texts: Mapping[str, str] = field(default_factory=dict[str, str])
     model_digest: str = ""
     version: str = __version__
+    named: tuple[str, ...] = ()
 
     @cached_property
     def settings(self) -> str:
@@ -108,9 +110,22 @@ class FleetBag:
         return f"{digest(self.place.address)}-{self.place.state}-{self.settings}"
 
     @property
-    def parts(self) -> tuple[str, ...]:
-        """Hashes of the addresses that its files have as bags of their own."""
-        return tuple(digest(file) for file in self.place.files if file != self.place.address)
+    def parts(self) -> list[tuple[str, str]]:
+        """Robots and addresses that its files have as bags of their own."""
+        return self._elsewhere(self.place.files)
+
+    @property
+    def missed(self) -> list[tuple[str, str]]:
+        """Robots and addresses that it has where it is not found."""
+        return self._elsewhere(self.named)
+
+    def _elsewhere(self, addresses: Iterable[str]) -> list[tuple[str, str]]:
+        return [
+            (robot, address)
+            for address in addresses
+            if address != self.place.address
+            for robot in (self.robot, _robot_of(address, is_folder=False))
+        ]
 
     @property
     def unread_name(self) -> str:
@@ -288,7 +303,7 @@ def list_bags(
             raise DatasetError(
                 f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
             )
-        named = bag.robot or _folder_of(bag.place) or "robot"
+        named = bag.robot or _robot_of(bag.place.address, bag.place.is_folder)
         found.append(replace(bag, robot=named, model_digest=models.digest_of(bag.model)))
     if not found and not complete:
         raise DatasetError(
@@ -297,11 +312,11 @@ def list_bags(
     return found
 
 
-def _folder_of(place: BagPlace) -> str:
+def _robot_of(address: str, is_folder: bool) -> str:
     """Name of the folder in which a recording lies, whether the bag is all of it or one file."""
-    folder = PurePosixPath(place.address.rstrip("/")).parent
-    is_part = not place.is_folder and _of_folder(place.address)
-    return (folder.parent if is_part else folder).name
+    folder = PurePosixPath(address.rstrip("/")).parent
+    is_part = not is_folder and _of_folder(address)
+    return (folder.parent if is_part else folder).name or "robot"
 
 
 def _text(name: str, path: Path) -> str:
@@ -315,7 +330,7 @@ def _text(name: str, path: Path) -> str:
 
 
 def _table(where: str, base: FleetBag, split: bool, complete: bool) -> Iterator[FleetBag]:
-    """The rows of a CSV table; paths may start at its folder."""
+    """The rows of a CSV table; paths of bags start at its folder, others may."""
     try:
         system, path = cast("tuple[Any, str]", url_to_fs(where))
         text = cast("bytes", system.cat_file(path)).decode("utf-8-sig")
@@ -348,12 +363,27 @@ def _table(where: str, base: FleetBag, split: bool, complete: bool) -> Iterator[
             options=options,
             texts=texts,
         )
-        address = _near(folder, row["bag"])
-        places = list(find_bags(address, split, complete))
+        path = _from(where, row["bag"])
+        places = list(find_bags(path, split, complete))
+        address = _address(path)
+        own = replace(own, named=(address, row["bag"]))
         if not places and not complete:  # a row of the dataset will say so
             places = [BagPlace(address, (), (), UNREAD, False, True)]
         for place in places:
             yield replace(own, place=place)
+
+
+def _from(table: str, name: str) -> str:
+    """A path that starts at the folder of the table."""
+    if "://" in table and "://" not in name and not name.startswith("/"):
+        return f"{table.rpartition('/')[0]}/{name}"
+    return name if "://" in name else str(Path(table).parent / Path(name).expanduser())
+
+
+def _address(path: str) -> str:
+    """As `find_bags` gives it."""
+    system, found = cast("tuple[Any, str]", url_to_fs(path))
+    return found if _is_local(system) else str(system.unstrip_protocol(found))
 
 
 def _near(folder: Path, name: str) -> str:

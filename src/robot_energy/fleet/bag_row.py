@@ -30,7 +30,9 @@ from robot_energy.fleet.meter_errors import MeterErrors
 from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
+from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report
+from robot_energy.units import SECOND_NS
 
 PART = 1 << 20  # bytes that are hashed at once
 Row = dict[str, Any]
@@ -47,6 +49,7 @@ class BagRow:
         data: The Parquet file.
         reason: Why the bag could not be used; empty where it could.
         problems: What was wrong with a bag that was used.
+        jobs_left_out: Jobs of which the bag holds a part only, how many.
         observed_time: Predicted. [s]
         peak_memory: Most memory that the process has held so far. [bytes]
     """
@@ -57,6 +60,7 @@ class BagRow:
     data: bytes
     reason: str
     problems: tuple[str, ...]
+    jobs_left_out: int
     observed_time: float
     peak_memory: int
 
@@ -176,6 +180,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "date": day,
         "motor_temperature_degc": _mean_degc(rows),
         "jobs": list(_jobs(result, report)),
+        "jobs_left_out": _left_out(options.get("jobs"), result, report),
         "hours": hours.table(),
         "joints": [own | more for own, more in zip(rows, _joints(totals), strict=True)],
         "meter_errors": errors.table(result.compared if result.topics.meter else ()),
@@ -265,6 +270,20 @@ def _jobs(result: Replay, report: ReplayReport) -> Iterator[Row]:
         }
 
 
+def _left_out(jobs: Path | None, result: Replay, report: ReplayReport) -> int:
+    """Jobs of which the bag holds a part only: the list may be that of many bags."""
+    start_ns, end_ns = report.time.start_ns, report.time.end_ns
+    if jobs is None or start_ns is None or end_ns is None:
+        return 0
+    first, last = start_ns + MAX_LATE_NS, end_ns - MAX_LATE_NS
+    listed = ((round(one.begin * SECOND_NS), round(one.end * SECOND_NS)) for one in load_jobs(jobs))
+    whole = ((one.start_ns, one.end_ns) for one in result.jobs.closed)
+    held, counted = (
+        sum(begin < last and end > first for begin, end in spans) for spans in (listed, whole)
+    )
+    return max(0, held - counted)
+
+
 def _joints(totals: Totals) -> Iterator[Row]:
     registers = totals.joint_energy_microjoule
     for joint in range(len(totals.shaft_compared_ns)):
@@ -288,6 +307,7 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
         row_bytes(_fitting(row | {"name": name})),
         row["reason"],
         tuple(row.get("problems", ())),
+        row.get("jobs_left_out", 0),
         observed_time,
         peak,
     )

@@ -4,8 +4,10 @@
 bag, with jobs, clock hours, joints and errors against the meter as lists in it. So a bag is there
 whole or not at all. The three parts of the name are hashes of the bag's address, of its size and
 time of change, and of model, options and version: a bag that is there unchanged is found by the
-name alone. At the end of a run the rows of each robot and day are merged into one file, sorted by
-name: however the rows came, the same bags give the same bytes.
+name alone. Each robot of a bag has a row of its own. A row takes the place of older ones of the
+same robot and address, and of those of the same robot and content that were run otherwise. At the
+end of a run the rows of each robot and day are merged into one file, sorted by name: however the
+rows came, the same bags give the same bytes.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
 PER_JOULE, PER_SECOND = 1e-6, 1e-9
 PACKED = "rows-"  # begin of the names of files with many rows
 LOCK = ".lock"
+CONTENT = "content"  # column by which copies of a bag are found
 UNKNOWN_DATE = "unknown"  # of a bag that could not be read
 JOINT_REGISTERS = (
     "shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss",
@@ -54,6 +57,32 @@ class TableColumn(NamedTuple):
 
 
 Columns = dict[str, TableColumn]
+Bag = tuple[str, str]
+"""Robot and address."""
+
+
+class _Row(NamedTuple):
+    """What says of which bag a row is.
+
+    Attributes:
+        name: Of the row.
+        key: Equal for the same content and settings.
+        robot: Name of the robot.
+        bag: Address of the bag.
+        bag_hash: Of its content; None if it could not be read.
+        reason: Why the bag could not be used; empty where it could.
+    """
+
+    name: str
+    key: str
+    robot: str
+    bag: str
+    bag_hash: str | None
+    reason: str
+
+    @property
+    def is_unread(self) -> bool:
+        return bool(self.reason) and self.bag_hash is None
 
 
 def _integers(names: Iterable[str], ending: str, unit: str, text: str) -> Columns:
@@ -99,6 +128,7 @@ RUNS: Columns = {
     "band": TableColumn(TEXT, "", "parametric, or calibrated by the meter"),
     "payload_mass": TableColumn(FLOAT, "kg", "that the model carried at the end"),
     "motor_temperature_degc": TableColumn(FLOAT, "degC", "mean over joints in motion"),
+    "jobs_left_out": TableColumn(INTEGER, "", "jobs of which the bag holds a part only"),
     "samples": TableColumn(INTEGER, "", "joint states that gave a power"),
     "quality": TableColumn(
         pl.List(pl.Struct({"name": TEXT, "count": INTEGER})), "", "samples by quality bit"
@@ -192,8 +222,9 @@ class Dataset:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        # Files of a row by its bag and name; None until they are asked for: a report needs none.
-        self._rows: dict[str, dict[str, set[Path]]] | None = None
+        # Rows, and their files; None until they are asked for: a report needs none.
+        self._known: dict[str, tuple[_Row, set[Path]]] | None = None
+        self._same: dict[Bag, set[str]] = {}  # names of rows, by robot and address or content
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
@@ -232,13 +263,14 @@ class Dataset:
         Args:
             name: Of its row.
         """
-        found = self._of(name)
-        if name in found:
+        if name in self._rows():
             self._keep(name)
-        return name in found
+        return name in self._rows()
 
     def add(self, name: str, robot: str, date: str, data: bytes) -> Path:
         """Put the row of a bag in place, whole or not at all, and remove older rows of it.
+
+        A bag that cannot be read takes no row away: where it was read before, that row stays.
 
         Args:
             name: Of the row.
@@ -254,18 +286,23 @@ class Dataset:
         """
         path = self.folder / f"robot={quote(robot, safe=' ')}" / f"date={date}" / f"{name}.parquet"
         self._write(path, data)
-        self._of(name).setdefault(name, set()).add(path)
+        self._rows()
+        self._found([path])
         self._keep(name)
         return path
 
-    def remove(self, bags: Iterable[str]) -> None:
+    def remove(self, bags: Iterable[Bag], unread: bool = False) -> None:
         """Remove the rows of bags.
 
         Args:
-            bags: Hashes of their addresses.
+            bags: Robots and addresses.
+            unread: Whether only where the bag could not be read.
         """
+        rows = self._rows()
         for bag in bags:
-            self._keep(bag)
+            for name in sorted(self._same.get(bag, ())):
+                if rows[name][0].is_unread or not unread:
+                    self._drop(name)
 
     def pack(self, least: int = 2) -> None:
         """Merge the files of each robot and day, which are quicker to read as one.
@@ -284,23 +321,48 @@ class Dataset:
             if len(single) >= least or (single and len(paths) > len(single)):
                 self._merge(paths)
 
-    def _of(self, name: str) -> dict[str, set[Path]]:
-        if self._rows is None:
-            self._rows = {}
-            for path in self.files():
-                for other in _names(path):
-                    self._of(other).setdefault(other, set()).add(path)
-        return self._rows.setdefault(name.partition("-")[0], {})
+    def _rows(self) -> dict[str, tuple[_Row, set[Path]]]:
+        if self._known is None:
+            self._known = {}
+            self._found(self.files())
+        return self._known
+
+    def _found(self, files: list[Path]) -> None:
+        """Note the rows of files."""
+        rows = self._rows()
+        if not files:
+            return
+        columns = _scan(files, "file").select(*_Row._fields, "file").collect()
+        for *values, file in columns.iter_rows():
+            row = _Row(*values)
+            rows.setdefault(row.name, (row, set()))[1].add(Path(file))
+            for same in (row.bag, row.bag_hash):
+                if same is not None:
+                    self._same.setdefault((row.robot, same), set()).add(row.name)
 
     def _keep(self, name: str) -> None:
-        """Remove all other rows of the bag; all where the name is its hash alone."""
-        own = self._of(name)
-        for other in [other for other in own if other != name]:
-            for path in own.pop(other):
-                if path.stem.startswith(PACKED):
-                    self._merge([path], other)
-                else:
-                    path.unlink(missing_ok=True)
+        """Remove the rows for which this one stands; it itself, if it says less than they do."""
+        rows = self._rows()
+        row = rows[name][0]
+        older = self._same[row.robot, row.bag] - {name}
+        if row.is_unread and not all(rows[other][0].reason for other in older):
+            older = {name}
+        elif row.bag_hash is not None:
+            copies = self._same[row.robot, row.bag_hash]
+            older |= {other for other in copies if rows[other][0].key != row.key}
+        for other in sorted(older):
+            self._drop(other)
+
+    def _drop(self, name: str) -> None:
+        row, files = self._rows().pop(name)
+        for same in (row.bag, row.bag_hash):
+            if same is not None:
+                self._same[row.robot, same].discard(name)
+        for path in files:
+            if path.stem.startswith(PACKED):
+                self._merge([path], name)
+            else:
+                path.unlink(missing_ok=True)
 
     def _merge(self, paths: list[Path], without: str = "") -> None:
         """Replace files of one folder by one that holds their rows."""
@@ -313,8 +375,10 @@ class Dataset:
         for path in paths:
             if path != target or not names:
                 path.unlink(missing_ok=True)
-        for name in names:
-            self._of(name)[name] = self._of(name).get(name, set()) - set(paths) | {target}
+        for name in names if self._known is not None else ():
+            files = self._rows()[name][1]
+            files.difference_update(paths)
+            files.add(target)
 
     def _write(self, path: Path, data: bytes) -> None:
         try:
@@ -326,23 +390,16 @@ class Dataset:
         write_file(path, data, PARQUET, "rows of bags", DatasetError)
 
 
-def _scan(files: list[Path]) -> pl.LazyFrame:
+def _scan(files: list[Path], file_column: str | None = None) -> pl.LazyFrame:
     """Rows of files, of earlier versions too."""
     return pl.scan_parquet(
         files, hive_partitioning=False, glob=False, schema=SCHEMA, missing_columns="insert",
-        extra_columns="ignore",
+        extra_columns="ignore", include_file_paths=file_column,
     )  # fmt: skip
 
 
-def _names(path: Path) -> list[str]:
-    """Names of the rows of a file."""
-    if not path.stem.startswith(PACKED):
-        return [path.stem]
-    return pl.read_parquet(path, columns=["name"], hive_partitioning=False)["name"].to_list()
-
-
 def scan(folder: str | Path) -> pl.LazyFrame:
-    """Return all rows of a dataset, one of each bag: copies of a bag of one robot count once.
+    """Return all rows of a dataset, one of each bag and robot: copies of a bag count once.
 
     Args:
         folder: Of the dataset.
@@ -355,7 +412,13 @@ def scan(folder: str | Path) -> pl.LazyFrame:
         raise DatasetError(
             f"{folder} holds no row", "a dataset of `robot-energy fleet run`", "run it first"
         )
-    return _scan(files).unique("key", keep="first", maintain_order=True)
+    content = pl.coalesce("bag_hash", "key").alias(CONTENT)
+    return (
+        _scan(files)
+        .with_columns(content)
+        .unique(["robot", CONTENT], keep="first", maintain_order=True)
+        .drop(CONTENT)
+    )
 
 
 def read_tables(folder: str | Path) -> FleetTables:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import exp, expm1
@@ -56,7 +56,7 @@ def compare(
     """Compare robots of one model with each other, and each with itself before.
 
     Args:
-        tables: Of the fleet.
+        tables: Of the bags with this model.
         bags: Of these robots.
         duty: Share of motion in the time of the bags of each robot. [-]
         models: In the whole report, whose robots are compared each.
@@ -64,7 +64,7 @@ def compare(
     Returns:
         What was found, and the levels behind it.
     """
-    jobs = tables.jobs.filter(pl.col("robot").is_in(bags.robots) & (pl.col("gap_time") == 0.0))
+    jobs = tables.jobs.filter(pl.col("gap_time") == 0.0)
     programmes = sorted(jobs["name"].unique().to_list())
     comparisons = models * (len(bags.joints) + 2 + len(programmes))
     recent = _recent(bags.stamp_ns, bags.robot)
@@ -110,7 +110,7 @@ def compare(
             if abs(expm1(one.size)) >= MIN_ENERGY
         ]
     return RobotsCompared(
-        _ordered(findings), tuple(friction), comparisons, frozenset(with_sisters), with_before
+        ordered(findings), tuple(friction), comparisons, frozenset(with_sisters), with_before
     )
 
 
@@ -151,8 +151,7 @@ def _numbers(names: Sequence[str], robots: Sequence[str]) -> Int:
 def _standby(tables: FleetTables, robots: Sequence[str]) -> tuple[Float, Int]:
     """Logarithm of the standby of every robot and recorded day, and its robot."""
     days = (
-        tables.hours.filter(pl.col("robot").is_in(robots))
-        .group_by("robot", pl.col("hour_ns") // DAY_NS, maintain_order=True)
+        tables.hours.group_by("robot", pl.col("hour_ns") // DAY_NS, maintain_order=True)
         .agg(pl.col("standby_time").sum() / 3600.0)
         .sort("robot", "hour_ns")
     )
@@ -176,7 +175,7 @@ def _worn(
     tested = set[str]()
     rows = (
         tables.joints.lazy()
-        .filter(pl.col("robot").is_in(bags.robots) & (pl.col("friction_rows") > 0))
+        .filter(pl.col("friction_rows") > 0)
         .select("robot", "joint", pl.col("^wear_.*$"))
         .collect()
     )
@@ -257,14 +256,20 @@ def _percent(size: float, std: float) -> str:
     return f"{100 * abs(size):.0f} +- {100 * std:.0f} % {'above' if size > 0 else 'below'}"
 
 
-def _ordered(findings: Sequence[FleetFinding]) -> tuple[FleetFinding, ...]:
-    """Those of one robot together, the robot with the gravest cause first."""
+def ordered(findings: Iterable[FleetFinding]) -> tuple[FleetFinding, ...]:
+    """Return those of one robot together, the robot with the gravest cause first, each once.
+
+    Args:
+        findings: Of several models the newest last: of what was found with several of them, that
+            of the newest stays.
+    """
+    once = {(one.robot, one.kind, one.subject, one.since_ns): one for one in findings}
     gravest: dict[str, int] = {}
-    for one in findings:
+    for one in once.values():
         gravest[one.robot] = min(gravest.get(one.robot, len(KINDS)), KINDS.index(one.kind))
     return tuple(
         sorted(
-            findings,
+            once.values(),
             key=lambda one: (gravest[one.robot], one.robot, KINDS.index(one.kind), one.subject),
         )
     )

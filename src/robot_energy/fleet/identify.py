@@ -47,17 +47,17 @@ def identify_fleet(
         ImplausibleIdentificationError: If what was found contradicts physics.
     """
     read = tables.runs.filter(pl.col("reason") == "")
-    own = read.filter(pl.col("model_id") == model.model_id)
-    if own.is_empty():
+    own = tables.of_model(model.model_id)
+    if own.runs.is_empty():
         found = ", ".join(sorted(read["model_id"].unique().to_list())) or "no bag"
         raise NotIdentifiableError(
             f"the dataset was made with model {found}, not with {model.model_id}",
             "the model file that the bags were run with",
             "name that file, or run the bags again",
         )
-    robots = sorted(own["robot"].unique().to_list())
-    bags = bag_joints(tables, model.model_id, robots)
-    findings = compare(tables, bags, duty_of(tables.hours, robots)).findings
+    robots = sorted(own.runs["robot"].unique().to_list())
+    bags = bag_joints(own, robots)
+    findings = compare(own, bags, duty_of(own.hours, robots)).findings
     left_out = sorted({one.robot for one in findings if one.kind in DIFFERENT})
     kept = np.array([bags.robots[number] not in left_out for number in bags.robot])
     span = f"{int(kept.sum())} bags of {len(robots) - len(left_out)} robots"
@@ -66,7 +66,7 @@ def identify_fleet(
     refused: list[str] = []
     held: list[FleetTorqueScore] = []
     for place, name in enumerate(bags.joints):
-        gram, rows = sums_of_joint(tables, bags, name)
+        gram, rows = sums_of_joint(own, bags, name)
         used = kept & (rows > 0)
         joint = JointBags(
             name, without_nuisances(gram[used]), rows[used], bags.degc[used, place],

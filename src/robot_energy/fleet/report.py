@@ -14,12 +14,12 @@ import polars as pl
 
 from robot_energy.blocks import Float
 from robot_energy.fleet.bag_joints import BagJoints, bag_joints
-from robot_energy.fleet.findings import RobotsCompared, compare
+from robot_energy.fleet.findings import RobotsCompared, compare, ordered
 from robot_energy.fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
-from robot_energy.fleet.tables import FleetTables
+from robot_energy.fleet.tables import FleetTables, counted_twice
 from robot_energy.fleet.wear_history import MIN_HOURS, MIN_RECORDS
 from robot_energy.page.settings import PageSettings
-from robot_energy.report.formats import counted
+from robot_energy.report.formats import counted, jobs_left_out
 from robot_energy.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -62,16 +62,18 @@ def fleet_report(
     read = tables.runs.filter(pl.col("reason") == "")
     hours = _priced(tables.hours, read, used, shifts)
     robots = sorted(read["robot"].unique().to_list())
-    notes: list[str] = []
+    notes = counted_twice(read)
     models = sorted(read["model_id"].unique().to_list())
     findings: list[FleetFinding] = []
     friction: list[FrictionCurve] = []
     comparisons = 0
     with_sisters, with_before = frozenset[str](), frozenset[str]()
-    for model_id in models:
-        sisters = sorted(read.filter(pl.col("model_id") == model_id)["robot"].unique().to_list())
-        bags = bag_joints(tables, model_id, sisters)
-        compared = compare(tables, bags, duty_of(tables.hours, sisters), len(models))
+    newest_last = read.group_by("model_id").agg(pl.col("end_ns").max()).sort("end_ns", "model_id")
+    for model_id in newest_last["model_id"].to_list():
+        own = tables.of_model(model_id)
+        sisters = sorted(own.runs["robot"].unique().to_list())
+        bags = bag_joints(own, sisters)
+        compared = compare(own, bags, duty_of(own.hours, sisters), len(models))
         findings += compared.findings
         friction += _curves(bags, compared)
         comparisons = max(comparisons, compared.comparisons)
@@ -84,6 +86,8 @@ def fleet_report(
             "a price or a shift changes within a UTC hour, and a dataset holds sums of UTC hours: "
             "those of such an hour are shared by the time that the bag has before and after"
         )
+    if left_out := int(read["jobs_left_out"].sum()):
+        notes.append(jobs_left_out(left_out))
     refused = tables.runs.filter(pl.col("reason") != "")
     damaged = read.filter(pl.col("problems").list.len() > 0)
     return FleetReport(
@@ -101,7 +105,7 @@ def fleet_report(
         _programmes(tables.jobs),
         _shifts(hours, shifts),
         _model_errors(read),
-        tuple(findings),
+        ordered(findings),
         tuple(friction),
         comparisons,
         len(with_sisters),

@@ -16,7 +16,7 @@ from typing import Any, cast
 from robot_energy.errors import DatasetError, ParameterError
 from robot_energy.fleet.bag_list import FleetBag
 from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
-from robot_energy.fleet.dataset import Dataset
+from robot_energy.fleet.dataset import Bag, Dataset
 from robot_energy.model import RobotModel
 from robot_energy.results.fleet import DamagedBag, FleetRunReport, RefusedBag
 from robot_energy.shown_text import shown
@@ -46,8 +46,9 @@ class FleetRun:
         bags: That were asked for.
         there: Of them, that the dataset held already, unchanged.
         read: Replayed.
-        refused: Those that could not be used, by address.
-        damaged: Those replayed that were read in part, by address.
+        refused: Those that could not be used, by robot and address.
+        damaged: Those replayed that were read in part, by robot and address.
+        jobs_left_out: Jobs of which a bag replayed holds a part only.
         observed_time: Predicted, of the bags replayed. [s]
         written: Size of their rows. [bytes]
         peak_memory: Most memory that one worker has held. [bytes]
@@ -57,8 +58,9 @@ class FleetRun:
     bags: int = 0
     there: int = 0
     read: int = 0
-    refused: dict[str, RefusedBag] = field(default_factory=dict[str, RefusedBag])
-    damaged: dict[str, DamagedBag] = field(default_factory=dict[str, DamagedBag])
+    refused: dict[Bag, RefusedBag] = field(default_factory=dict[Bag, RefusedBag])
+    damaged: dict[Bag, DamagedBag] = field(default_factory=dict[Bag, DamagedBag])
+    jobs_left_out: int = 0
     observed_time: float = 0.0
     written: int = 0
     peak_memory: int = 0
@@ -74,8 +76,8 @@ class FleetRun:
         elapsed = time.monotonic() - self.begun
         return FleetRunReport(
             str(dataset.folder), self.bags, self.there, self.read, tuple(self.refused.values()),
-            tuple(self.damaged.values()), self.observed_time, elapsed, self.written,
-            self.peak_memory,
+            tuple(self.damaged.values()), self.jobs_left_out, self.observed_time, elapsed,
+            self.written, self.peak_memory,
         )  # fmt: skip
 
 
@@ -110,6 +112,7 @@ def run_fleet(
             done.bags += 1
             if dataset.has(bag.name):
                 dataset.remove(bag.parts)
+                dataset.remove(bag.missed, unread=True)
                 done.there += 1
                 done.done_size += bag.place.size
                 progress(done)
@@ -118,16 +121,20 @@ def run_fleet(
 
     for bag, row in replays(missing(), models):
         dataset.add(row.name, row.robot, row.date, row.data)
-        dataset.remove(bag.parts)
+        if row.name != bag.unread_name:
+            dataset.remove(bag.parts)
+        dataset.remove(bag.missed, unread=True)
         address = bag.place.address
-        done.refused.pop(address, None)
-        done.damaged.pop(address, None)
+        own = row.robot, address
+        done.refused.pop(own, None)
+        done.damaged.pop(own, None)
         if row.reason:
-            done.refused[address] = RefusedBag(address, row.robot, row.reason)
+            done.refused[own] = RefusedBag(address, row.robot, row.reason)
         else:
             done.read += 1
         if row.problems:
-            done.damaged[address] = DamagedBag(address, row.robot, row.problems)
+            done.damaged[own] = DamagedBag(address, row.robot, row.problems)
+        done.jobs_left_out += row.jobs_left_out
         done.observed_time += row.observed_time
         done.written += len(row.data)
         done.peak_memory = max(done.peak_memory, row.peak_memory)

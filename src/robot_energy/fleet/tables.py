@@ -8,6 +8,8 @@ from typing import Any
 
 import polars as pl
 
+from robot_energy.report.repeats import overlaps
+
 FLOATS = pl.List(pl.Float64)
 SCHEMAS: dict[str, dict[str, Any]] = {
     "runs": {
@@ -25,6 +27,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         "measured_energy": pl.Float64,
         "predicted_energy_at_meter": pl.Float64,
         "motor_temperature_degc": pl.Float64,
+        "jobs_left_out": pl.Int64,
     },
     "jobs": {
         "key": pl.String,
@@ -86,6 +89,18 @@ class FleetTables:
     hours: pl.DataFrame
     joints: pl.DataFrame
 
+    def of_model(self, model_id: str) -> FleetTables:
+        """Return the rows of the bags that were read with one model.
+
+        Args:
+            model_id: Of the model.
+        """
+        runs = self.runs.filter((pl.col("model_id") == model_id) & (pl.col("reason") == ""))
+        keys = runs.select("key")
+        others = (one.join(keys, on="key", how="semi", maintain_order="left")
+                  for one in (self.jobs, self.hours, self.joints))  # fmt: skip
+        return FleetTables(runs, *others)
+
 
 def tables_of(bags: Iterable[Rows]) -> FleetTables:
     """Return the rows of many bags as tables.
@@ -100,3 +115,17 @@ def tables_of(bags: Iterable[Rows]) -> FleetTables:
     return FleetTables(
         **{name: pl.DataFrame(rows[name], schema=schema) for name, schema in SCHEMAS.items()}
     )
+
+
+def counted_twice(runs: pl.DataFrame) -> list[str]:
+    """Return a note on each robot of which bags overlap in time.
+
+    Args:
+        runs: Of the bags that count.
+    """
+    bags = runs.sort("robot", "start_ns", "end_ns", "bag").partition_by("robot")
+    return [
+        f"{one['robot'][0]}: {note}"
+        for one in bags
+        for note in overlaps(one["bag"].to_list(), list(one.select("start_ns", "end_ns").rows()))
+    ]

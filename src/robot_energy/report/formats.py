@@ -272,6 +272,15 @@ def some_names(names: Iterable[str], limit: int = 5) -> str:
     return ", ".join([*once[:limit], *more])
 
 
+def jobs_left_out(count: int) -> str:
+    """Return that jobs which no bag holds whole do not count.
+
+    Args:
+        count: How often a bag holds a part of a job only.
+    """
+    return f"jobs that are not in a bag from begin to end, left out: {count}"
+
+
 def grouped(notes: Sequence[str]) -> list[str]:
     """Return notes of the form ``name: text`` with one line for all names of the same text.
 

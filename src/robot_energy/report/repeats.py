@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 
 from robot_energy.blocks import NANOSECOND
+from robot_energy.report.formats import some_names
 
 MIN_OVERLAP = 1.0  # s; bags that follow each other may share a moment
+MAX_NAMES = 20  # of recordings that overlap
 
 
 def given_once(names: Sequence[str], contents: Sequence[Hashable]) -> tuple[list[int], list[str]]:
@@ -59,6 +61,6 @@ def overlaps(names: Sequence[str], spans: Sequence[tuple[int | None, int | None]
     if not met:
         return []
     return [
-        f"{', '.join(met)} overlap in time, by {twice * NANOSECOND:.1f} s in all: where they are "
-        "of one robot, that time counts more than once; leave one of them out"
+        f"{some_names(met, MAX_NAMES)} overlap in time, by {twice * NANOSECOND:.1f} s in all: "
+        "where they are of one robot, that time counts more than once; leave one of them out"
     ]

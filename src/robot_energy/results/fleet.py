@@ -50,6 +50,7 @@ class FleetRunReport(Result):
         replayed: How many.
         refused: Bags that could not be used.
         damaged: Bags replayed that were read in part.
+        jobs_left_out: Jobs of which a bag replayed holds a part only, how many.
         observed_time: Predicted, of the bags replayed. [s]
         elapsed_time: That the run took. [s]
         row_size: Of the rows written. [bytes]
@@ -64,6 +65,7 @@ class FleetRunReport(Result):
     replayed: int
     refused: tuple[RefusedBag, ...]
     damaged: tuple[DamagedBag, ...]
+    jobs_left_out: int
     observed_time: float
     elapsed_time: float
     row_size: int

@@ -297,6 +297,17 @@ def test_bags_of_a_dataset_are_opened_without_files_of_which_it_has_a_hash(tmp_p
     assert not any("not looked at" in one for one in found.notes)
 
 
+def test_each_robot_of_a_bag_is_looked_at_with_its_own_options(tmp_path):
+    record_poses(tmp_path / "bag", long=10.0)
+    out = tmp_path / "fleet"
+    for name, gap in (("left", 0.5), ("middle", 0.6), ("right", 0.7)):
+        re.fleet_run(tmp_path / "bag", out, LOSSY, name=name, workers=0, max_gap=gap)
+    found, bags = dataset_evidence(out, LOSSY)
+    assert found.robots == ("left", "middle", "right")
+    assert [bag.options for bag in bags] == [{"max_gap": 0.5}, {"max_gap": 0.6}, {"max_gap": 0.7}]
+    assert not any("overlap" in note for note in found.notes)
+
+
 def energies(report):
     return {one.name: one.energy for one in (*report.advice, *report.unproven)}
 

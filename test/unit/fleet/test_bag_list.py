@@ -121,6 +121,24 @@ def test_a_table_names_bags_models_and_jobs(hall):
     assert gone.place.files == ()
 
 
+def test_a_bag_of_a_table_has_one_address_there_or_gone(hall, monkeypatch):
+    """Also where the command runs elsewhere, and has a file of that name."""
+    table, folder = hall / "bags.csv", hall / "r2"
+    table.write_text("bag,robot\nr2/a.mcap,r2\nr2/*.mcap,r2\n")
+    monkeypatch.chdir(folder)
+    there = list_bags("../bags.csv", FleetModels(), "kr16", {})
+    assert [bag.place.address.rpartition("/")[2] for bag in there] == ["a.mcap", "a.mcap", "b.mcap"]
+    for name in ("a.mcap", "b.mcap"):
+        (folder / name).unlink()
+    (folder / "r2").mkdir()
+    shutil.copy(FILE, folder / "r2" / "a.mcap")
+    gone, pattern = list_bags("../bags.csv", FleetModels(), "kr16", {})
+    assert gone.place.files == pattern.place.files == ()
+    assert gone.place.address == there[0].place.address
+    assert ("r2", pattern.place.address) in there[1].missed
+    assert ("r2", "r2/*.mcap") in there[1].missed  # as earlier versions had it
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [

@@ -3,16 +3,19 @@
 import fcntl
 from itertools import permutations
 
+import polars as pl
 import pytest
 
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.dataset import RUNS, SCHEMA, TABLES, Dataset, read_tables, row_bytes, scan
 
 DAY = "2026-03-02"
+NAMED = {"name": "a-1-x", "key": "a-1-x", "bag": "a"}
 
 
 def put(dataset, name, robot="r1", date=DAY, **row):
-    row = {"name": name, "key": name, "robot": robot, "reason": "", **row}
+    bag = name.partition("-")[0]
+    row = {"name": name, "key": name, "robot": robot, "bag": bag, "reason": "", **row}
     return dataset.add(name, robot, date, row_bytes(row))
 
 
@@ -94,6 +97,65 @@ def test_copies_of_a_bag_count_once(tmp_path):
     for name in ("a-1-x", "b-1-x"):
         put(dataset, name, key="same")
     assert len(read_tables(tmp_path / "d").runs) == 1
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_moved_bag_that_is_run_otherwise_counts_once(tmp_path, packed):
+    """The newest run stays, wherever the other row lies; another robot keeps its own."""
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "a-1-x", key="1", bag_hash="same")
+    put(dataset, "d-1-x", key="2", bag_hash="same", robot="r2")
+    put(dataset, "c-1-x", key="3", bag_hash="other")
+    if packed:
+        dataset.pack()
+        dataset = Dataset(tmp_path / "d")
+    put(dataset, "b-1-y", key="4", bag_hash="same")
+    found = scan(tmp_path / "d").collect()
+    assert sorted(found["name"]) == ["b-1-y", "c-1-x", "d-1-x"]
+    assert not Dataset(tmp_path / "d").has("a-1-x")
+
+
+def test_rows_of_one_bag_that_an_earlier_version_left_count_once(tmp_path):
+    dataset = Dataset(tmp_path / "d")
+    first, second = (put(dataset, name, key=name, bag_hash="same") for name in ("a-1-x", "b-1-y"))
+    first.write_bytes(row_bytes(pl.read_parquet(second).row(0, named=True) | NAMED))
+    assert len(scan(tmp_path / "d").collect()) == 1
+    assert Dataset(tmp_path / "d").has("b-1-y")  # the next run
+    assert scan(tmp_path / "d").collect()["name"].to_list() == ["b-1-y"]
+    assert not first.exists()
+
+
+def test_two_robots_of_one_bag_have_a_row_each(tmp_path):
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "a-1-x", robot="left", key="1", bag_hash="same")
+    put(dataset, "a-1-y", robot="right", key="2", bag_hash="same")
+    for again in (dataset, Dataset(tmp_path / "d")):
+        assert again.has("a-1-x")
+        assert again.has("a-1-y")
+    assert sorted(scan(tmp_path / "d").collect()["robot"]) == ["left", "right"]
+
+
+def test_a_bag_that_cannot_be_read_takes_no_row_away(tmp_path):
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "a-1-x")
+    put(dataset, "a-unread-x", date="unknown", reason="gone")
+    put(dataset, "b-unread-x", date="unknown", reason="gone")
+    assert sorted(scan(tmp_path / "d").collect()["name"]) == ["a-1-x", "b-unread-x"]
+    assert dataset.has("b-unread-x")
+    dataset.remove([("r1", "a"), ("r1", "b"), ("r1", "c")], unread=True)
+    assert scan(tmp_path / "d").collect()["name"].to_list() == ["a-1-x"]
+    dataset.remove([("r1", "a")])
+    assert not dataset.files()
+
+
+def test_a_dataset_of_0_3_0_can_be_read(tmp_path):
+    path = put(Dataset(tmp_path / "d"), "a-1-x")
+    pl.read_parquet(path).drop("jobs_left_out").write_parquet(path)
+    assert read_tables(tmp_path / "d").runs["jobs_left_out"].to_list() == [None]
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "b-1-x", jobs_left_out=2)
+    dataset.pack()
+    assert read_tables(tmp_path / "d").runs["jobs_left_out"].to_list() == [None, 2]
 
 
 def test_one_command_writes_at_a_time(tmp_path):

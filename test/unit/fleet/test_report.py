@@ -9,7 +9,8 @@ from zoneinfo import ZoneInfo
 import polars as pl
 import pytest
 
-from fleets import dataset, fleet
+import robot_energy as re
+from fleets import dataset, fleet, written
 from robot_energy.cli.main import main
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.fleet.dataset import read_tables
@@ -174,6 +175,50 @@ def test_a_bag_that_could_not_be_read_is_named_and_counts_for_nothing(tables, re
     assert [one.reason for one in again.refused] == ["no joint states"]
     assert again.robots == report.robots
     assert again.findings == report.findings
+
+
+def test_bags_of_one_robot_that_overlap_are_named(tables, tmp_path, capsys):
+    """By report, page, JSON and advice, with the time that counts twice; not those of others."""
+    first = tables.runs.filter(pl.col("robot") == pl.col("robot").min()).sort("start_ns").head(1)
+    again = first.with_columns(
+        key=pl.lit("again"), bag=pl.lit("converted"), start_ns=pl.col("start_ns") + 30 * 10**9
+    )
+    other = FleetTables(pl.concat([tables.runs, again]), tables.jobs, tables.hours, tables.joints)
+    shared = (first["end_ns"][0] - first["start_ns"][0]) * 1e-9 - 30.0
+    said = f"{first['robot'][0]}: {first['bag'][0]}, converted overlap in time, by {shared:.1f} s"
+    place = str(written(tmp_path / "d", other))
+    page, data = tmp_path / "d.html", tmp_path / "d.json"
+    assert main(["fleet", "report", place, "--html", str(page), "--json", str(data)]) == 0
+    for text in (capsys.readouterr().out, page.read_text()):
+        assert " ".join(text.split()).count(said) == 1
+        assert text.count("overlap in time") == 1
+    assert sum(said in note for note in json.loads(data.read_text())["notes"]) == 1
+    advice = re.advise(place, "kr16")
+    assert sum(note.startswith(said) for note in advice.report.notes) == 1
+    assert not any("overlap" in note for note in fleet_report(tables, "fleet").notes)
+
+
+def test_a_finding_is_there_once_when_the_model_changes(tables, report):
+    """Halfway all robots get another model, one of them with other names of joints."""
+    middle = tables.runs["start_ns"].median()
+    runs = tables.runs.with_columns(
+        model_id=pl.when(pl.col("start_ns") < middle).then("model_id").otherwise(pl.lit("new"))
+    )
+    named = runs.filter((pl.col("model_id") == "new") & (pl.col("robot") == pl.col("robot").max()))
+    renamed = pl.col("key").is_in(named["key"].implode())
+    runs = runs.with_columns(
+        model_id=pl.when(renamed).then(pl.lit("renamed")).otherwise("model_id")
+    )
+    joints = tables.joints.with_columns(
+        joint=pl.when(renamed).then("axis_" + pl.col("joint")).otherwise("joint")
+    )
+    changed = FleetTables(runs, tables.jobs, tables.hours, joints)
+    found = fleet_report(changed, "fleet")
+    subjects = [(one.robot, one.kind, one.subject) for one in found.findings]
+    assert len(set(subjects)) == len(subjects)
+    assert set(subjects) == {(one.robot, one.kind, one.subject) for one in report.findings}
+    fleet, _ = identify_fleet(changed, load("kr16"), "fleet")
+    assert {one.name for one in fleet.axes} == set(load("kr16").joint_names)
 
 
 def test_a_fleet_without_measured_torque_has_energies_and_standby(tables, report):
