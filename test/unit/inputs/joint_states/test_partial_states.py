@@ -84,7 +84,6 @@ def test_waiting_is_bounded_by_stamps():
     assert ingest.account.waiting == pytest.approx(101, abs=1)
     assert ingest.missing_joints == {"b"}
     assert ingest.ages["b"] == np.inf
-    assert ingest.stale_joints == {"b"}
 
 
 def test_ages_tell_which_joint_is_behind():
