@@ -16,13 +16,14 @@ AXIS = "joint_a3"
 SCATTER = 0.01  # of the friction of a bag [-]
 
 
-def days(model_of_day, wear):
+def days(model_of_day, wear, more=None):
     """One bag a day of one robot, of which friction of an axis rises by `wear`.
 
     Args:
         model_of_day: Name, friction of the axis over that of the first model, and begin of the
             names of joints, by day.
         wear: More friction from `WORN_FROM` on. [-]
+        more: Other values of the rows of joints.
     """
     whole, random = fleet(6), np.random.default_rng(0)
     key = whole.runs.filter(pl.col("robot") == "robot-01").sort("start_ns")["key"][0]
@@ -35,11 +36,11 @@ def days(model_of_day, wear):
         spans = {end: run[end] + later for end in ("start_ns", "end_ns")}
         joints = []
         for row in rows["joints"]:
-            more = (1.0 + wear * (day >= WORN_FROM)) / ratio if row["joint"] == AXIS else 1.0
-            more *= 1.0 + SCATTER * random.standard_normal()
+            factor = (1.0 + wear * (day >= WORN_FROM)) / ratio if row["joint"] == AXIS else 1.0
+            factor *= 1.0 + SCATTER * random.standard_normal()
             gram = gram_of(np.array([row["friction_sums"]]))[0]
-            gram[MEASURED, :] *= more
-            gram[:, MEASURED] *= more
+            gram[MEASURED, :] *= factor
+            gram[:, MEASURED] *= factor
             stamps = [stamp_ns + later for stamp_ns in row["wear_stamp_ns"]]
             joints.append(
                 row
@@ -48,9 +49,10 @@ def days(model_of_day, wear):
                     "joint": prefix + row["joint"],
                     "friction_sums": gram[UPPER].tolist(),
                     "wear_stamp_ns": stamps,
-                    "wear_excess": [more - 1.0] * len(stamps),
+                    "wear_excess": [factor - 1.0] * len(stamps),
                     "wear_variance": [SCATTER**2] * len(stamps),
                 }
+                | (more or {})
             )
         hours = [
             row | {"key": own["key"], "hour_ns": row["hour_ns"] + later} for row in rows["hours"]
@@ -58,8 +60,8 @@ def days(model_of_day, wear):
         yield {"runs": [run | own | spans], "hours": hours, "joints": joints}
 
 
-def found(model_of_day, wear):
-    report = fleet_report(tables_of(days(model_of_day, wear)), "fleet")
+def found(model_of_day, wear, more=None):
+    report = fleet_report(tables_of(days(model_of_day, wear, more)), "fleet")
     return [(one.kind, one.subject, round(one.size, 1)) for one in report.findings]
 
 
@@ -78,6 +80,10 @@ def test_wear_before_a_model_changed_is_found(ratio, prefix):
 def test_wear_under_one_model_is_found():
     assert found(lambda _: ("old", 1.0, ""), 0.2) == [("wear", AXIS, 0.2)]
     assert found(lambda _: ("old", 1.0, ""), 0.0) == []
+
+
+def test_bags_with_too_little_motion_each_do_not_end_the_report():
+    assert found(lambda _: ("old", 1.0, ""), 0.2, {"friction_rows": 50}) == []
 
 
 def bags_of(robot, model_of_day, standing):

@@ -181,13 +181,16 @@ def _worn(
     )
     for (robot, joint), own in rows.partition_by("robot", "joint", as_dict=True).items():
         number, place = bags.robots.index(str(robot)), bags.joints.index(str(joint))
+        mine = bags.robot == number
+        rest = friction[place].rest[mine]
+        if not np.isfinite(rest).any():  # too little motion in each bag to say how much
+            continue
         test = wear_history(wear_records(own), duty[number])
         if is_enough(test):
             tested.add(str(robot))
         if not test.changes:
             continue
-        mine = bags.robot == number
-        size, std = _change(friction[place].rest[mine], bags.stamp_ns[mine])
+        size, std = _change(rest, bags.stamp_ns[mine])
         if abs(size) < MIN_FRICTION or (size < 0) != test.drift.fell:
             continue
         alarm = WearAlarm(str(joint), test.drift)

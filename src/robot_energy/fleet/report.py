@@ -297,7 +297,9 @@ def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
 
 def _curves(bags: BagJoints, compared: RobotsCompared) -> list[FrictionCurve]:
     return [
-        _curve(bags, joint, own, compared.findings) for joint, own in enumerate(compared.friction)
+        _curve(bags, joint, own, compared.findings)
+        for joint, own in enumerate(compared.friction)
+        if np.isfinite(own.rest).any()  # else too little motion in each bag
     ]
 
 
