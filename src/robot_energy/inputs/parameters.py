@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
@@ -111,8 +112,8 @@ class Parameter:
         return value
 
     def _numbers(self, value: Any, owner: str) -> tuple[float, ...]:
-        """Check a list of numbers, each in the range."""
-        items = cast("Sequence[Any]", value) if isinstance(value, list | tuple) else ()
+        """Check a list of numbers, each in the range; services of ROS bring an array."""
+        items = cast("Sequence[Any]", value) if isinstance(value, list | tuple | array) else ()
         one = replace(self, kind=float)
         try:
             found = tuple(one.check(item, owner) for item in items)

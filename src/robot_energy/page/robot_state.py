@@ -36,6 +36,8 @@ from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
 STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]
 MEAN_OVER = 1.0  # of the powers in tables and in the flow picture [s]
+MAX_POWER = 1e9  # of a robot, either way [W]
+MAX_PERIOD = 86_400.0  # of a power state [s]
 MAX_FINDINGS = 64  # statuses kept, so that ever new names cannot fill the memory
 LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, one hour
 
@@ -47,6 +49,11 @@ class _Recent:
     stamp_ns: Any
     period: Float
     parts: Float  # (N, terms of a flow and the powers)
+
+
+def _possible(values: Float, most: float) -> Float:
+    """NaN for what no robot has, either way: sums of such numbers overflow."""
+    return np.where(np.abs(values) <= most, values, np.nan)
 
 
 class RobotState:
@@ -231,7 +238,8 @@ class RobotState:
         powers = np.stack([run.array(name) for name in POWERS], axis=1)
         joints = [run.array(f"joints.{name}").reshape(len(stamp), -1) for name in JOINT_POWERS]
         totals = np.stack([run.array(name) for name in TOTALS], axis=1)
-        parts = np.concatenate([*joints, totals, powers], axis=1)
+        parts = _possible(np.concatenate([*joints, totals, powers], axis=1), MAX_POWER)
+        powers, period = parts[:, -powers.shape[1] :], _possible(period, MAX_PERIOD)
         recent = _Recent(stamp, period, parts)
         if self._recent is not None:
             before = self._recent

@@ -1,3 +1,4 @@
+from array import array
 from dataclasses import dataclass
 
 import pytest
@@ -5,6 +6,7 @@ import pytest
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.parameters import (
     RENAMED,
+    Parameter,
     assemble,
     group,
     named_groups,
@@ -148,3 +150,12 @@ def test_every_input_names_the_source_of_its_stamps_alike():
         "motors.stamp_source": ("header", "receive"),
         "meter.stamp_source": ("by_type", "header", "receive"),
     }
+
+
+@pytest.mark.parametrize("kind", [list, tuple, lambda items: array("d", items)])
+def test_numbers_come_as_any_list(kind):
+    """Files bring lists, services of ROS arrays."""
+    entry = Parameter("sign", tuple[float, ...], (1.0,), "Sign [-].", -1.0, 1.0, ())
+    assert entry.check(kind([1.0, -1.0]), "node") == (1.0, -1.0)
+    with pytest.raises(ParameterError):
+        entry.check(kind([2.0]), "node")

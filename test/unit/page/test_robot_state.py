@@ -67,6 +67,18 @@ def test_unknown_is_none_and_json_has_no_nan(state):
     json.loads(json_text([found, state.history()]))
 
 
+@pytest.mark.parametrize("period", [0.1, 1e308])
+def test_numbers_that_no_robot_has_do_not_end_the_page(state, period):
+    """Each is finite, their sums are not."""
+    state.take_power(power_states([1.0, 1.1, 1.2], [1e308] * 3, period=period), 5.0)
+    state.take_registers(registers(1e308))
+    assert state.snapshot(5.0)["power"]["predicted_grid_power"] in (None, 1e308)
+    state.take_power(power_states([1.3, 1.4], [100.0, 100.0]), 5.1)
+    found = state.snapshot(5.1)
+    assert found["power"]["predicted_grid_power"] == 100.0
+    json.loads(json_text([found, state.history()]))
+
+
 def test_headline_and_registers(state):
     state.take_registers(registers(3.6e6))
     found = state.snapshot(0.0)
