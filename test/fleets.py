@@ -6,7 +6,8 @@ from pathlib import Path
 
 import polars as pl
 
-from robot_energy.fleet.dataset import TABLES, Dataset, row_bytes
+from robot_energy.fleet.dataset import Dataset, row_bytes
+from robot_energy.fleet.dataset_columns import TABLES
 from robot_energy.fleet.tables import FleetTables
 from robot_energy_papers.fleet_study import fleet_tables
 from robot_energy_papers.generated_fleet import FleetPlan

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+import robot_energy as re
 from robot_energy.bag import BagReader
 from robot_energy.blocks import Float, Int, JointBlock, MeterBlock, TemperatureBlock
 from robot_energy.cdr.batch import RawBatch
@@ -138,3 +139,10 @@ def _temperatures(batch: RawBatch, joint_names: Sequence[str]) -> TemperatureBlo
     (run,) = decoder.decode(batch).runs
     columns = [run.names("joint_names").index(name) for name in joint_names]
     return TemperatureBlock(stamp_ns(run), run.array("temperature_degc")[:, columns])
+
+
+def wheel_start(bag: Path) -> float:
+    """Time of the first sample of a bag of `wheel_bag`. [s since 1970]"""
+    start_ns = re.replay(bag, str(wheel_model(bag.parent))).report.time.start_ns
+    assert start_ns is not None
+    return start_ns * 1e-9

@@ -63,8 +63,9 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        api bag_figures bag_joints bag_list bag_row dataset findings hour_sums identify joint_sums
-        merged_friction merged_laws meter_errors report run sisters tables wear_history
+        api bag_figures bag_joints bag_list bag_row dataset dataset_columns findings hour_sums
+        identify joint_sums merged_friction merged_laws meter_errors report run sisters tables
+        wear_history
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps turns
@@ -149,7 +150,7 @@ MODULES = {
         torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
-        checks compare parse
+        checks compare moving_joints parse
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline

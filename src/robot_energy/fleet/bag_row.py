@@ -23,7 +23,8 @@ from robot_energy.blocks import Phase
 from robot_energy.errors import DatasetError, RobotEnergyError
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.fleet.bag_list import BagPlace, FleetBag
-from robot_energy.fleet.dataset import JOINT_REGISTERS, SCHEMA, TABLES, UNKNOWN_DATE, row_bytes
+from robot_energy.fleet.dataset import UNKNOWN_DATE, row_bytes
+from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy.fleet.hour_sums import HourSums
 from robot_energy.fleet.joint_sums import JointSums
 from robot_energy.fleet.meter_errors import MeterErrors

@@ -10,7 +10,8 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.checks import mimic_remarks, parse
+from robot_energy.physics.urdf.checks import parse
+from robot_energy.physics.urdf.moving_joints import mimic_remarks
 from robot_energy.physics.urdf.parse import inertia_remarks
 
 CONFIGURATIONS = 200  # drawn for the largest torque of gravity

@@ -9,7 +9,8 @@ from typing import ClassVar
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.messages import interval_fields
-from robot_energy.physics.urdf.checks import mimic_remarks, parse
+from robot_energy.physics.urdf.checks import parse
+from robot_energy.physics.urdf.moving_joints import mimic_remarks
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.replay_topics import Topics
 from robot_energy.results.auxiliary import (

@@ -12,14 +12,8 @@ from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.checks import (
-    GRIPPER_MASS_SHARE,
-    MOVING_TYPES,
-    moved_mass,
-    moving_joints,
-    parse,
-    take_inventory,
-)
+from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
+from robot_energy.physics.urdf.moving_joints import GRIPPER_MASS_SHARE, moving_joints
 from robot_energy.starter.priors import (
     CLASSES,
     MAX_COBOT_MASS,

@@ -7,7 +7,8 @@ import polars as pl
 import pytest
 
 from robot_energy.errors import DatasetError
-from robot_energy.fleet.dataset import RUNS, SCHEMA, TABLES, Dataset, read_tables, row_bytes, scan
+from robot_energy.fleet.dataset import Dataset, read_tables, row_bytes, scan
+from robot_energy.fleet.dataset_columns import RUNS, SCHEMA, TABLES
 
 DAY = "2026-03-02"
 NAMED = {"name": "a-1-x", "key": "a-1-x", "bag": "a"}
