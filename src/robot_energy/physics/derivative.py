@@ -5,8 +5,11 @@ sample and its slope at that sample is reported. The window reaches ``lag`` seco
 ahead, so a sample leaves once the stamps have passed it by ``lag``: the estimate is
 phase-true, and the same live and in replay. Lag 0 makes a causal fit.
 
-Of positions alone the window is `POSITIONS_RATIO` as long: a second derivative makes far more
-of their noise. Where the window holds too few samples (slow drivers), it reaches to the nearest
+Where single velocities are missing, the fit goes through those that the window has. Where it
+has fewer than `VELOCITIES`, or all lie on one side, positions take their place. Of positions
+the window is `POSITIONS_RATIO` as long: a second derivative makes far more of their noise.
+
+Where the window holds too few samples (slow drivers), it reaches to the nearest
 neighbours instead. It never crosses a change of segment. Positions of a joint that turns
 without end are followed the short way round, wherever its driver lets them begin again.
 """
@@ -22,17 +25,19 @@ from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mar
 from robot_energy.physics.equations import CACHED
 
 FULL_TURN = 2 * np.pi  # rad
-POSITIONS_RATIO = 2.5  # window where velocities are missing, over that of velocities [-]
+POSITIONS_RATIO = 2.5  # window of positions over that of velocities [-]
+VELOCITIES = 3  # least number in a window for a slope
 
 
 class Derivative:
     """Stage that fills in missing velocities and all accelerations.
 
-    Measured velocities pass unchanged, and the acceleration is their slope. Where the
-    robot reports no velocity, both come from the positions and the sample is flagged
-    ``VELOCITY_DERIVED``; if the first sample of a segment lacks one, the segment has the longer
-    window. Where the window is cut by the start, the end or a gap, the
-    sample is flagged ``ACCELERATION_INCOMPLETE``; with a single sample the result is NaN.
+    Measured velocities pass unchanged, and the acceleration is their slope. A missing
+    velocity comes from its neighbours in time, or with them from the positions; its sample is
+    flagged ``VELOCITY_DERIVED``, and so is one whose acceleration comes from positions. It
+    leaves once the longer window is complete. Where the window is cut by the start, the end or
+    a gap, the sample is flagged ``ACCELERATION_INCOMPLETE``; with a single sample the result is
+    NaN.
 
     Args:
         window: Length of the window. [s]
@@ -56,15 +61,14 @@ class Derivative:
             raise ValueError(f"lag {lag} s; expected between 0 and the window of {window} s")
         if neighbours < 3:
             raise ValueError(f"neighbours {neighbours}; expected at least 3 for a quadratic")
-        self._windows = [
+        self._short, self._long = (
             _Window(
                 round(ratio * (window - lag) / NANOSECOND),
                 round(ratio * lag / NANOSECOND),
                 ratio * window / 2,
             )
             for ratio in (1.0, POSITIONS_RATIO)
-        ]
-        self._window = self._windows[0]  # of the running segment
+        )
         self._least_ahead = (neighbours - 1) // 2 if lag > 0 else 0
         self._least_behind = neighbours - 1 - self._least_ahead
         self._wraps = wraps if wraps is not None and bool(wraps.any()) else None
@@ -90,9 +94,6 @@ class Derivative:
             part = block[slice(start, stop)] if starts else block
             if self._pending is not None and self._pending.segment[-1] != part.segment[0]:
                 out += self.flush()
-            if self._pending is None:
-                known = bool(np.isfinite(part.joint_velocity[0]).all())
-                self._window = self._windows[0 if known else 1]
             self._follow(part.joint_position)
             if self._pending is not None:
                 part = JointBlock.concatenate([self._pending, part])
@@ -124,57 +125,89 @@ class Derivative:
         buffer = self._pending
         if buffer is None:
             return []
-        stamp = buffer.stamp_ns
-        ready = len(buffer)
+        start, stop = self._done, len(buffer)
         if not closing:
-            newest = int(stamp[-1]) - self._window.ahead_ns
-            within = int(np.searchsorted(stamp, newest, side="right"))
-            ready = min(within, len(buffer) - self._least_ahead)
+            stop = self._complete(buffer, self._short)
         out: list[JointBlock] = []
-        if ready > self._done:
-            out.append(self._differentiate(buffer, self._done, ready))
-            self._done = ready
+        if stop > start:
+            measured = np.isfinite(buffer.joint_velocity)
+            too_few = None if measured.all() else self._too_few(buffer, measured, start, stop)
+            if too_few is not None and not closing:
+                later = np.flatnonzero(too_few.any(axis=1))
+                later = later[later >= self._complete(buffer, self._long) - start]
+                stop = start + int(later[0]) if later.size else stop
+            if stop > start:
+                out.append(self._differentiate(buffer, start, stop, measured, too_few))
+                self._done = stop
         self._forget()
         return out
+
+    def _complete(self, buffer: JointBlock, window: _Window) -> int:
+        """Return how many samples have a window that is complete."""
+        stamp = buffer.stamp_ns
+        within = int(np.searchsorted(stamp, int(stamp[-1]) - window.ahead_ns, side="right"))
+        return min(within, len(stamp) - self._least_ahead)
+
+    def _too_few(
+        self, buffer: JointBlock, measured: NDArray[np.bool_], start: int, stop: int
+    ) -> NDArray[np.bool_]:
+        """Return where the short window has no velocities for a slope, shape (rows, n)."""
+        rows = np.arange(start, stop)
+        behind, ahead = self._reach(buffer.stamp_ns, rows, self._short)
+        until = np.zeros((len(measured) + 1, measured.shape[1]), dtype=np.int64)
+        np.cumsum(measured, axis=0, out=until[1:])
+        before = until[rows + 1] - until[rows - behind]
+        after = until[rows + ahead + 1] - until[rows]
+        found = until[rows + ahead + 1] - until[rows - behind]
+        one_sided = ((before == 0) & (behind > 0)[:, None]) | ((after == 0) & (ahead > 0)[:, None])
+        return one_sided | (found < np.minimum(behind + ahead + 1, VELOCITIES)[:, None])
+
+    def _reach(self, stamp: Int, rows: Int, window: _Window) -> tuple[Int, Int]:
+        """Return how many samples the window of each row has behind and ahead of it."""
+        low = np.searchsorted(stamp, stamp[rows] - window.behind_ns, side="left")
+        high = np.searchsorted(stamp, stamp[rows] + window.ahead_ns, side="right") - 1
+        low = np.maximum(np.minimum(low, rows - self._least_behind), 0)
+        high = np.minimum(np.maximum(high, rows + self._least_ahead), len(stamp) - 1)
+        return rows - low, high - rows
 
     def _forget(self) -> None:
         """Drop samples that no later window reaches."""
         buffer = self._pending
         if buffer is None or self._done == 0:
             return
-        oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._window.behind_ns
+        oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._long.behind_ns
         reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
         keep = max(0, min(reach, self._done - self._least_behind))
         self._pending = buffer[slice(keep, None)]
         self._turns = self._turns[keep:]
         self._done -= keep
 
-    @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
-    def _differentiate(self, buffer: JointBlock, start: int, stop: int) -> JointBlock:
-        fit = _QuadraticFit(
-            buffer.stamp_ns,
-            start,
-            stop,
-            self._window,
-            self._least_behind,
-            self._least_ahead,
-        )
+    @np.errstate(
+        invalid="ignore", over="ignore", divide="ignore"
+    )  # bad samples become NaN, nothing else
+    def _differentiate(
+        self,
+        buffer: JointBlock,
+        start: int,
+        stop: int,
+        measured: NDArray[np.bool_],
+        too_few: NDArray[np.bool_] | None,
+    ) -> JointBlock:
         rows = slice(start, stop)
-        velocity = buffer.joint_velocity
         quality = buffer.quality[rows].copy()
-        acceleration = fit.slope(velocity)
-        if not bool(np.isfinite(acceleration.sum())):
-            derived = ~np.isfinite(acceleration)
-            position = buffer.joint_position
-            if self._wraps is not None:
-                position = position + FULL_TURN * self._turns
-            slope, curvature = fit.slope(position), fit.curvature(position)
-            velocity = np.where(np.isfinite(velocity[rows]), velocity[rows], slope)
-            acceleration = np.where(derived, curvature, acceleration)
-            mark(quality, np.logical_or.reduce(derived, axis=1), Quality.VELOCITY_DERIVED)
-        else:
+        velocity = buffer.joint_velocity
+        if too_few is None:
+            acceleration = self._fit(buffer, start, stop, self._short).slope(velocity)
             velocity = velocity[rows]
-        mark(quality, fit.incomplete, Quality.ACCELERATION_INCOMPLETE)
+        else:
+            too_few, missing = too_few[: stop - start], ~measured
+            velocity, acceleration = self._filled(buffer, start, stop, missing, too_few)
+            derived = np.logical_or.reduce(too_few | missing[rows], axis=1)
+            mark(quality, derived, Quality.VELOCITY_DERIVED)
+        instants = np.arange(start, stop)
+        cut = instants < self._least_behind
+        cut |= instants + self._least_ahead >= len(buffer)
+        mark(quality, cut, Quality.ACCELERATION_INCOMPLETE)
         return JointBlock(
             stamp_ns=buffer.stamp_ns[rows],
             segment=buffer.segment[rows],
@@ -184,6 +217,49 @@ class Derivative:
             joint_acceleration=acceleration,
             joint_effort=buffer.joint_effort[rows],
         )
+
+    def _filled(
+        self,
+        buffer: JointBlock,
+        start: int,
+        stop: int,
+        missing: NDArray[np.bool_],
+        too_few: NDArray[np.bool_],
+    ) -> tuple[Float, Float]:
+        """Return velocity and acceleration where velocities are missing, shapes (rows, n)."""
+        rows = slice(start, stop)
+        velocity = buffer.joint_velocity[rows].copy()
+        acceleration = np.empty_like(velocity)
+        if not bool(too_few.all()):
+            alike: dict[bytes, list[int]] = {}  # joints whose velocities are missing together
+            for joint in range(missing.shape[1]):
+                alike.setdefault(missing[:, joint].tobytes(), []).append(joint)
+            for joints in alike.values():
+                gone = missing[:, joints]
+                fit = self._fit(buffer, start, stop, self._short, gone[:, 0])
+                known = np.where(gone, 0.0, buffer.joint_velocity[:, joints])
+                acceleration[:, joints] = fit.slope(known)
+                velocity[:, joints] = np.where(gone[rows], fit.value(known), known[rows])
+        if bool(too_few.any()):
+            position = buffer.joint_position
+            if self._wraps is not None:
+                position = position + FULL_TURN * self._turns
+            fit = self._fit(buffer, start, stop, self._long)
+            acceleration = np.where(too_few, fit.curvature(position), acceleration)
+            velocity = np.where(too_few & missing[rows], fit.slope(position), velocity)
+        return velocity, acceleration
+
+    def _fit(
+        self,
+        buffer: JointBlock,
+        start: int,
+        stop: int,
+        window: _Window,
+        missing: NDArray[np.bool_] | None = None,
+    ) -> _QuadraticFit:
+        stamp = buffer.stamp_ns
+        behind, ahead = self._reach(stamp, np.arange(start, stop), window)
+        return _QuadraticFit(stamp, start, behind, ahead, window.scale, missing)
 
 
 class _Window(NamedTuple):
@@ -203,32 +279,38 @@ class _QuadraticFit:
     """
 
     def __init__(
-        self, stamp: Int, start: int, stop: int, window: _Window,
-        least_behind: int, least_ahead: int,
-    ) -> None:  # fmt: skip
-        rows, instants = np.arange(start, stop), stamp[start:stop]
-        low = np.searchsorted(stamp, instants - window.behind_ns, side="left")
-        high = np.searchsorted(stamp, instants + window.ahead_ns, side="right") - 1
-        behind = rows - np.maximum(np.minimum(low, rows - least_behind), 0)
-        ahead = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1) - rows
-        self.incomplete = (rows - least_behind < 0) | (rows + least_ahead >= len(stamp))
-        self._scale = window.scale
+        self,
+        stamp: Int,
+        start: int,
+        behind: Int,
+        ahead: Int,
+        scale: float,
+        missing: NDArray[np.bool_] | None = None,
+    ) -> None:
+        instants = stamp[start : start + len(behind)]
+        self._scale = scale
         offsets = np.arange(-int(behind.max()), int(ahead.max()) + 1)
-        self._first, self._last = start + int(offsets[0]), stop + int(offsets[-1])
+        self._first, self._last = start + int(offsets[0]), start + len(behind) + int(offsets[-1])
         # u and the weights are (offsets, rows), so that every operation runs along the rows
         near = (self._part(stamp) - instants[0]).astype(np.float64)  # whole numbers, exact
-        around = windows_of(near, len(rows))
+        around = windows_of(near, len(instants))
         self._u = around - (instants - instants[0]).astype(np.float64)
-        self._u *= NANOSECOND / window.scale
+        self._u *= NANOSECOND / scale
         shortest_behind, shortest_ahead = int(behind.min()), int(ahead.min())
         self._outside = {  # of the offsets that lie outside of some windows, which windows
             index: (offset < -behind) | (offset > ahead)
             for index, offset in enumerate(offsets.tolist())
-            if not -shortest_behind <= offset <= shortest_ahead
+            if missing is not None or not -shortest_behind <= offset <= shortest_ahead
         }
+        count = behind + ahead + 1
+        if missing is not None:
+            gone = windows_of(self._part(missing), len(instants))
+            for index, outside in self._outside.items():
+                count -= gone[index] & ~outside
+                outside |= gone[index]
         for index, outside in self._outside.items():
             self._u[index][outside] = 0.0
-        self._solve(behind + ahead + 1)
+        self._solve(count)
 
     @np.errstate(divide="ignore", invalid="ignore")
     def _solve(self, count: Int) -> None:
@@ -244,6 +326,7 @@ class _QuadraticFit:
         determinant = s0 * a - s1 * b + s2 * c
         d, e, f = s0 * s4 - s2 * s2, s0 * s3 - s1 * s2, s0 * s2 - s1 * s1
         bend = 1 / determinant
+        self._value = (a, -b, c, determinant)
         self._slope = (-b / determinant, d / determinant, -e / determinant)
         if int(count.min()) < 3:
             few, line = count < 3, np.where(count >= 2, 1 / f, np.nan)
@@ -251,6 +334,12 @@ class _QuadraticFit:
             for weight, linear in zip(self._slope, (-s1 * line, s0 * line, 0 * s0), strict=True):
                 weight[few] = linear[few]
         self._curvature = (c * bend, -e * bend, f * bend)
+
+    def value(self, values: Float) -> Float:
+        """Return the fitted value at each row, shape (rows, n). [unit]"""
+        *cofactors, determinant = self._value
+        a, b, c = (cofactor / determinant for cofactor in cofactors)
+        return self._weigh(values, (a, b, c))
 
     def slope(self, values: Float) -> Float:
         """Return the first derivative at each row, shape (rows, n). [unit/s]"""
@@ -300,7 +389,7 @@ class _QuadraticFit:
         return part
 
 
-def windows_of(values: Float, size: int) -> Float:
+def windows_of(values: NDArray[Any], size: int) -> NDArray[Any]:
     """Return every run of neighbours without a copy; ten times quicker than numpy's own.
 
     Args:

@@ -42,19 +42,71 @@ def test_missing_velocity_comes_from_positions_and_is_flagged():
     assert (out.quality & Quality.VELOCITY_DERIVED).all()
 
 
-@pytest.mark.parametrize(("first", "count"), [(np.nan, 13), (0.0, 5)])
-def test_positions_alone_have_the_longer_window(first, count):
-    """At 250 Hz 13 samples in 50 ms, 5 in 20 ms; the noise is that of the closed form.
+@pytest.mark.parametrize("first", [np.nan, 0.0])
+def test_positions_alone_have_the_longer_window(first):
+    """At 250 Hz 13 samples in 50 ms; the noise is that of the closed form.
 
     Variance of the second derivative of a quadratic through N equal steps h: 720 sigma^2 over
-    h^4 N (N^2 - 1) (N^2 - 4). The first velocity of a stretch decides; the rest is missing.
+    h^4 N (N^2 - 1) (N^2 - 4). One velocity at the begin does not shorten the window.
     """
+    count = 13
     position = np.random.default_rng(3).normal(scale=1e-5, size=(40_000, 1))
     velocity = np.full_like(position, np.nan)
     velocity[0] = first
     out = differentiate(robots.joint_block(np.arange(40_000) * 0.004, position, velocity))
     expected = 1e-5 / 0.004**2 * np.sqrt(720 / (count * (count**2 - 1) * (count**2 - 4)))
     assert out.joint_acceleration[20:-20].std() == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("every", [2, 4, 20])
+def test_a_missing_velocity_leaves_the_slope_of_its_neighbours(every):
+    """Positions that say nothing: neither velocity nor acceleration may come from them."""
+    stamp = np.rint(jittered(400) * 1e9) * 1e-9
+    t = (stamp - stamp[0])[:, None]
+    velocity = 1 + 2 * t + 3 * t**2
+    measured = velocity.copy()
+    measured[every - 1 :: every] = np.nan
+    noise = np.random.default_rng(5).normal(size=velocity.shape)
+    out = differentiate(robots.joint_block(stamp, noise, measured))
+    inside = slice(10, -10)
+    np.testing.assert_allclose(out.joint_velocity[inside], velocity[inside], rtol=1e-9)
+    np.testing.assert_allclose(out.joint_acceleration[inside], (2 + 6 * t)[inside], rtol=1e-6)
+    derived = (out.quality & Quality.VELOCITY_DERIVED) > 0
+    np.testing.assert_array_equal(derived, np.isnan(measured[:, 0]))
+
+
+def test_a_stretch_without_velocities_has_the_window_of_positions():
+    stamp = np.arange(1000) * 0.002
+    position, velocity = np.sin(3 * stamp)[:, None], 3 * np.cos(3 * stamp)[:, None]
+    measured = velocity.copy()
+    measured[400:600] = np.nan
+    noisy = position + np.random.default_rng(6).normal(scale=1e-6, size=position.shape)
+    out = differentiate(robots.joint_block(stamp, noisy, measured))
+    alone = differentiate(robots.joint_block(stamp, noisy, np.full_like(velocity, np.nan)))
+    inner = slice(405, 595)  # 10 ms from the velocities on either side
+    np.testing.assert_array_equal(out.joint_acceleration[inner], alone.joint_acceleration[inner])
+    np.testing.assert_array_equal(out.joint_velocity[inner], alone.joint_velocity[inner])
+    np.testing.assert_array_equal(out.joint_velocity[600:], velocity[600:])
+
+
+def test_missing_velocities_give_the_same_bits_in_blocks_of_any_size():
+    random = np.random.default_rng(7)
+    stamp = jittered(600)
+    position, velocity, _ = cubic(stamp)
+    position += random.normal(scale=1e-6, size=position.shape)
+    share = np.repeat([0.0, 0.1, 0.5, 1.0, 0.02, 0.9], 100)[:, None]
+    velocity[random.random(velocity.shape) < share] = np.nan
+    block = robots.joint_block(stamp, position, velocity)
+    whole = differentiate(block)
+    for size in (1, 2, 7, 40, 150):
+        stage = Derivative()
+        parts = [block[slice(row, row + size)] for row in range(0, len(stamp), size)]
+        cut = JointBlock.concatenate(
+            [*(done for part in parts for done in stage.step(part)), *stage.flush()]
+        )
+        np.testing.assert_array_equal(cut.joint_acceleration, whole.joint_acceleration)
+        np.testing.assert_array_equal(cut.joint_velocity, whole.joint_velocity)
+        np.testing.assert_array_equal(cut.quality, whole.quality)
 
 
 def test_every_stretch_has_its_own_window():
