@@ -42,7 +42,7 @@ def _ur_arguments(parser: ArgumentParser) -> None:
         metavar="NAME",
         help="names of the six joints, base first (default: those of the UR URDF)",
     )
-    parser.add_argument("--prefix", default="", help="put before each joint name")
+    parser.add_argument("--prefix", default="", metavar="TEXT", help="put before each joint name")
 
 
 def _run_ur(args: Namespace) -> ImportReport:

@@ -1,14 +1,17 @@
 """How long a report takes on ten thousand bags: reading the dataset, and the report.
 
-``PYTHONPATH=test python test/bench/bench_fleet_report.py [BAGS]`` generates a week of four robots
-and writes its rows again, as other robots and other weeks, until there are so many.
+``python test/bench/bench_fleet_report.py [BAGS]`` generates a week of four robots and writes its
+rows again, as other robots and other weeks, until there are so many.
 """
 
+import argparse
 import sys
 import time
 from pathlib import Path
 
 import polars as pl
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from fleets import fleet, written
 from robot_energy.files.temporary_folder import TemporaryFolder
@@ -30,13 +33,17 @@ def again(tables, copy):
         moved = [pl.col(one) + shift for one in STAMPS if one in frame.columns]
         if name == "joints":
             moved.append(pl.col("wear_stamp_ns").list.eval(pl.element() + shift))
+        if name == "runs":  # a bag of a robot counts once
+            moved.append(pl.col("bag") + f"-week{copy % WEEKS}")
         other = pl.col("robot") + f"-{copy // WEEKS:03d}"
         frames[name] = frame.with_columns(*moved, key=pl.col("key") + f"c{copy}", robot=other)
     return FleetTables(**frames)
 
 
 def main():
-    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("bags", nargs="?", type=int, default=10_000, help="default: ten thousand")
+    wanted = parser.parse_args().bags
     week = fleet(ROBOTS, faults=False)
     copies = [again(week, copy) for copy in range(-(-wanted // len(week.runs)))]
     tables = FleetTables(*(pl.concat([getattr(one, name) for one in copies]) for name in SCHEMAS))
@@ -49,6 +56,7 @@ def main():
         report = fleet_report(read, "dataset")
         end = time.perf_counter()
         used = time.process_time() - used
+    assert report.bags == len(tables.runs), f"{report.bags} of {len(tables.runs)} bags were counted"
     hours = sum(one.observed_time for one in report.robots) / 3600.0
     print(
         f"{report.bags} bags of {len(report.robots)} robots, {size / 1e6:.0f} MB "

@@ -76,6 +76,22 @@ def test_the_parser_understands(document, command, whole, capsys):
     assert code == 0 or incomplete, f"{document}: {command}\n{text}"
 
 
+EXAMPLES = sorted(
+    {
+        line.strip().partition("  ")[0]
+        for parser in parsers(build_parser())
+        for line in re.sub(r" *\\\n\s*", " ", parser.epilog or "").splitlines()
+        if line.startswith("  robot-energy ")
+    }
+)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_the_parser_understands_the_examples_of_the_help(example):
+    words = shlex.split(example.partition("|")[0])
+    assert build_parser().parse_args(words[1:]).run is not None
+
+
 def test_a_wrong_command_is_found(capsys):
     with pytest.raises(SystemExit) as end:
         build_parser().parse_args(shlex.split("replay bags/kr16_cold --modell kr16"))

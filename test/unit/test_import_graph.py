@@ -47,8 +47,8 @@ MODULES = {
         unseen
     """,
     "robot_energy.cli": """
-        advise check completion export fleet fleet_identify fleet_report fleet_run identify
-        identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
+        advise check completion export fleet fleet_identify fleet_report fleet_run help_text
+        identify identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_thermal import_logs info
         kinds layouts main models monitoring numbers optimize page predict replay replay_options
         report robots schema

@@ -30,7 +30,10 @@ def add_parser(commands: Any) -> None:
     parser = add_command(commands, "identify", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("dataset", help="folder that `fleet run` wrote")
     parser.add_argument(
-        "--model", required=True, help="model file or shipped model with which the bags were run"
+        "--model",
+        required=True,
+        metavar="FILE|NAME",
+        help="model file or shipped model with which the bags were run",
     )
     add_sensors(parser)
     add_results(parser, "this friction", "write the laws over temperature as a figure")

@@ -58,7 +58,12 @@ def add_parser(commands: Any) -> None:
     )
     add_drive_power(parser)
     parser.add_argument(
-        "--skip", nargs="+", choices=SUBJECTS, default=[], help="leave these as the model has them"
+        "--skip",
+        nargs="+",
+        choices=SUBJECTS,
+        default=[],
+        metavar="PART",
+        help="leave these as the model has them: %(choices)s",
     )
     parser.add_argument(
         "--no-test", action="store_true", help="do not test the energy on held-out recordings"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number
-from robot_energy.cli.robots import add_robot
+from robot_energy.cli.robots import INPUTS, add_robot
 from robot_energy.cli.terminal import add_json, check_outputs, progress
 from robot_energy.errors import ModelFileError
 from robot_energy.units import DQ_FACTORS
@@ -59,13 +59,10 @@ def add_bags(
             "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
         )
     if effort:
-        parser.add_argument("--effort", choices=EFFORTS, help=effort)
-    parser.add_argument(
-        "--inputs",
-        metavar="FILE|NAME",
-        help="parameter file of a monitor node: read the bags as that node reads its topics; or "
-        "name of a robot whose driver is known (see: robot-energy kinds)",
-    )
+        parser.add_argument(
+            "--effort", choices=EFFORTS, metavar="MEANING", help=f"%(choices)s: {effort}"
+        )
+    parser.add_argument("--inputs", **INPUTS)
 
 
 def add_drive_power(parser: ArgumentParser) -> None:

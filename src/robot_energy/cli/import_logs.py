@@ -20,7 +20,7 @@ def add_parser(commands: Any) -> None:
     """
     parser: ArgumentParser = commands.add_parser(
         "import",
-        help="turn logs (UR RTDE, any CSV) into bags",
+        help="turn logs (UR RTDE, KUKA traces, CSV, Parquet) into bags",
         description="Convert logs of robots to bags that replay like others. Rows that "
         "cannot be used are counted by reason and reported.",
     )

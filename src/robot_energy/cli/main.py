@@ -11,7 +11,6 @@ from argparse import (
     ArgumentError,
     ArgumentParser,
     Namespace,
-    RawDescriptionHelpFormatter,
 )
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
@@ -41,6 +40,7 @@ from robot_energy.cli import (
     simulate,
     test,
 )
+from robot_energy.cli.help_text import WrappedHelp
 from robot_energy.cli.stopping import Stopped, stoppable
 from robot_energy.cli.terminal import add_command
 from robot_energy.errors import KindError, RobotEnergyError
@@ -69,12 +69,13 @@ COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_pa
 
 EPILOG = """\
 examples:
-  robot-energy models                                list the shipped models
-  robot-energy import ur-rtde log_*.csv --out bag    convert a UR recording to a bag
-  robot-energy replay bag --model ur3e --plot p.png  where its energy went
-  robot-energy replay bag --model ur3e --compare     compare with friction at one temperature
-  robot-energy test bag --model kr16 --effort motor_torque     how good the model is on it
-  robot-energy predict moves.yaml --model kr16 --temperature 20   energy before it is run
+  robot-energy models                             list the shipped models
+  robot-energy import ur-rtde LOG --out bag       a UR recording as a bag
+  robot-energy replay bag --model ur3e            where its energy went
+  robot-energy replay bag --model ur3e --compare  and with fixed friction
+  robot-energy test bag --model ur3e              how good the model is on it
+  robot-energy predict moves.yaml --model kr16 --temperature 20
+                                                  energy before it is run
 
 exit codes: 0 done; 1 unexpected error; 2 input refused; 3 done, but the bag is damaged
 and was read in part; 130, 143, 129 interrupted by Ctrl-C, SIGTERM, SIGHUP
@@ -85,7 +86,15 @@ class Parser(ArgumentParser):
     """Says in one line what is wrong with the arguments, and what was probably meant.
 
     Wrong words, such as names of files, are quoted without what acts on a terminal.
+    Sub-commands have this class too, and with it the same form of help.
+
+    Args:
+        words: As those of the base class.
     """
+
+    def __init__(self, **words: Any) -> None:
+        words.setdefault("formatter_class", WrappedHelp)
+        super().__init__(**words)
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and where the help is, and exit.
@@ -148,9 +157,9 @@ def build_parser() -> ArgumentParser:
     parser = Parser(
         prog="robot-energy",
         description="Compute where each watt of a robot goes, from recorded bags, and compare the "
-        "prediction with the meter.",
+        "prediction with the meter. `import` turns other recordings into bags: UR RTDE (CSV), "
+        "traces of KUKA controllers, and any table as CSV, gzip, Parquet or DIAdem.",
         epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
     parser.set_defaults(debug=False, run=run_help)
@@ -238,8 +247,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         lacking = str(getattr(error, "name", None) or "").split(".")[0]
         if isinstance(error, ModuleNotFoundError) and lacking in EXTRAS:
             return _fail(
-                f"this command needs {lacking}, which is not installed; install it: pip install "
-                f"'robot_energy[{EXTRAS[lacking]}]', or {lacking} alone",
+                f"this command needs {lacking}, which is not installed; install it, in the clone: "
+                f"pip install './src[{EXTRAS[lacking]}]', or {lacking} alone",
                 REFUSED,
             )
         text = " ".join(str(error).split()) or "no message"

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import Any
 
 from robot_energy.cli.numbers import number, number_type, positive
-from robot_energy.cli.robots import add_robot
+from robot_energy.cli.robots import INPUTS, add_robot
 
 AT_FALLBACK = "fallback"
 DAMAGED = 3
@@ -35,15 +35,13 @@ TOPICS: dict[str, dict[str, Any]] = {
         "metavar": "TOPIC",
         "help": "topic of payloads set at run time; 'none' to use none of the bag's",
     },
-    "inputs": {
-        "metavar": "FILE",
-        "help": "parameter file of a monitor node: read the bag as that node reads its topics",
-    },
+    "inputs": INPUTS,
     "effort": {
         "choices": EFFORTS,
-        "help": "what the effort in the joint states is; with it, measured shaft energy is "
-        "compared with the predicted one per joint (default: that of --inputs, else none: "
-        "effort is not used)",
+        "metavar": "MEANING",
+        "help": "%(choices)s: what the effort in the joint states is; with it, measured shaft "
+        "energy is compared with the predicted one per joint (default: that of --inputs, else "
+        "none: effort is not used)",
     },
 }
 PART: dict[str, dict[str, Any]] = {

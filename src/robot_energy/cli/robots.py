@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from typing import Any
 
 from robot_energy.errors import ModelFileError
+
+INPUTS: dict[str, Any] = {
+    "metavar": "FILE|NAME",
+    "help": "parameter file of a monitor node: read the bag as that node reads its topics; or "
+    "name of a robot whose driver is known (see: robot-energy kinds)",
+}
 
 
 def add_robot(parser: ArgumentParser) -> None:

@@ -45,6 +45,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--robot",
         default="kr16",
+        metavar="NAME",
         help=f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
     )
     parser.add_argument(

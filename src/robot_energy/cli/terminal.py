@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -115,11 +115,7 @@ def add_command(
         Its parser.
     """
     parser: ArgumentParser = commands.add_parser(
-        name,
-        help=text,
-        description=description or text,
-        epilog=epilog,
-        formatter_class=RawDescriptionHelpFormatter,
+        name, help=text, description=description or text, epilog=epilog
     )
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser.set_defaults(run=run)

@@ -153,7 +153,7 @@ def test_a_missing_extra_is_named(
         raise ModuleNotFoundError(f"No module named '{library}'", name=f"{library}.parts")
 
     monkeypatch.setattr(cli_models, "run_list", lacking)
-    assert f"robot_energy[{EXTRAS[library]}]" in refused(capsys, "models")
+    assert f"pip install './src[{EXTRAS[library]}]'" in refused(capsys, "models")
 
 
 def test_a_command_keeps_to_one_thread_of_blas():

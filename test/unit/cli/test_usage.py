@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from robot_energy.cli import main
+from robot_energy.cli.help_text import WrappedHelp
 from robot_energy.cli.main import build_parser
 
 
@@ -33,6 +34,56 @@ def test_every_command_has_help_and_usage(columns, monkeypatch):
     assert len(parsers) > 40
     for parser in parsers:
         assert parser.format_help().startswith(parser.format_usage())
+
+
+def test_no_line_of_any_help_is_wider_than_80_columns(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    wide = [
+        f"{parser.prog}: {line}"
+        for parser in every(build_parser())
+        for line in parser.format_help().splitlines()
+        if len(line) > 80
+    ]
+    assert not wide
+
+
+def test_every_help_is_written_by_one_class():
+    assert {parser.formatter_class for parser in every(build_parser())} == {WrappedHelp}
+
+
+def test_paragraphs_are_filled_and_examples_stay_commands(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "42")
+    parser = ArgumentParser(
+        prog="p",
+        formatter_class=WrappedHelp,
+        add_help=False,
+        description="One sentence\nin two lines of the source.\n\nAnother paragraph.",
+        epilog="examples:\n  robot-energy short\n"
+        "  robot-energy long --model m.yaml \\\n    --effort motor_torque --out o.yaml\n",
+    )
+    assert parser.format_help().splitlines()[2:] == [
+        "One sentence in two lines of the source.",
+        "",
+        "Another paragraph.",
+        "",
+        "examples:",
+        "  robot-energy short",
+        "  robot-energy long --model m.yaml \\",
+        "      --effort motor_torque \\",
+        "      --out o.yaml",
+    ]
+
+
+@pytest.mark.parametrize("option", ["--inputs", "--model", "--effort", "--report", "--json"])
+def test_an_option_names_its_value_alike_in_all_commands(option):
+    names = {
+        action.metavar
+        for parser in every(build_parser())
+        for action in parser._actions
+        if option in action.option_strings
+    }
+    assert len(names) == 1, names
+    assert None not in names
 
 
 def test_help_of_a_subject(capsys):
