@@ -55,7 +55,7 @@ def read_until(process: subprocess.Popen[str], words: str) -> None:
     pytest.fail(f"the process ended without saying '{words}'")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("name", MONITORS)
 def test_a_signal_ends_a_monitor_cleanly(start, name, number):
     process = start(name, "model:=kr16")

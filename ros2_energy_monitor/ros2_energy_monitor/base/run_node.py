@@ -45,8 +45,13 @@ class Closable(Protocol):
         ...
 
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 class StopSignal:
-    """Notes SIGINT and SIGTERM; any number of them asks for one clean stop.
+    """Notes `STOP_SIGNALS`; any number of them asks for one clean stop.
+
+    A signal that is ignored already stays so: ``nohup`` ignores SIGHUP.
 
     Attributes:
         received: Whether one has arrived.
@@ -54,15 +59,16 @@ class StopSignal:
 
     def __init__(self) -> None:
         self.received = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
+        for number in STOP_SIGNALS:
+            if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._note)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.received = True
 
     def ignore(self) -> None:
         """Ignore further signals, also while the interpreter ends."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
 

@@ -140,10 +140,14 @@ class Poller:
                 self._waiting.append(reading)
 
     def _lose(self, error: MeterLinkError) -> None:
+        self._note(error)
+        self._disconnect()
+
+    def _disconnect(self) -> None:
+        """Close the link; the pause before the next attempt doubles from loss to loss."""
         state = self.state
         state.connected = False
         self._link.close()
-        self._note(error)
         state.backoff = min(MIN_BACKOFF * 2.0 ** min(state.failures, 30), self._max_backoff)
         state.failures += 1
 
@@ -151,10 +155,8 @@ class Poller:
         state = self.state
         self._note(error)
         state.refusals += 1
-        state.connected = state.refusals % MAX_REFUSALS != 0
-        if not state.connected:
-            self._link.close()
-            state.backoff = self._max_backoff
+        if state.refusals % MAX_REFUSALS == 0:
+            self._disconnect()
 
     def _note(self, error: Exception) -> None:
         self.state.errors[type(error).__name__] += 1

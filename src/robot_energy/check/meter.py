@@ -101,7 +101,9 @@ def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
     good = np.isfinite(values)
     at, values = at[good], values[good]
     energy = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(at))])
-    spacing = float(np.median(np.diff(time))) if len(time) > 1 else 0.1
+    steps = np.diff(time)
+    steps = steps[steps > 0.0]  # some meters repeat a stamp
+    spacing = float(np.median(steps)) if len(steps) else 0.1
     width = 0.5 * (spacing if meter.meaning is not MeterMeaning.INSTANTANEOUS else 0.02)
     low, high = time - lag - width, time - lag + width
     mean = (np.interp(high, at, energy) - np.interp(low, at, energy)) / (2 * width)

@@ -91,6 +91,13 @@ class StampOrder:
         """Median step of the newest stamps, gaps included; None before there are a few. [ns]"""
         return int(np.median(self._periods)) if len(self._periods) >= MIN_PERIODS else None
 
+    @property
+    def gap_share(self) -> float:
+        """Share of the newest steps that are gaps. [-]"""
+        if not len(self._periods):
+            return 0.0
+        return float((self._periods > self.longest_gap_ns).mean())
+
     def interrupt(self) -> None:
         """End the running segment here: what comes next follows a gap, however short."""
         self._interrupted = self._last is not None

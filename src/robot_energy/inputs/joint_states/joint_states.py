@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
+SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
 
 __all__ = ["JOINT_STATE", "JointStateIngest"]
@@ -230,15 +231,19 @@ class JointStateIngest:
         """Say that samples are too far apart, or nearer than any driver sends them."""
         period_ns, longest_ns = self.order.usual_period_ns, self.order.longest_gap_ns
         newest, setting = self.newest_ns or 0, ""
-        if period_ns is None or MIN_PERIOD_NS <= period_ns <= longest_ns:
+        if period_ns is None:
+            return []
+        lost = self.order.gap_share if 2 * period_ns > longest_ns else 0.0
+        if period_ns >= MIN_PERIOD_NS and lost < SEVERE_GAP_SHARE:
             return []
         apart = f"joint states come {period_ns * NANOSECOND:.3g} s apart"
         if period_ns < MIN_PERIOD_NS:
             sentence = f"{apart}, which no driver does: is the unit of their times right?"
         else:
             sentence = (
-                f"{apart}, further than the {longest_ns * NANOSECOND:.3g} s that are bridged: "
-                "nothing is predicted between them; check the unit of their times, or set max_gap"
+                f"{apart}, and {lost:.0%} of the steps are longer than the "
+                f"{longest_ns * NANOSECOND:.3g} s that are bridged: nothing is predicted in these; "
+                "check the unit of their times, or set max_gap"
             )
             if 2 * period_ns <= MAX_MAX_GAP / NANOSECOND:
                 setting = f"max_gap: {2 * period_ns * NANOSECOND:.3g}"

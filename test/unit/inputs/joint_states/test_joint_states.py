@@ -393,9 +393,25 @@ def test_names_that_never_repeat_do_not_fill_the_memory():
     ],
 )
 def test_times_in_another_unit_are_named(period, max_gap, found, setting):
-    ingest = JointStateIngest(NAMES, max_gap=max_gap)
-    for number in range(40):  # one by one: a step of 10 s ahead of all others may be a stray
-        take(ingest, [message(1000.0 + number * period)])
-    findings = ingest.stream_findings()
+    findings = spacing_findings(np.full(40, period), max_gap)
     assert [finding.severe for finding in findings] == [True] * found
     assert [finding.setting for finding in findings] == [setting] * found
+
+
+@pytest.mark.parametrize(("jitter", "found"), [(0.0, False), (0.05, True)])
+def test_a_slow_driver_that_jitters_is_named_with_its_remedy(jitter, found):
+    """Half of the steps of 1 s are longer than the 1 s that are bridged at most."""
+    steps = 1.0 + np.random.default_rng(1).uniform(-jitter, jitter, 40)
+    findings = spacing_findings(steps, 0.0)
+    assert len(findings) == found
+    if found:
+        advised = float(findings[0].setting.removeprefix("max_gap: "))
+        assert advised == pytest.approx(2.0, rel=0.05)
+        assert spacing_findings(steps, advised) == []
+
+
+def spacing_findings(steps, max_gap):
+    ingest = JointStateIngest(NAMES, max_gap=max_gap)
+    for stamp in 1000.0 + np.cumsum(steps):
+        take(ingest, [message(stamp)], flush=False)
+    return ingest.stream_findings()

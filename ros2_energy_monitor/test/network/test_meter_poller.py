@@ -1,0 +1,46 @@
+"""How long the poller waits before it connects again."""
+
+from typing import Any
+
+from robot_energy.errors import MeterAnswerError, MeterLinkError
+from ros2_energy_monitor.meters.poller import MAX_REFUSALS, MIN_BACKOFF, Poller
+from ros2_energy_monitor.meters.reading import ReadingFilter
+
+
+class FailingLink:
+    """Connects, and raises at every request."""
+
+    waits = False
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+        self.closed = 0
+
+    def connect(self) -> None:
+        pass
+
+    def read(self) -> Any:
+        raise self.error
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def pauses(link: Any, steps: int) -> list[float]:
+    """Pauses before each new attempt to connect, without waiting for them."""
+    poller = Poller(link, ReadingFilter(1e5, 1.0), 1.0, 30.0, lambda _, work: work())
+    found: list[float] = []
+    for _ in range(steps):
+        poller._step()
+        if not poller.state.connected:
+            found.append(poller.state.backoff)
+    return found
+
+
+def test_pauses_double_from_refusal_to_refusal_and_from_loss_to_loss() -> None:
+    doubled = [MIN_BACKOFF * 2**n for n in range(6)] + [30.0]
+    refused = FailingLink(MeterAnswerError("exception 6", "a number", "wait"))
+    assert pauses(refused, 7 * MAX_REFUSALS) == doubled
+    assert refused.closed == 7
+    lost = FailingLink(MeterLinkError("no answer", "one", "look at the cable"))
+    assert pauses(lost, 7) == doubled
