@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robot_energy.bag import BagReader
-from robot_energy.errors import MissingTopicError
+from robot_energy.errors import BagError, MissingTopicError
 from robot_energy.inputs.bag_topics import (
     named_sources,
     possible_temperatures,
@@ -48,9 +48,16 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
         and meter are as the user named them.
 
     Raises:
+        BagError: If the bag is damaged from its first message on.
         MissingTopicError: If a named topic is absent or of another type, or the joint
             states cannot be found without a name.
     """
+    if not bag.topics and bag.problems:
+        raise BagError(
+            f"{bag.path} holds no message that can be read: {bag.problems[0]}",
+            "a whole bag",
+            "copy it again; a recorder that is killed loses what it has not written yet",
+        )
     joints = wanted.joint_states or ()
     if not joints and inputs is not None:
         full = [resolve(bag, topic) for topic in inputs.joint_states.topics]

@@ -136,12 +136,13 @@ class _Robots(Collector):
                 metric.name, metric.text, labels=metric.labels, unit=metric.unit
             )
         for robot in self._robots:
-            for name, labels, value in _gauges(robot):
+            for name, labels, value in _first_of_each(_gauges(robot)):
                 families[name].add_metric((robot["name"], *labels), _number(value))
             registers = robot["registers"]
             if registers is not None:
-                for name, labels, value in _counters(registers, robot["auxiliary"]):
-                    if value is not None:  # a counter that is not known has no sample
+                counters = _counters(registers, robot["auxiliary"])
+                for name, labels, value in _first_of_each(counters):
+                    if value is not None and value >= 0:  # else it is not known: no sample
                         families[name].add_metric(
                             (robot["name"], *labels), value, created=registers["energy_start"]
                         )
@@ -149,6 +150,15 @@ class _Robots(Collector):
 
 
 Sample = tuple[str, Labels, float | None]
+
+
+def _first_of_each(samples: Iterator[Sample]) -> Iterator[Sample]:
+    """Leave out repeated series, as of messages that name a joint twice: no scrape takes them."""
+    met: set[tuple[str, Labels]] = set()
+    for sample in samples:
+        if sample[:2] not in met:
+            met.add(sample[:2])
+            yield sample
 
 
 def _counters(registers: Mapping[str, Any], loads: Sequence[Mapping[str, Any]]) -> Iterator[Sample]:

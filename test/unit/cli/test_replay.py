@@ -174,6 +174,18 @@ def test_a_truncated_bag_is_read_in_part_and_exits_with_3(
     assert "problem: " in capsys.readouterr().out
 
 
+def test_a_bag_cut_in_its_first_chunk_is_called_damaged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It lacks joint states because it lacks its end, which is what the user can mend."""
+    wheel_bag(tmp_path)
+    file = next((tmp_path / "bag").glob("*.mcap"))
+    file.write_bytes(file.read_bytes()[:1000])
+    sentence = refused(capsys, "replay", file, "--model", wheel_model(tmp_path))
+    assert "the file ends" in sentence
+    assert "topic" not in sentence
+
+
 @pytest.mark.skipif(not DATA, reason="no data folder")
 def test_a_recorded_ur3e_from_log_to_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

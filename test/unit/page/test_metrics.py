@@ -77,6 +77,18 @@ def test_unknown_is_nan_in_gauges_and_absent_in_counters(hub):
     assert not any(math.isnan(value) for value in energy.values())
 
 
+def test_no_message_makes_a_page_that_no_scrape_takes(hub):
+    """Joints named twice would repeat series; a counter below 0 is none."""
+    hub.robot("r").take_power(power_states([2.0], [1.0], names=("a", "a", "b")), 0.0)
+    hub.robot("r").take_registers(registers(-5.0))
+    found = families(hub)
+    power = found["robot_joint_friction_power_watts"]
+    assert [one.labels["joint"] for one in power.samples] == ["a", "b"]
+    energy = samples(found["robot_energy_joules"], "_total")
+    assert (("part", "predicted_import"), ("robot", "r")) not in energy
+    assert all(value >= 0.0 for value in energy.values())
+
+
 def test_stale_powers_are_nan_and_up_is_zero(hub):
     found = families(hub, 60.0)
     assert all(math.isnan(value) for value in samples(found["robot_power_watts"]).values())
