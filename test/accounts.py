@@ -80,9 +80,9 @@ def counter(start_s: float, end_s: float, watt: float = 90.0) -> MeterBlock:
     return MeterBlock(stamp, nothing, energy, nothing, MeterMeaning.CUMULATIVE, MeterLocation.GRID)
 
 
-def restarted(ledger: EnergyAccount) -> EnergyAccount:
+def restarted(account: EnergyAccount) -> EnergyAccount:
     """Books that continue, in another process as it were, from the JSON of these."""
-    text = ledger.state(IDENTITY).to_json()
+    text = account.state(IDENTITY).to_json()
     fresh = EnergyAccount(len(NAMES))
-    fresh.restore(type(ledger.state(IDENTITY)).from_json(text))
+    fresh.restore(type(account.state(IDENTITY)).from_json(text))
     return fresh

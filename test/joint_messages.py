@@ -47,11 +47,11 @@ def batch(
 def take(ingest: JointStateIngest, messages: Sequence[bytes], flush: bool = True) -> Any:
     """Run messages through an ingest, to the end."""
     blocks = [ingest.step(batch(messages))]
-    assert ingest.account.balanced
+    assert ingest.rejections.balanced
     if flush:
         blocks.append(ingest.flush())
-        assert ingest.account.balanced
-        assert ingest.account.waiting == 0
+        assert ingest.rejections.balanced
+        assert ingest.rejections.waiting == 0
     found = [block for block in blocks if block is not None]
     return JointBlock.concatenate(found) if found else None
 

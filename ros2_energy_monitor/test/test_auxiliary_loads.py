@@ -234,7 +234,7 @@ def test_three_nodes_count_them_as_one_node_does(bench, offline, cell):
         lambda: torque.joint_states.received,
     )
     torque.close()
-    accepted = torque.ingest.account.accepted
+    accepted = torque.ingest.rejections.accepted
     bench.spin_until(lambda: power.torques.received == accepted, "all torques")
     friction.close()
     power.close()
@@ -326,7 +326,7 @@ def test_nonsense_is_unknown_flagged_and_counted(bench, messages, cell):
     assert values["pump.meter_readings_rejected.meter_not_finite"] == 1
     assert "is refused" in status.message
     node.close()  # what waits for the meter is missing now
-    totals = node.ledger.totals()
+    totals = node.account.totals()
     for one in totals.auxiliary.values():
         assert one.known_ns + one.missing_ns == totals.observed_ns
     assert totals.auxiliary["pump"].missing_ns > 0
@@ -358,7 +358,7 @@ def test_registers_and_intervals_go_on_after_a_restart(bench, messages, cell, tm
     again = bench.add(
         EnergyMonitor, model=cell, state_folder=folder, checkpoint_period=0.1, **DATED
     )
-    totals = again.ledger.totals()
+    totals = again.account.totals()
     for published, entry in zip(before.auxiliary, totals.auxiliary.values(), strict=True):
         assert entry.energy_microjoule * 1e-6 >= published.energy
         assert entry.known_ns + entry.missing_ns == totals.observed_ns

@@ -88,7 +88,7 @@ def publish_all(bench, messages, slow_inputs_taken, states_taken) -> None:
         bench.spin_until(lambda sent=sent: states_taken() >= sent, f"{sent} joint states")
 
 
-def compare(collected: Collected, offline, ledger) -> None:
+def compare(collected: Collected, offline, account) -> None:
     result, power, registers = offline
     live = decode("ros2_energy_msgs/msg/PowerState", POWER_FIELDS, collected.power)
     expected = decode("ros2_energy_msgs/msg/PowerState", POWER_FIELDS, power)
@@ -101,17 +101,17 @@ def compare(collected: Collected, offline, ledger) -> None:
                 live[name], expected[name], rtol=1e-12, atol=1e-9, err_msg=name
             )
     assert collected.registers[-1] == registers[-1]
-    assert np.array_equal(ledger.registers.microjoule, result.ledger.registers.microjoule)
-    assert ledger.registers.time == result.ledger.registers.time
-    assert ledger.registers.time.gap_count == 1
-    assert ledger.registers.time.gap_ns == pytest.approx(0.5e9, rel=0.02)
-    assert ledger.comparison.compared_ns == result.ledger.comparison.compared_ns > 0
-    assert ledger.comparison.measured_energy == result.ledger.comparison.measured_energy
-    assert ledger.comparison.predicted_energy == result.ledger.comparison.predicted_energy
-    assert ledger.quality == result.ledger.quality
-    assert np.array_equal(ledger.shaft.microjoule, result.ledger.shaft.microjoule)
-    assert np.array_equal(ledger.shaft.compared_ns, result.ledger.shaft.compared_ns)
-    assert (ledger.shaft.compared_ns == ledger.registers.time.observed_ns).all()
+    assert np.array_equal(account.registers.microjoule, result.account.registers.microjoule)
+    assert account.registers.time == result.account.registers.time
+    assert account.registers.time.gap_count == 1
+    assert account.registers.time.gap_ns == pytest.approx(0.5e9, rel=0.02)
+    assert account.comparison.compared_ns == result.account.comparison.compared_ns > 0
+    assert account.comparison.measured_energy == result.account.comparison.measured_energy
+    assert account.comparison.predicted_energy == result.account.comparison.predicted_energy
+    assert account.quality == result.account.quality
+    assert np.array_equal(account.shaft.microjoule, result.account.shaft.microjoule)
+    assert np.array_equal(account.shaft.compared_ns, result.account.shaft.compared_ns)
+    assert (account.shaft.compared_ns == account.registers.time.observed_ns).all()
 
 
 def test_energy_monitor_equals_replay(bench, messages, offline):
@@ -133,7 +133,7 @@ def test_energy_monitor_equals_replay(bench, messages, offline):
     bench.spin_until(
         lambda: collected.take() or offline[2][-1] in collected.registers, "the last registers"
     )
-    compare(collected, offline, node.ledger)
+    compare(collected, offline, node.account)
 
 
 def test_three_nodes_equal_replay(bench, messages, offline):
@@ -141,7 +141,7 @@ def test_three_nodes_equal_replay(bench, messages, offline):
     bench.spin_until(
         lambda: collected.take() or offline[2][-1] in collected.registers, "the last registers"
     )
-    compare(collected, offline, power.ledger)
+    compare(collected, offline, power.account)
 
 
 @pytest.mark.parametrize("kind", [FOLLOWS, fixed_name(20.0)])
@@ -154,9 +154,9 @@ def test_three_nodes_give_the_figures_of_the_study_of_paper_a(bench, study, kind
     states = replay(entry.path, models[kind], settings=settings, out=folder / f"{kind}_out")
     rows = len(read_bag(folder / f"{kind}_out")["/energy/power"])
     power, _ = through_three_nodes(bench, read_bag(entry.path), model, rows)
-    books, expected = power.ledger.comparison, states.ledger
-    assert np.array_equal(power.ledger.registers.microjoule, expected.registers.microjoule)
-    assert power.ledger.registers.time == expected.registers.time
+    books, expected = power.account.comparison, states.account
+    assert np.array_equal(power.account.registers.microjoule, expected.registers.microjoule)
+    assert power.account.registers.time == expected.registers.time
     assert books.predicted_energy == expected.comparison.predicted_energy
     assert books.predicted_energy == row.predicted[kind]
     assert books.measured_energy == row.measured_energy
@@ -197,7 +197,7 @@ def through_three_nodes(bench, messages, model, states) -> tuple[PowerMonitor, C
         lambda: torque.joint_states.received,
     )
     torque.close()
-    accepted = torque.ingest.account.accepted
+    accepted = torque.ingest.rejections.accepted
     bench.spin_until(lambda: power.torques.received == accepted, "all torques")
     friction.close()
     power.close()

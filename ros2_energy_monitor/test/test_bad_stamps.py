@@ -64,13 +64,13 @@ def test_the_energy_monitor_gives_the_figures_of_the_clean_run(bench, messages):
         node = bench.add(EnergyMonitor, model="kr16", state_folder="")
         publish(bench, node, {topic: change(rows) for topic, rows in clean.items()})
         node.close()
-        for inbox, account in node.inputs:
-            assert account.balanced
+        for inbox, log in node.inputs:
+            assert log.balanced
             expected = 0 if change is list else 3 * len(BAD)
-            assert account.rejected["bad_stamp"] == expected, inbox.topic
-        ledger = node.ledger
+            assert log.rejected["bad_stamp"] == expected, inbox.topic
+        account = node.account
         figures.append(
-            (ledger.registers.microjoule.tolist(), repr(ledger.registers.time), ledger.samples)
+            (account.registers.microjoule.tolist(), repr(account.registers.time), account.samples)
         )
         bench.remove(node)
     assert figures[0] == figures[1]
@@ -110,7 +110,7 @@ def test_the_friction_monitor_gives_the_friction_of_the_clean_run(bench, message
             lambda latest=latest: latest() and latest().header.stamp == last.header.stamp,
             "the last friction",
         )
-        found.append((latest().header, list(latest().viscous), node.ingest.account.accepted))
+        found.append((latest().header, list(latest().viscous), node.ingest.rejections.accepted))
         bench.remove(node)
     assert found[0] == found[1]
 
@@ -134,10 +134,10 @@ def test_the_power_monitor_refuses_bad_torques_frictions_and_readings(bench, mes
     bench.spin_until(lambda: node.torques.received == COUNT + len(BAD), "bad torques")
     bench.spin_until(lambda: node.readings[0].received == len(BAD), "bad readings")
     node.close()
-    assert node._torque.account.rejected == {"bad_stamp": len(BAD)}
-    assert node._meter.account.rejected == {"bad_stamp": len(BAD)}
-    assert node.ledger.samples == COUNT
-    assert node.ledger.registers.time.gap_ns == 0
+    assert node._torque.rejections.rejected == {"bad_stamp": len(BAD)}
+    assert node._meter.rejections.rejected == {"bad_stamp": len(BAD)}
+    assert node.account.samples == COUNT
+    assert node.account.registers.time.gap_ns == 0
 
 
 def test_a_payload_from_beyond_time_is_refused(bench):
@@ -170,7 +170,7 @@ def test_any_time_on_clock_leaves_the_node_alive(bench, messages, stamp):
         now = stamp[0] * 10**9 + stamp[1]
         bench.spin_until(lambda: node.get_clock().now().nanoseconds == now, "the clock")
     publish(bench, node, {"/joint_states": messages["/joint_states"][:50]})
-    assert node.ingest.account.accepted == 50
+    assert node.ingest.rejections.accepted == 50
     reports = bench.latest(DiagnosticArray, "/diagnostics")
     bench.spin_until(reports, "a report that can be stamped")
 
@@ -191,7 +191,7 @@ def test_a_clock_that_jumps_counts_receipt_within_the_range_only(bench, messages
                 lambda now=seconds: node.get_clock().now().nanoseconds == now * 10**9, "the clock"
             )
         states.publish(messages["/joint_states"][count])
-        bench.spin_until(lambda n=count: node.ingest.account.received == n, "a joint state")
-    account = node.ingest.account
-    assert account.rejected["zero_stamp"] == 1
-    assert account.balanced
+        bench.spin_until(lambda n=count: node.ingest.rejections.received == n, "a joint state")
+    log = node.ingest.rejections
+    assert log.rejected["zero_stamp"] == 1
+    assert log.balanced

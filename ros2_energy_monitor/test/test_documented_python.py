@@ -20,18 +20,18 @@ def test_the_energy_of_a_job_from_python(loopback_bench, child_environment, mess
     publisher = bench.publisher(JointState, "joint_states")
     for row in states[:200]:
         publisher.publish(row)
-    bench.spin_until(lambda: node.ledger.totals().observed_ns > 0, "counted joint states")
+    bench.spin_until(lambda: node.account.totals().observed_ns > 0, "counted joint states")
     job = subprocess.Popen(
         [sys.executable, "-c", code], env=child_environment, text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     with job:
-        intervals = node.ledger.intervals
+        intervals = node.account.intervals
         bench.spin_until(lambda: intervals.any_open or job.poll() is not None, "an interval")
-        before = node.ledger.totals().observed_ns
+        before = node.account.totals().observed_ns
         for row in states[200:600]:
             publisher.publish(row)
-        bench.spin_until(lambda: node.ledger.totals().observed_ns > before + 10**8, "motion")
+        bench.spin_until(lambda: node.account.totals().observed_ns > before + 10**8, "motion")
         job.stdin.write("\n")
         job.stdin.flush()
         bench.spin_until(lambda: job.poll() is not None, "the end of the job")

@@ -308,9 +308,9 @@ def test_no_register_is_lost_while_200_clients_hang(bench: Any) -> None:
                     lambda sent=number + 1: monitor.inputs[0][1].received >= sent, "joint states"
                 )
         bench.spin_until(
-            lambda: (monitor.ledger.end_ns or 0) > stamp_ns - 500_000_000, "the last sample"
+            lambda: (monitor.account.end_ns or 0) > stamp_ns - 500_000_000, "the last sample"
         )
-        observed, account = monitor.ledger.registers.time, monitor.inputs[0][1]
+        observed, account = monitor.account.registers.time, monitor.inputs[0][1]
         assert (account.received, account.accepted, dict(account.rejected)) == (count, count, {})
         assert observed.gap_ns == 0
         assert observed.observed_ns == observed.span_ns
@@ -318,12 +318,12 @@ def test_no_register_is_lost_while_200_clients_hang(bench: Any) -> None:
         def shown() -> dict[str, Any]:
             return page.hub.robots["robot"].registers or {} if page.hub.robots else {}
 
-        energy = monitor.ledger.registers.cabinet("grid_import")
+        energy = monitor.account.registers.cabinet("grid_import")
         assert energy > 0.0
         bench.spin_until(
             lambda: (
                 shown().get("predicted_import_energy")
-                == monitor.ledger.registers.cabinet("grid_import")
+                == monitor.account.registers.cabinet("grid_import")
             ),
             "the registers of the monitor on the page",
         )

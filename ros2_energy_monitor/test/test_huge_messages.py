@@ -50,10 +50,10 @@ def test_joint_states_of_four_megabytes_leave_no_trace(bench, messages):
     wanted = MESSAGES + COUNT
     bench.spin_until(lambda: node.joint_states.received == wanted, "the clean messages")
     node.close()
-    account = node.ingest.account
+    account = node.ingest.rejections
     assert account.rejected["malformed"] == MESSAGES
     assert account.accepted == COUNT
     assert account.balanced
-    assert node.ledger.samples == COUNT
+    assert node.account.samples == COUNT
     assert not node.ingest.ignored_joints
     assert grown < MAX_GROWTH

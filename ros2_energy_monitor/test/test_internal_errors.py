@@ -30,7 +30,7 @@ PATHS = {  # of the energy monitor: where a defect is put, and which topic loses
         "/motor_temperatures",
     ),
     "meter": (lambda node: (node._meter, "step"), "/power_meter"),
-    "meter.books": (lambda node: (node.ledger, "measure"), "/power_meter"),
+    "meter.books": (lambda node: (node.account, "measure"), "/power_meter"),
     "publish.power": (lambda node: (node._account_publisher._power_writer, "encode"), ""),
     "publish.joint_friction": (lambda node: (node._friction_writer, "encode"), ""),
     "registers": (lambda node: (node._account_publisher.checkpoints.store, "poll"), ""),
@@ -110,9 +110,9 @@ def test_a_defect_in_one_path_leaves_the_others_and_is_counted_once(bench, messa
         assert (now.rejected[INTERNAL_ERROR] > 0) == (topic == hit), topic
         others = now.rejected.total() - now.rejected[INTERNAL_ERROR]
         assert others <= 1 or topic == hit, now  # the one that the recording has twice
-    time = node.ledger.registers.time
+    time = node.account.registers.time
     assert time.end_ns - time.start_ns == time.observed_ns + time.gap_ns
-    assert np.isfinite(node.ledger.registers.cabinet("grid_import"))
+    assert np.isfinite(node.account.registers.cabinet("grid_import"))
     bench.spin_until(powers, "powers")
     log = capfd.readouterr().err
     assert log.count("internal error in") == 1
@@ -146,10 +146,10 @@ def test_registers_after_a_defect_are_those_without_the_lost_messages(bench, mes
             node.trigger_activate()
         take(rows[500:])
         node.close()
-        time = node.ledger.registers.time
-        assert node.ingest.account.rejected.total() == 250
+        time = node.account.registers.time
+        assert node.ingest.rejections.rejected.total() == 250
         assert time.gap_count == 1
-        energy.append((node.ledger.registers.cabinet("grid_import"), time.gap_ns))
+        energy.append((node.account.registers.cabinet("grid_import"), time.gap_ns))
         bench.tester.destroy_publisher(publisher)
         bench.remove(node)
     # the filter's last samples before the defect were still waiting, and are lost with it
@@ -168,7 +168,7 @@ def test_registers_after_a_defect_are_those_without_the_lost_messages(bench, mes
             "/motor_temperatures",
             MotorTemperatures,
         ),
-        (PowerMonitor, lambda node: (node.ledger, "measure"), "/power_meter", PowerReading),
+        (PowerMonitor, lambda node: (node.account, "measure"), "/power_meter", PowerReading),
     ],
 )
 def test_every_monitor_goes_on(bench, messages, monitor, inner, topic, kind):

@@ -99,21 +99,21 @@ def test_what_arrives_while_inactive_is_counted_and_leaves_a_gap(bench, messages
     rows = messages["/joint_states"]
     feed(bench, node, publisher, rows[:200])
     node.trigger_deactivate()
-    before = node.ledger.registers.microjoule.copy()
-    observed = node.ledger.registers.time.observed_ns
+    before = node.account.registers.microjoule.copy()
+    observed = node.account.registers.time.observed_ns
     assert observed == span(rows[:200])  # what waited for its window is booked
     feed(bench, node, publisher, rows[200:210])  # 40 ms: no gap by its length alone
-    assert (node.ledger.registers.microjoule == before).all()
+    assert (node.account.registers.microjoule == before).all()
     node.trigger_activate()
     feed(bench, node, publisher, rows[210:400])
     node.close()
-    time, account = node.ledger.registers.time, node.ingest.account
+    time, account = node.account.registers.time, node.ingest.rejections
     assert (account.received, account.accepted) == (400, 390)
     assert account.rejected == {"inactive": 10}
     assert time.observed_ns == observed + span(rows[210:400])
     assert (time.gap_ns, time.gap_count) == (span(rows[199:211]), 1)
     assert time.end_ns - time.start_ns == time.observed_ns + time.gap_ns
-    assert (node.ledger.registers.microjoule[:1] > before[:1]).all()
+    assert (node.account.registers.microjoule[:1] > before[:1]).all()
 
 
 def test_a_power_monitor_that_was_inactive_bridges_nothing(bench, messages):
@@ -133,7 +133,7 @@ def test_a_power_monitor_that_was_inactive_bridges_nothing(bench, messages):
         torque.trigger_activate()
         bench.spin_until(lambda wanted=stop: power.torques.received == wanted, "torques")
     power.close()
-    time = power.ledger.registers.time
+    time = power.account.registers.time
     assert power.inputs[0][1].rejected == {"inactive": 5}
     assert time.observed_ns == span(rows[:100]) + span(rows[105:205])
     assert time.gap_ns == span(rows[99:106])
@@ -278,7 +278,7 @@ def test_a_hundred_lives_leave_nothing_behind(bench, messages):
     node.trigger_activate()
     publisher = bench.publisher(JointState, "joint_states")
     feed(bench, node, publisher, messages["/joint_states"][:100])
-    assert node.ingest.account.accepted == 100
+    assert node.ingest.rejections.accepted == 100
 
 
 def test_totals_survive_a_hundred_pauses(bench, messages):
@@ -289,12 +289,12 @@ def test_totals_survive_a_hundred_pauses(bench, messages):
     for number in range(50):
         feed(bench, node, publisher, rows[number * 10 : number * 10 + 5])
         node.trigger_deactivate()
-        total = node.ledger.registers.cabinet("grid_import")
+        total = node.account.registers.cabinet("grid_import")
         assert total > last
         last = total
         feed(bench, node, publisher, rows[number * 10 + 5 : number * 10 + 10])
         node.trigger_activate()
-    account, time = node.ingest.account, node.ledger.registers.time
+    account, time = node.ingest.rejections, node.account.registers.time
     assert (account.received, account.accepted, account.rejected["inactive"]) == (500, 250, 250)
     assert time.observed_ns == sum(span(rows[start : start + 5]) for start in range(0, 500, 10))
     assert time.gap_count == 49

@@ -55,9 +55,11 @@ def test_a_pair_of_topics_gives_power(bench):
         volt.publish(Float64(data=48.0))
         ampere.publish(Float64(data=float(index)))
     bench.spin_until(lambda: account.received == 40, "voltages and currents")
-    bench.spin_until(lambda: node.ledger.comparison.curve.account.received >= 19, "readings")
-    curve = node.ledger.comparison.curve
-    assert curve.account.accepted == curve.account.received  # each has its own time of receipt
+    bench.spin_until(lambda: node.account.comparison.curve.rejections.received >= 19, "readings")
+    curve = node.account.comparison.curve
+    assert (
+        curve.rejections.accepted == curve.rejections.received
+    )  # each has its own time of receipt
     assert start <= curve.newest_ns <= time.time_ns()
     diagnosed = bench.diagnosed()
     status = diagnosed.wait("energy_monitor: energy", "all is well")
@@ -72,8 +74,8 @@ def test_a_battery_is_read_live(bench):
         message = BatteryState(voltage=50.0, current=-2.0)
         message.header.stamp.sec = stamp
         publisher.publish(message)
-    curve = node.ledger.comparison.curve
-    bench.spin_until(lambda: curve.account.received == 5, "batteries")
+    curve = node.account.comparison.curve
+    bench.spin_until(lambda: curve.rejections.received == 5, "batteries")
     assert curve.newest_ns == 5 * 10**9
     assert np.isclose(curve._last[1], 100.0)
 
@@ -91,8 +93,8 @@ def test_any_installed_message_can_be_a_meter(bench):
         message = sensor_msgs.msg.Temperature(temperature=1000.0 + stamp)
         message.header.stamp.sec = stamp
         publisher.publish(message)
-    counter = node.ledger.comparison.curve
-    bench.spin_until(lambda: counter.account.accepted == 5, "counts")
+    counter = node.account.comparison.curve
+    bench.spin_until(lambda: counter.rejections.accepted == 5, "counts")
 
 
 def test_a_type_that_is_not_installed_costs_the_meter_alone(bench):

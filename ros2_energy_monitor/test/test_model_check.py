@@ -67,7 +67,7 @@ def play(bench: Any, node: EnergyMonitor, change: Callable[[JointState], None] =
                 if sent % BURST == 1:
                     least = sent - BURST
                     bench.spin_until(
-                        lambda least=least: node.ingest.account.received >= least, "joint states"
+                        lambda least=least: node.ingest.rejections.received >= least, "joint states"
                     )
 
 

@@ -106,7 +106,7 @@ def test_torque_monitor_publishes_one_torque_per_state(bench, messages):
         return taken >= 300
 
     bench.spin_until(all_taken, "torques")
-    assert taken == node.ingest.account.accepted == 300
+    assert taken == node.ingest.rejections.accepted == 300
 
 
 def test_friction_reaches_those_who_come_late(bench):
@@ -148,7 +148,7 @@ def test_single_temperatures_of_several_topics(bench):
         message.header.frame_id = joint
         message.header.stamp.sec = 7
         publisher.publish(message)
-    bench.spin_until(lambda: node.ingest.account.accepted == 2, "both temperatures")
+    bench.spin_until(lambda: node.ingest.rejections.accepted == 2, "both temperatures")
     bench.spin_until(
         lambda: latest() and np.isfinite(latest().motor_temperature_degc).sum() == 2, "both"
     )
@@ -217,7 +217,7 @@ def test_restarted_torque_monitor_leaves_a_gap(bench, messages):
         bench.tester.destroy_publisher(publisher)
         bench.remove(torque)
     power.close()
-    time = power.ledger.registers.time
+    time = power.account.registers.time
     assert time.gap_count == 1
     assert time.gap_ns == pytest.approx(0.804e9, rel=0.01)
     assert time.observed_ns == pytest.approx(2 * 0.796e9, rel=0.01)
@@ -241,7 +241,7 @@ def test_restarted_friction_monitor_does_not_forget(bench, messages):
     bench.spin_until(lambda: torque.joint_states.received == 200, "joint states")
     bench.spin_until(latest, "power")
     assert [joint.motor_temperature_degc for joint in latest().joints] == [40.0] * 6
-    assert not power.ledger.quality[Quality.TEMPERATURE_MISSING]
+    assert not power.account.quality[Quality.TEMPERATURE_MISSING]
 
 
 def test_silence_is_diagnosed(bench):
@@ -284,7 +284,7 @@ def test_joints_of_two_topics_make_one_torque(bench, messages):
             some = JointState(header=state.header, name=state.name[part])
             some.position, some.velocity = state.position[part], state.velocity[part]
             sent[topic].publish(some)
-    bench.spin_until(lambda: node.ingest.account.received == 200, "states of both topics")
+    bench.spin_until(lambda: node.ingest.rejections.received == 200, "states of both topics")
     node.close()
     taken = 0
 
@@ -295,7 +295,7 @@ def test_joints_of_two_topics_make_one_torque(bench, messages):
 
     bench.spin_until(all_taken, "torques")
     assert taken == node.ingest.samples == 100
-    assert node.ingest.account.accepted == 200
+    assert node.ingest.rejections.accepted == 200
 
 
 def test_rejected_messages_are_counted_by_reason(bench):

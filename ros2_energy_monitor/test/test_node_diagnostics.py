@@ -65,11 +65,11 @@ def test_an_account_that_does_not_add_up_is_an_error(bench, defect):
     diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states")
     publisher.publish(JointState())
-    bench.spin_until(lambda: node.ingest.account.received == 1, "a message")
+    bench.spin_until(lambda: node.ingest.rejections.received == 1, "a message")
     if defect == "taken":
         node.joint_states.received += 1  # taken from the queue, and never handed on
     else:
-        setattr(node.ingest.account, defect, getattr(node.ingest.account, defect) + 1)
+        setattr(node.ingest.rejections, defect, getattr(node.ingest.rejections, defect) + 1)
     status = diagnosed.wait(NAME, "accounting of /joint_states does not add up")
     assert status.level == DiagnosticStatus.ERROR
     numbers = {
@@ -114,13 +114,13 @@ def test_time_that_is_neither_observed_nor_gap_is_an_error(bench, messages):
     def feed(rows: list[bytes]) -> None:
         for row in rows:
             publisher.publish(row)
-        before = node.ledger.registers.time.end_ns
-        bench.spin_until(lambda: node.ledger.registers.time.end_ns != before, "power")
+        before = node.account.registers.time.end_ns
+        bench.spin_until(lambda: node.account.registers.time.end_ns != before, "power")
 
     feed(messages["/joint_states"][:100])
     # a check that has seen the account, which the next one is compared with
     assert diagnosed.wait_anew(name, "prediction only").level == DiagnosticStatus.OK
-    node.ledger.registers.time.gap_ns += 1
+    node.account.registers.time.gap_ns += 1
     status = diagnosed.wait(name, "accounting of time does not add up: ")
     assert status.level == DiagnosticStatus.ERROR
     assert "0 ns passed, 1 ns were booked" in status.message
@@ -160,7 +160,7 @@ def test_without_clock_the_node_waits_and_still_counts(bench, messages):
     publisher = bench.publisher(JointState, "joint_states")
     for message in messages["/joint_states"][:200]:
         publisher.publish(message)
-    bench.spin_until(lambda: node.ingest.account.accepted == 200, "joint states")
+    bench.spin_until(lambda: node.ingest.rejections.accepted == 200, "joint states")
     clock = bench.publisher(Clock, "/clock")
     message = Clock()
     message.clock.sec = 100
@@ -171,9 +171,9 @@ def test_without_clock_the_node_waits_and_still_counts(bench, messages):
     bench.spin_until(lambda: node.get_clock().now().nanoseconds == 50 * 10**9, "the jump")
     for message in messages["/joint_states"][200:400]:
         publisher.publish(message)
-    bench.spin_until(lambda: node.ingest.account.accepted == 400, "joint states")
+    bench.spin_until(lambda: node.ingest.rejections.accepted == 400, "joint states")
     node.close()
-    time_account = node.ledger.registers.time
+    time_account = node.account.registers.time
     assert time_account.gap_ns == 0
     assert time_account.jumps == 0
 
@@ -197,7 +197,7 @@ def test_steps_of_the_system_clock_change_nothing(bench, messages, monkeypatch):
             for message in rows[number * size : (number + 1) * size]:
                 publisher.publish(message)
             bench.spin_until(
-                lambda account=node.ingest.account, wanted=(number + 1) * size: (
+                lambda account=node.ingest.rejections, wanted=(number + 1) * size: (
                     account.accepted == wanted
                 ),
                 "states",
@@ -206,7 +206,7 @@ def test_steps_of_the_system_clock_change_nothing(bench, messages, monkeypatch):
             monkeypatch.undo()
             monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
         node.close()
-        totals.append((node.ledger.registers.microjoule.tolist(), node.ledger.registers.time))
+        totals.append((node.account.registers.microjoule.tolist(), node.account.registers.time))
         bench.tester.destroy_publisher(publisher)
         bench.remove(node)
     assert totals[0] == totals[1]

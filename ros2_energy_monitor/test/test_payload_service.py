@@ -34,14 +34,14 @@ def test_a_payload_changes_the_energy_from_its_stamp_on(bench, messages):
     publisher = bench.publisher(JointState, "joint_states")
     for row in rows[:200]:
         publisher.publish(row)
-    bench.spin_until(lambda: node.ingest.account.accepted == 200, "joint states")
+    bench.spin_until(lambda: node.ingest.rejections.accepted == 200, "joint states")
     answer = ask(bench, "energy_monitor", link="link_6", m=8.0)
     assert answer.success, answer.message
     assert answer.valid_from.sec // 10**6 == 1700
     assert "from 2023-11-14 22:13:2" in answer.message
     for row in rows[200:]:
         publisher.publish(row)
-    bench.spin_until(lambda: node.ingest.account.accepted == 400, "joint states")
+    bench.spin_until(lambda: node.ingest.rejections.accepted == 400, "joint states")
     node.close()
 
     model = load("kr16")
@@ -57,8 +57,8 @@ def test_a_payload_changes_the_energy_from_its_stamp_on(bench, messages):
             if mass:
                 expected.torque.set_payload(payload("link_6", mass), None)
         expected.flush()
-        energies.append(expected.ledger.registers.microjoule.tolist())
-    assert node.ledger.registers.microjoule.tolist() == energies[1]
+        energies.append(expected.account.registers.microjoule.tolist())
+    assert node.account.registers.microjoule.tolist() == energies[1]
     assert energies[0] != energies[1]
 
 

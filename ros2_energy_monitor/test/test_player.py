@@ -193,7 +193,7 @@ def test_three_processes_give_the_energies_of_the_replay(
 
     Slower where this machine is too busy for that, as the program itself advises.
     """
-    books = replay(recording, load("kr16")).ledger.comparison
+    books = replay(recording, load("kr16")).account.comparison
     entry = {
         "bag": "rig",
         "robot_degc": 20.0,

@@ -127,14 +127,14 @@ def test_what_the_meter_has_shown_sets_the_band(node, client):
     """Windows without error, in which every figure moved 10 kJ: all figures are known then."""
     bare = client.ask(trajectory=swing())
     figures = len(CABINET_DEVIATIONS) - 4 + len(JOINT_DEVIATIONS) * len(JOINTS)
-    seen = node.ledger.calibration.state().model_copy(
+    seen = node.account.calibration.state().model_copy(
         update={
             "location": "GRID",
             "energy_windows": ((0.0, 0.0, 10.0),) * 24,
             "energy_figures": tuple(map(tuple, 1e8 * np.eye(figures))),
         }
     )
-    node.ledger.calibration.restore(seen)
+    node.account.calibration.restore(seen)
     answer = client.ask(trajectory=swing())
     assert answer.band == PowerState.BAND_CALIBRATED
     assert answer.predicted_energy_std == bare.predicted_energy_std

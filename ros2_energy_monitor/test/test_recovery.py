@@ -88,7 +88,7 @@ def recovered(bench, node, diagnosed, watch: Stopwatch, since_ns: int) -> tuple[
     received = node.joint_states.received
     bench.spin_until(lambda: node.joint_states.received > received, "a message")
     arrived, watch.time = time.monotonic(), 0.0
-    account = node.ledger.registers.time
+    account = node.account.registers.time
     bench.spin_until(lambda: (account.end_ns or 0) > since_ns + 50_000_000, "counting")
     diagnosed.wait(NAME, "all is well")
     return arrived, watch.time
@@ -116,8 +116,8 @@ def test_a_monitor_recovers_within_two_seconds(loopback_bench, robot):
     for what, values in (("recovered", times), ("first message arrived", discoveries)):
         print(what, "after", ", ".join(f"{one:.2f} s" for one in values))
     assert max(times) < LIMIT
-    assert node.ingest.account.balanced
-    account = node.ledger.registers.time
+    assert node.ingest.rejections.balanced
+    account = node.account.registers.time
     assert account.gap_count >= 4  # more where this machine stalls
     assert account.end_ns - account.start_ns == account.observed_ns + account.gap_ns
 

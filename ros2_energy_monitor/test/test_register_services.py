@@ -128,16 +128,16 @@ def test_what_is_published_is_on_disk_and_outlives_the_node(bench, messages, tmp
     assert 0 < row.predicted_import_energy <= kept
     assert values(observer.diagnosed("all is well"))["checkpoint_failures"] == 0
     node.close()
-    total = node.ledger.registers.cabinet("grid_import")
+    total = node.account.registers.cabinet("grid_import")
     assert newest(tmp_path).totals.cabinet_energy_microjoule["grid_import"] == total * 1e6
     bench.remove(node)
     node = start(bench, tmp_path)
-    assert node.ledger.registers.cabinet("grid_import") == total
+    assert node.account.registers.cabinet("grid_import") == total
     bench.spin_until(lambda: node.joint_states.publishers, "the publisher")
     feed(bench, node, publisher, rows[400:500])
     node.close()
-    time = node.ledger.registers.time
-    assert (time.gap_count, node.ledger.restarts) == (1, 1)
+    time = node.account.registers.time
+    assert (time.gap_count, node.account.restarts) == (1, 1)
     assert time.span_ns == time.end_ns - time.start_ns
     energies = [row.predicted_import_energy for row in observer.rows]
     assert energies == sorted(energies)
@@ -149,22 +149,22 @@ def test_cleanup_lets_go_and_configure_continues(bench, messages, tmp_path):
     rows = messages["/joint_states"]
     feed(bench, node, publisher, rows[:200])
     node.trigger_deactivate()
-    before = node.ledger.totals()
+    before = node.account.totals()
     node.trigger_cleanup()
     other = start(bench, tmp_path, autostart=False)
     other.trigger_configure()  # the lock is free
-    assert other.ledger.totals() == before
+    assert other.account.totals() == before
     other.trigger_cleanup()
     node.trigger_configure()
-    assert node.ledger.totals() == before
+    assert node.account.totals() == before
     node.trigger_activate()
     bench.spin_until(lambda: node.joint_states.publishers, "the publisher")
     feed(bench, node, publisher, rows[300:400])
     node.close()
-    time = node.ledger.registers.time
+    time = node.account.registers.time
     assert time.gap_count == 1
     assert time.observed_ns + time.gap_ns == time.end_ns - time.start_ns
-    assert node.ledger.totals().observed_ns > before.observed_ns
+    assert node.account.totals().observed_ns > before.observed_ns
 
 
 def test_where_the_files_are(monkeypatch, tmp_path):
@@ -193,7 +193,7 @@ def test_intervals_and_reset_by_service(bench, messages, tmp_path):
     feed(bench, node, publisher, rows[200:400])
     refused = call(bench, node, ResetRegisters, "reset_registers", reason=" ")
     assert not refused.success
-    before = node.ledger.registers.cabinet("grid_import")
+    before = node.account.registers.cabinet("grid_import")
     done = call(bench, node, ResetRegisters, "reset_registers", reason="new shift")
     assert (done.success, done.persisted) == (True, True)
     row = observer.wait(lambda row: row.predicted_import_energy < before, persisted=True)
@@ -278,14 +278,14 @@ def test_a_second_monitor_says_so_and_takes_over(bench, messages, tmp_path):
     rows = messages["/joint_states"]
     feed(bench, first, publisher, rows[:300])
     assert first._account_publisher.checkpoints.now()
-    total = first.ledger.registers.cabinet("grid_import")
+    total = first.account.registers.cabinet("grid_import")
     second, observer = start(bench, tmp_path), Observer(bench)
     status = observer.diagnosed("another monitor", str(tmp_path))
     assert status.level == DiagnosticStatus.ERROR
-    assert not second.ledger.restarts
+    assert not second.account.restarts
     bench.remove(first)
-    bench.spin_until(lambda: second.ledger.restarts, "the take-over")
-    assert second.ledger.registers.cabinet("grid_import") >= total
+    bench.spin_until(lambda: second.account.restarts, "the take-over")
+    assert second.account.registers.cabinet("grid_import") >= total
     assert observer.diagnosed("all is well").level == DiagnosticStatus.OK
 
 
@@ -331,7 +331,7 @@ def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_p
     publisher = bench.publisher(JointState, "joint_states")
     feed(bench, node, publisher, messages["/joint_states"][:300])
     assert call(bench, node, OpenInterval, "open_interval", name="job").persisted
-    before = node.ledger.totals()
+    before = node.account.totals()
     answers = []
     for text in HOSTILE:
         answers += [
@@ -349,7 +349,7 @@ def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_p
     assert not any(answer.success for answer in answers)
     assert all(answer.message.isprintable() for answer in answers)
     assert max(len(answer.message) for answer in answers) < 5000
-    assert node.ledger.totals() == before
+    assert node.account.totals() == before
     logged = capfd.readouterr().err
     assert logged.count("[WARN]") >= len(answers)  # a refusal is no news of a healthy node
     widest = "\U0001f916" * 100
@@ -371,9 +371,9 @@ def test_namespaces_have_registers_of_their_own(bench, messages, tmp_path):
 
 
 def test_files_of_an_earlier_release_are_adopted_with_a_word(bench, messages, tmp_path):
-    ledger = EnergyAccount(6)
+    account = EnergyAccount(6)
     model = load("kr16")
-    books = load_account(ledger, model, tmp_path)
+    books = load_account(account, model, tmp_path)
     books.open()
     assert books.close()
     start(bench, tmp_path)

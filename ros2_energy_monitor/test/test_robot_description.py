@@ -111,7 +111,7 @@ def test_later_descriptions_change_nothing(bench, model, describe, messages):
     publisher = bench.publisher(JointState, "joint_states")
     for message in messages["/joint_states"][:100]:
         publisher.publish(message)
-    bench.spin_until(lambda: node.ingest.account.accepted == 100, "joint states")
+    bench.spin_until(lambda: node.ingest.rejections.accepted == 100, "joint states")
     assert node.model.model_id == identity
     describe(KR16)
     diagnosed.wait(NAME, "all is well")

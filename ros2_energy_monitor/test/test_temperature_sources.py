@@ -67,7 +67,7 @@ def test_sources_of_several_types_give_one_friction(bench):
     )
     np.testing.assert_allclose(latest().motor_temperature_degc, expected)
     assert unbalanced(node.inputs) == []
-    by_name = {reader.name: reader.account for reader in node.ingest.readers}
+    by_name = {reader.name: reader.rejections for reader in node.ingest.readers}
     assert {name: account.accepted for name, account in by_name.items()} == {
         "row": 1, "text": 1, "more": 1, "wrist": 1,
     }  # fmt: skip

@@ -90,9 +90,9 @@ class Replay:
     auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
 
     @property
-    def ledger(self) -> EnergyAccount:
+    def account(self) -> EnergyAccount:
         """Registers, comparison, phases."""
-        return self.pipeline.ledger
+        return self.pipeline.account
 
 
 def replay(
@@ -163,7 +163,7 @@ def replay(
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:
-        pipeline.ledger.auxiliary = AuxiliaryAccount(loads, loaded, settings.meter_max_gap)
+        pipeline.account.auxiliary = AuxiliaryAccount(loads, loaded, settings.meter_max_gap)
     if learned is not None:
         pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
@@ -206,9 +206,9 @@ def replay(
             add_compared(result.compared_curve, compared)
 
     limit_watch = TorqueLimitWatch(pipeline.torque.robot.limits, Drivetrain.from_model(model))
-    pipeline.ledger.on_compared = take
+    pipeline.account.on_compared = take
     if calibration is not None:
-        pipeline.ledger.calibration.restore(calibration)
+        pipeline.account.calibration.restore(calibration)
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)
@@ -223,18 +223,18 @@ def replay(
             _outputs(bag, result, spans, writer is not None, processes, progress)
         ) as outputs:
             for output, more in outputs:
-                result.jobs.step(pipeline.ledger)
+                result.jobs.step(pipeline.account)
                 changes += more
                 if output.torque is not None:
                     limit_watch.step(output.torque)
                 if writer is not None:
-                    writer.write(output, pipeline.ledger, changes)
+                    writer.write(output, pipeline.account, changes)
                 if result.predicted_curve is not None and output.means is not None:
                     add_means(result.predicted_curve, output.means)
                 if on_output is not None:
                     on_output(output)
-        result.jobs.finish(pipeline.ledger)
-        pipeline.ledger.on_compared = None
+        result.jobs.finish(pipeline.account)
+        pipeline.account.on_compared = None
         clocks = result.temperatures.clock_doubts(result.joint_states)
         result.notes += [*result.temperatures.doubts, *clocks]
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
@@ -268,9 +268,9 @@ def _outputs(
         steps = read_ahead(steps)
     with closing(steps):
         for step in steps:
-            if pipeline.ledger.auxiliary is not None:
+            if pipeline.account.auxiliary is not None:
                 for name, (readings, states) in step.auxiliary.items():
-                    pipeline.ledger.auxiliary.take(name, readings, states)
+                    pipeline.account.auxiliary.take(name, readings, states)
             if step.inputs is None or step.stages is None:
                 yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
             else:  # as they are in the process that has read
@@ -325,14 +325,14 @@ def _require_samples(result: Replay) -> None:
                 + (f" to [{names}]" if names else "")
             ),
         )
-    if not ingest.account.received:
+    if not ingest.rejections.received:
         why = f"; {result.problems[0]}" if result.problems else ""
         raise BagError(f"{result.bag} holds no message of {topic}{why}", "a recording in motion")
-    counts = ingest.account.rejected.most_common()
+    counts = ingest.rejections.rejected.most_common()
     reasons = ", ".join(f"{count} {name}" for name, count in counts)
     expected, remedy = REFUSED.get(counts[0][0] if counts else "", NO_REASON)
     raise BagError(
-        f"none of the {ingest.account.received} messages of {topic} can be used ({reasons})",
+        f"none of the {ingest.rejections.received} messages of {topic} can be used ({reasons})",
         expected,
         remedy,
     )

@@ -68,9 +68,9 @@ class Prediction:
     payload: tuple[Payload, ...] = ()
 
     @property
-    def ledger(self) -> EnergyAccount:
+    def account(self) -> EnergyAccount:
         """Registers and phases."""
-        return self.pipeline.ledger
+        return self.pipeline.account
 
 
 def predict(
@@ -123,7 +123,7 @@ def predict(
     period = max(MIN_PERIOD, duration / POINTS)
     pipeline = EnergyPipeline(model, Settings(power_period=period, temperature_assumed=True))
     if model.auxiliary or auxiliary:
-        pipeline.ledger.auxiliary = AuxiliaryAccount(_loads(model, auxiliary or {}), planned=True)
+        pipeline.account.auxiliary = AuxiliaryAccount(_loads(model, auxiliary or {}), planned=True)
     for body in payload:
         pipeline.torque.set_payload(body)
     friction = FrictionModel.from_model(model)

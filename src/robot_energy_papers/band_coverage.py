@@ -144,7 +144,7 @@ def band_coverage(
         say(f"{name}: ten minutes with a meter")
         own = 0 if plant is None else SEEDS * plant
         first = replay(rig.record(metered, own + 10), model)
-        kept = first.ledger.calibration.state()
+        kept = first.account.calibration.state()
         for seed, one in enumerate(runs, own + 20):
             yield _covered(name, one.name, rig.record(one, seed), model, kept)
 
@@ -183,8 +183,8 @@ class DrawnRig:
 def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrated) -> Covered:
     after, after_means = _replayed(bag, model, 0.1, kept)
     alone, means = _replayed(bag, model, MEAN, None)
-    comparison, calibration = after.ledger.comparison, after.ledger.calibration
-    registers, before = after.ledger.registers, BandCalibration()
+    comparison, calibration = after.account.comparison, after.account.calibration
+    registers, before = after.account.registers, BandCalibration()
     before.restore(kept)
     band = before.energy_band(registers.deviation)
     measured = comparison.measured_energy
@@ -199,7 +199,7 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
         run,
         comparison.predicted_energy / measured - 1.0,
         band.half / measured,
-        Z90 * alone.ledger.energy_band.std / measured,
+        Z90 * alone.account.energy_band.std / measured,
         calibration.readings,
         calibration.inside,
         float(np.nanmedian(after_means.band_half)) / power,

@@ -108,7 +108,7 @@ def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
     own = {"key": str(key), "robot": visit.robot}
     rows, (measured, predicted) = (
         joints.table(pipeline.power.condition.wear),
-        (pipeline.ledger.comparison.joule.tolist()),
+        (pipeline.account.comparison.joule.tolist()),
     )
     known = [row["motor_temperature_degc"] for row in rows]
     jobs: list[dict[str, Any]] = []

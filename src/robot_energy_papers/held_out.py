@@ -88,15 +88,15 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
     measured = compared = extrapolated = 0.0
     for name, model in models.items():
         result = replay(entry.path, model)
-        comparison = result.ledger.comparison
+        comparison = result.account.comparison
         if not comparison.measured_energy > 0:
             raise RigError(f"in {entry.path} the meter covers nothing", "readings during the set")
         predicted[name] = comparison.predicted_energy
         if name == reference:
             measured = comparison.measured_energy
             compared = comparison.compared_ns * NANOSECOND
-            held = result.ledger.quality.get(int(Quality.EXTRAPOLATED), 0)
-            extrapolated = held / max(result.ledger.samples, 1)
+            held = result.account.quality.get(int(Quality.EXTRAPOLATED), 0)
+            extrapolated = held / max(result.account.samples, 1)
     truth = entry.recording.motor_temperature_degc.mean(axis=0)
     return SetRow(
         entry.path.name,

@@ -169,10 +169,10 @@ def at_work(
     """
     rows: list[LearningRow] = []
     for minute, output in enumerate(minutes_of(rig, minutes), first):
-        before = pipeline.ledger.comparison.joule
+        before = pipeline.account.comparison.joule
         joints = joint_block(output.joints, with_torque)
         pipeline.step(joints, output.temperatures, output.meter)
-        measured, predicted = pipeline.ledger.comparison.joule - before
+        measured, predicted = pipeline.account.comparison.joule - before
         degc = float(output.truth.motor_temperature_degc[-1].mean())
         rows.append(LearningRow(minute, float(predicted / measured - 1.0), degc))
     return rows

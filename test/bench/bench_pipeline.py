@@ -130,7 +130,7 @@ def without_bands(chain: EnergyPipeline) -> EnergyPipeline:
     """Replace the deviations of each sample by zeros, and leave readings without a score."""
     columns = len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * len(chain.model.joints)
     deviation: Any = chain.power._deviation  # nothing public switches it off
-    calibration: Any = chain.ledger.calibration
+    calibration: Any = chain.account.calibration
     deviation.columns = lambda speed, *_, **__: np.zeros((len(speed), columns), order="F")
     calibration.step = lambda *_: None
     return chain

@@ -19,7 +19,7 @@ def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:
     begin = time.perf_counter()
     result = replay(bag, model, processes=int(processes))
     wall = time.perf_counter() - begin
-    return {"wall": wall, "energy": result.ledger.registers.cabinet("grid_import")}
+    return {"wall": wall, "energy": result.account.registers.cabinet("grid_import")}
 
 
 def main(bag: str, model_name: str) -> dict[str, float]:
@@ -49,5 +49,5 @@ def main(bag: str, model_name: str) -> dict[str, float]:
         "reading": reading / total,
         "dynamics": dynamics / total,
         "rest": 1 - (reading + dynamics) / total,
-        "energy": result.ledger.registers.cabinet("grid_import"),
+        "energy": result.account.registers.cabinet("grid_import"),
     }

@@ -83,19 +83,19 @@ def test_the_flow_balances_as_it_is_drawn(opened, mode):
 
 
 def test_the_table_is_the_registers(opened, recording):
-    ledger = recording[1].ledger
+    account = recording[1].account
     shown = opened.values("registers")
-    assert float(shown["from the grid, predicted"][0]) == ledger.registers.cabinet("grid_import")
-    assert float(shown["at the meter, measured"][0]) == ledger.comparison.measured_energy
-    assert float(shown["brake resistor"][0]) == ledger.registers.cabinet("brake")
+    assert float(shown["from the grid, predicted"][0]) == account.registers.cabinet("grid_import")
+    assert float(shown["at the meter, measured"][0]) == account.comparison.measured_energy
+    assert float(shown["brake resistor"][0]) == account.registers.cabinet("brake")
     joints = opened.values("shaft")
-    friction = ledger.registers.joints("friction")
+    friction = account.registers.joints("friction")
     for place, name in enumerate(recording[1].model.joint_names):
         assert float(joints[name][1]) == friction[place]
 
 
 def test_the_headline(opened, recording):
-    joule = recording[1].ledger.registers.cabinet("grid_import")
+    joule = recording[1].account.registers.cabinet("grid_import")
     assert opened.text("energy") == f"{joule / 3600:.2f} Wh"
     assert opened.text("cost") == f"{joule / 3.6e6 * 0.3:.4f} EUR"
     assert opened.text("co2") == f"{joule / 3.6e6 * 400:.1f} g"

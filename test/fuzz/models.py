@@ -92,7 +92,7 @@ def inputs_seeds() -> list[bytes]:
 
 def state_file(data: bytes) -> bool:
     """State files are continued or moved aside; what a newer release wrote stays, with a word."""
-    model, ledger = robots.two_link(), EnergyAccount(2)
+    model, account = robots.two_link(), EnergyAccount(2)
     folder = scratch() / "state"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
@@ -100,7 +100,7 @@ def state_file(data: bytes) -> bool:
     (folder / f"{name}.a.state").write_bytes(data)
     payload = data.partition(b"\n")[2]
     (folder / f"{name}.b.state").write_bytes(wrap(FORMAT_VERSION, 1, payload))
-    keeper = load_account(ledger, model, folder)
+    keeper = load_account(account, model, folder)
     keeper.open()
     taken = keeper.sequence > 0
     kept = keeper.close()
@@ -114,7 +114,7 @@ def state_seeds() -> list[bytes]:
     """The books of an arm that has moved."""
     model, folder = robots.two_link(), scratch() / "state_seed"
     pipeline = EnergyPipeline(model)
-    keeper = load_account(pipeline.ledger, model, folder)
+    keeper = load_account(pipeline.account, model, folder)
     keeper.open()
     stamp, pose = 10 + np.arange(20) / 100, np.full((20, 2), 0.3)
     pipeline.step(robots.joint_block(stamp, pose, pose))

@@ -88,21 +88,21 @@ def unpack(data: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def online(data: bytes) -> bool:
-    """No message raises, each is counted once, and the books stay balanced."""
+    """No message raises, each is counted once, and the counts add up."""
     given = dict.fromkeys(MESSAGES, 0)
     model = robots.two_link()
     pipeline = EnergyPipeline(model)
     joints = JointStateIngest(JOINTS)
     meters = {kind: MeterIngest(source) for kind, source in METERS.items()}
-    ledgers = {kind: EnergyAccount(2) for kind in METERS}
-    ledgers[POWER_READING] = pipeline.ledger
+    accounts = {kind: EnergyAccount(2) for kind in METERS}
+    accounts[POWER_READING] = pipeline.account
 
     def measure(batch: RawBatch) -> None:
         if batch.msgtype == FLOAT32:  # voltage and current in turn
             batch = replace(batch, topic=("/volt", "/ampere")[given[FLOAT32] % 2])
         readings = meters[batch.msgtype].step([batch])
         if readings is not None:
-            ledgers[batch.msgtype].measure(readings)
+            accounts[batch.msgtype].measure(readings)
 
     temperatures = TemperatureIngest(JOINTS, {source.topic: source for source in SOURCES.values()})
     torque = TorqueReader(JOINTS, model.model_id)
@@ -127,14 +127,14 @@ def online(data: bytes) -> bool:
     pipeline.step(joints.flush())
     pipeline.flush()
     for kind, (reader, _) in readers.items():
-        assert reader.account.received == given[kind], kind
-        assert reader.account.balanced, (kind, reader.account)
-    assert temperatures.account.balanced
-    time = pipeline.ledger.registers.time
+        assert reader.rejections.received == given[kind], kind
+        assert reader.rejections.balanced, (kind, reader.rejections)
+    assert temperatures.rejections.balanced
+    time = pipeline.account.registers.time
     assert min(time.observed_ns, time.gap_ns) >= 0
-    assert (pipeline.ledger.registers.microjoule[:2] >= 0).all()
-    accounts = [reader.account for reader, _ in readers.values()]
-    return any(account.accepted for account in [*accounts, temperatures.account])
+    assert (pipeline.account.registers.microjoule[:2] >= 0).all()
+    rejections = [reader.rejections for reader, _ in readers.values()]
+    return any(log.accepted for log in [*rejections, temperatures.rejections])
 
 
 def example(kind: str, value: float = 1.0) -> bytes:

@@ -68,14 +68,14 @@ class Monitor:
 
     def energy(self) -> int:
         """What the registers hold. [uJ]"""
-        return self.books.ledger.totals().cabinet_energy_microjoule["grid_import"]
+        return self.books.account.totals().cabinet_energy_microjoule["grid_import"]
 
     def count(self, value: int) -> None:
         """A few samples at 100 W, at the present time of the clock."""
         before = self.energy()
         block = steady(0, 0.05)
         stamp = block.stamp_ns + self.now_ns
-        self.books.ledger.step(power_block(stamp, block.grid_power, value))
+        self.books.account.step(power_block(stamp, block.grid_power, value))
         self.now_ns = min(int(stamp[-1]) + SECOND, MAX_STAMP_NS - SECOND)
         self.measured += self.energy() - before
         self.keep()
@@ -98,24 +98,24 @@ class Monitor:
             self.books._slots.release()  # the kernel gives the lock back
         self.books = self.born()
         assert self.kept <= self.energy() <= self.measured
-        intervals = {one.interval_id: one for one in self.books.ledger.list_intervals()}
+        intervals = {one.interval_id: one for one in self.books.account.list_intervals()}
         for number, name in self.open.items():
             assert intervals[number].is_open
             assert intervals[number].name == name
-        reasons = [one.text for one in self.books.ledger.trace.entries if one.kind == "reset"]
+        reasons = [one.text for one in self.books.account.trace.entries if one.kind == "reset"]
         assert not self.reason or self.reason == reasons[-1]
 
     def call(self, kind: str, value: int, text: str) -> bool:
         """Call a service; what it refuses changes nothing."""
-        ledger, before, refusal = self.books.ledger, self.energy(), ""
+        account, before, refusal = self.books.account, self.energy(), ""
         try:
             if kind == "reset":
-                ledger.reset(text)
+                account.reset(text)
                 self.reason = text.strip()
             elif kind == "open":
-                self.open[ledger.open_interval(text).interval_id] = text
+                self.open[account.open_interval(text).interval_id] = text
             else:
-                self.open.pop(ledger.close_interval(text, value % 2**64).interval_id)
+                self.open.pop(account.close_interval(text, value % 2**64).interval_id)
         except RegisterError as error:
             refusal = str(error)
         if refusal:
@@ -124,9 +124,9 @@ class Monitor:
             assert self.energy() == before
             return False
         self.keep()
-        for interval in ledger.list_intervals():
-            interval_fields(interval, self.names, self.books.ledger.calibration)
-        assert RegistersWriter(self.names, "id").encode(ledger) is not None
+        for interval in account.list_intervals():
+            interval_fields(interval, self.names, self.books.account.calibration)
+        assert RegistersWriter(self.names, "id").encode(account) is not None
         return True
 
     def payload(self, number: float, text: str, value: int) -> bool:

@@ -131,7 +131,7 @@ class Monitors:
     def __init__(self, receive: bool = False) -> None:
         model = robots.two_link()
         self.pipeline = EnergyPipeline(model)
-        self.power, self.ledger = PowerStage(model), EnergyAccount(2)
+        self.power, self.account = PowerStage(model), EnergyAccount(2)
         source = JointStateSource(stamp_source="receive" if receive else "header")
         limits = self.pipeline.torque.robot.limits
         self.joints = JointStateIngest(JOINTS, limits=limits, source=source)
@@ -150,17 +150,17 @@ class Monitors:
             **dict.fromkeys(METERS, self._measure),
         }
 
-    def account(self, kind: str) -> Any:
-        """The account of the messages of a type."""
-        accounts = {
-            JOINT_STATE: self.joints.account,
-            PAYLOAD: self.payload.account,
-            JOINT_TORQUE: self.torque.account,
-            JOINT_FRICTION: self.friction.account,
-            **{name: meter.account for name, meter in self.meters.items()},
-            **{reader.source.type: reader.account for reader in self.temperatures.readers},
+    def rejections(self, kind: str) -> Any:
+        """The rejection log of the messages of a type."""
+        logs = {
+            JOINT_STATE: self.joints.rejections,
+            PAYLOAD: self.payload.rejections,
+            JOINT_TORQUE: self.torque.rejections,
+            JOINT_FRICTION: self.friction.rejections,
+            **{name: meter.rejections for name, meter in self.meters.items()},
+            **{reader.source.type: reader.rejections for reader in self.temperatures.readers},
         }
-        return accounts[kind]
+        return logs[kind]
 
     def take(self, one: Message, mixed_in: bool = False) -> None:
         """Take one message; what is mixed in takes turns of its own."""
@@ -173,26 +173,26 @@ class Monitors:
             self.pipeline.step(temperatures=self.temperatures.step([batch]))
 
     def finish(self) -> tuple[Any, ...]:
-        """Close the books, check every account, and return all figures."""
+        """Finish the accounts, check every rejection log, and return all figures."""
         self.pipeline.step(self.joints.flush())
         self.pipeline.flush()
         last = self.power.flush()
         if last is not None:
-            self.ledger.step(last)
+            self.account.step(last)
         for kind in KINDS:
-            account = self.account(kind)
+            log = self.rejections(kind)
             given = sum(self._given.get((kind, mixed), 0) for mixed in (False, True))
-            assert account.balanced, (kind, account)
-            assert account.received == given, (kind, account)
-        books = (self.pipeline.ledger, self.ledger)
-        for ledger in books:
-            time = ledger.registers.time
+            assert log.balanced, (kind, log)
+            assert log.received == given, (kind, log)
+        accounts = (self.pipeline.account, self.account)
+        for account in accounts:
+            time = account.registers.time
             assert min(time.observed_ns, time.gap_ns) >= 0
         return (
-            *(ledger.registers.microjoule.tolist() for ledger in books),
-            *(repr(ledger.registers.time) for ledger in books),
-            self.pipeline.ledger.comparison.microjoule.tolist(),
-            self.pipeline.ledger.comparison.compared_ns,
+            *(account.registers.microjoule.tolist() for account in accounts),
+            *(repr(account.registers.time) for account in accounts),
+            self.pipeline.account.comparison.microjoule.tolist(),
+            self.pipeline.account.comparison.compared_ns,
             self.pipeline.friction.latest().viscous.tolist(),
             [change.from_ns for change in self.payload.changes],
             self.readings,
@@ -210,7 +210,7 @@ class Monitors:
         torque = self.torque.decode(batch)
         power = None if torque is None else self.power.step(torque)
         if power is not None:
-            self.ledger.step(power)
+            self.account.step(power)
 
     def _take_friction(self, batch: RawBatch) -> None:
         friction = self.friction.decode(batch)
@@ -253,7 +253,7 @@ def stamps(data: bytes) -> bool:
         assert figures == clean_figures()
         for kind in {one.kind for _, one in extra}:
             count = sum(one.kind == kind for _, one in extra)
-            assert monitors.account(kind).rejected["bad_stamp"] == count, kind
+            assert monitors.rejections(kind).rejected["bad_stamp"] == count, kind
     return True
 
 

@@ -103,17 +103,20 @@ class Run:
         self.pipeline.step(self.joints.flush())
         self.pipeline.flush()
         for ingest in (self.joints, self.temperatures, self.meter):
-            assert ingest.account.balanced
-            assert not ingest.account.waiting
-        ledger = self.pipeline.ledger
+            assert ingest.rejections.balanced
+            assert not ingest.rejections.waiting
+        account = self.pipeline.account
         return (
-            ledger.registers.microjoule.tolist(),
-            ledger.registers.time.observed_ns,
-            ledger.registers.time.gap_ns,
-            dict(ledger.quality),
-            ledger.comparison.microjoule.tolist(),
-            ledger.comparison.compared_ns,
-            *(dict(each.account.rejected) for each in (self.joints, self.temperatures, self.meter)),
+            account.registers.microjoule.tolist(),
+            account.registers.time.observed_ns,
+            account.registers.time.gap_ns,
+            dict(account.quality),
+            account.comparison.microjoule.tolist(),
+            account.comparison.compared_ns,
+            *(
+                dict(each.rejections.rejected)
+                for each in (self.joints, self.temperatures, self.meter)
+            ),
         )
 
 
@@ -176,11 +179,11 @@ def outlier_stamps(data: bytes) -> bool:
     assert live(streams, 0.1) == found
     base, counted = clean()
     for topic, ingest in zip(TOPICS, (run.joints, run.temperatures, run.meter), strict=True):
-        assert ingest.account.rejected["stray_stamp"] == moved[topic].sum(), topic
-    energy = [each.pipeline.ledger.registers.cabinet("grid_import") for each in (run, base)]
+        assert ingest.rejections.rejected["stray_stamp"] == moved[topic].sum(), topic
+    energy = [each.pipeline.account.registers.cabinet("grid_import") for each in (run, base)]
     share = moved["/joint_states"].mean()
     assert abs(energy[0] / energy[1] - 1) <= share + 1e-3
-    lost = counted[5] - run.pipeline.ledger.comparison.compared_ns  # type: ignore[operator]
+    lost = counted[5] - run.pipeline.account.comparison.compared_ns  # type: ignore[operator]
     refused = int(moved["/power_meter"].sum()) + int(moved["/joint_states"].sum())
     assert lost <= refused * S // 5
     return True

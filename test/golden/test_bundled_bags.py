@@ -65,7 +65,7 @@ def test_temperature_aware_friction_is_what_the_cold_robot_needs():
         for fixed in (False, True):
             model = load("kr16")
             model = with_fixed_friction(model, 60.0) if fixed else model
-            comparison = replay(ROOT / "bags" / name, model).ledger.comparison
+            comparison = replay(ROOT / "bags" / name, model).account.comparison
             error[name, fixed] = comparison.predicted_energy / comparison.measured_energy - 1
     assert abs(error["kr16_cold", False]) < 0.05
     assert abs(error["kr16_warm", False]) < 0.05

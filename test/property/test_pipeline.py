@@ -110,7 +110,7 @@ def test_any_cutting_gives_the_same_output(seed, cuts):
     whole, power, means = run(block, seed, [])
     cut, power_cut, means_cut = run(block, seed, cuts)
     same(power, power_cut, np.testing.assert_array_equal)
-    books, books_cut = whole.ledger, cut.ledger
+    books, books_cut = whole.account, cut.account
     np.testing.assert_array_equal(books.registers.microjoule, books_cut.registers.microjoule)
     assert books.registers.time == books_cut.registers.time
     assert books.comparison.compared_ns == books_cut.comparison.compared_ns
@@ -139,7 +139,7 @@ def test_breakdown_sums_and_friction_never_gives_power(seed):
     assert (friction >= 0).all()
     assert (power.brake_power[np.isfinite(power.brake_power)] >= 0).all()
     assert (power.grid_power[np.isfinite(power.grid_power)] >= 30.0 - 1e-9).all()
-    time = pipeline.ledger.registers.time
+    time = pipeline.account.registers.time
     block = motion(seed)
     elapsed = np.diff(block.stamp_ns)
     assert time.observed_ns + time.gap_ns == int(elapsed[elapsed > 0].sum())
@@ -170,7 +170,7 @@ def test_order_of_joints_in_the_model_does_not_matter(seed):
     straight.flush()
     turned.flush()
     for name in ("grid_import", "brake", "loss_dc"):
-        a, b = straight.ledger.registers.cabinet(name), turned.ledger.registers.cabinet(name)
+        a, b = straight.account.registers.cabinet(name), turned.account.registers.cabinet(name)
         assert abs(a - b) <= 1e-9 * max(abs(a), 1)
 
 

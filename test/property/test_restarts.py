@@ -70,25 +70,25 @@ def test_restarts_cost_exactly_the_intervals_they_interrupt(seed, cuts):
     block = random_power(seed)
     reference = EnergyAccount(2)
     reference.step(apart(block, cuts))
-    ledger = EnergyAccount(2)
+    account = EnergyAccount(2)
     for number, (start, stop) in enumerate(pairwise([0, *cuts, SIZE])):
-        ledger = restarted(ledger) if number else ledger
-        ledger.step(block[slice(start, stop)])
-    np.testing.assert_array_equal(ledger.registers.microjoule, reference.registers.microjoule)
-    np.testing.assert_array_equal(ledger.registers.remainder, reference.registers.remainder)
-    time, expected = ledger.registers.time, reference.registers.time
+        account = restarted(account) if number else account
+        account.step(block[slice(start, stop)])
+    np.testing.assert_array_equal(account.registers.microjoule, reference.registers.microjoule)
+    np.testing.assert_array_equal(account.registers.remainder, reference.registers.remainder)
+    time, expected = account.registers.time, reference.registers.time
     assert (time.observed_ns, time.gap_ns, time.jumps) == (
         expected.observed_ns,
         expected.gap_ns,
         expected.jumps,
     )
     assert (time.start_ns, time.end_ns) == (expected.start_ns, expected.end_ns)
-    assert (ledger.phase_ns == reference.phase_ns).all()
-    np.testing.assert_array_equal(ledger.shaft.microjoule, reference.shaft.microjoule)
-    assert (ledger.shaft.compared_ns == reference.shaft.compared_ns).all()
-    assert ledger.shaft.compared_ns.any()
-    assert ledger.samples + ledger.repeated == reference.samples == SIZE
-    np.testing.assert_equal(ledger.peak_power, reference.peak_power)
+    assert (account.phase_ns == reference.phase_ns).all()
+    np.testing.assert_array_equal(account.shaft.microjoule, reference.shaft.microjoule)
+    assert (account.shaft.compared_ns == reference.shaft.compared_ns).all()
+    assert account.shaft.compared_ns.any()
+    assert account.samples + account.repeated == reference.samples == SIZE
+    np.testing.assert_equal(account.peak_power, reference.peak_power)
 
 
 @settings(deadline=None, max_examples=60)
@@ -99,24 +99,24 @@ def test_adjacent_intervals_add_up_to_the_registers_whatever_the_cutting(
     """To the microjoule and nanosecond, across cuts, a reset and a restart."""
     block = random_power(seed)
     edges = sorted({0, *bounds, *cuts, *([restart] if restart else []), SIZE})
-    ledger, whole = EnergyAccount(2), None
+    account, whole = EnergyAccount(2), None
     before = None
     for start, stop in pairwise(edges):
         if start == restart:
-            ledger = restarted(ledger)
+            account = restarted(account)
         if start in bounds:
             if before is not None:
-                ledger.close_interval(before.name)
+                account.close_interval(before.name)
             else:
-                whole = ledger.open_interval("whole")
-            before = ledger.open_interval(f"from {start}")
-        ledger.measure(lifetime_counter(block, seed)) if start == 0 else None
-        ledger.step(block[slice(start, stop)])
+                whole = account.open_interval("whole")
+            before = account.open_interval(f"from {start}")
+        account.measure(lifetime_counter(block, seed)) if start == 0 else None
+        account.step(block[slice(start, stop)])
     if before is None:
         return
-    ledger.close_interval(before.name)
-    total = ledger.close_interval(interval_id=whole.interval_id).counted
-    parts = [entry.counted for entry in ledger.list_intervals()[:-1]]
+    account.close_interval(before.name)
+    total = account.close_interval(interval_id=whole.interval_id).counted
+    parts = [entry.counted for entry in account.list_intervals()[:-1]]
     assert len(parts) == len(bounds)
     for name in type(total).model_fields:
         values = [getattr(part, name) for part in parts]
@@ -130,14 +130,14 @@ def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
     block = random_power(seed)
 
     def run(bounds: list[int]):
-        ledger = EnergyAccount(2)
-        ledger.measure(lifetime_counter(block, seed))
+        account = EnergyAccount(2)
+        account.measure(lifetime_counter(block, seed))
         for start, stop in pairwise(sorted({0, reset, SIZE, *bounds})):
-            ledger.step(block[slice(start, stop)])
+            account.step(block[slice(start, stop)])
             if stop == reset:
-                ledger.reset("for the test")
-                ledger.open_interval("job")
-        return ledger.state(IDENTITY)
+                account.reset("for the test")
+                account.open_interval("job")
+        return account.state(IDENTITY)
 
     assert run(cuts) == run(other)
 
@@ -147,13 +147,13 @@ def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
 def test_resets_lose_and_add_nothing(seed, resets):
     """What the trace holds of every reset and what was counted since add up to one piece."""
     block = random_power(seed)
-    whole, ledger = EnergyAccount(2), EnergyAccount(2)
+    whole, account = EnergyAccount(2), EnergyAccount(2)
     whole.step(block)
     for start, stop in pairwise([0, *resets, SIZE]):
         if start:
-            ledger.reset("for the test")
-        ledger.step(block[slice(start, stop)])
-    parts = [entry.totals for entry in ledger.trace.entries] + [ledger.totals()]
+            account.reset("for the test")
+        account.step(block[slice(start, stop)])
+    parts = [entry.totals for entry in account.trace.entries] + [account.totals()]
     for name, total in whole.totals().cabinet_energy_microjoule.items():
         assert sum(part.cabinet_energy_microjoule[name] for part in parts) == total
     for name in ("observed_ns", "gap_ns", "jumps"):

@@ -104,17 +104,19 @@ def run(messages: list[Arrival], cuts: list[slice]) -> tuple[TemperatureBlock | 
             friction = stage.step(block)
             frictions += [] if friction is None else [friction]
     accounts = [
-        (each.account.received, each.account.accepted, dict(each.account.rejected),
+        (each.rejections.received, each.rejections.accepted, dict(each.rejections.rejected),
          each.missing_readings, each.ignored_joints, each.keys_account.received)
         for each in ingest.readers
     ]  # fmt: skip
-    assert all(reader.account.balanced for reader in ingest.readers)
+    assert all(reader.rejections.balanced for reader in ingest.readers)
     assert all(reader.keys_account.balanced for reader in ingest.readers)
     assert sum(each[0] + each[-1] for each in accounts) == len(messages)
-    assert stage.account.received == stage.account.accepted + sum(stage.account.rejected.values())
+    assert stage.rejections.received == stage.rejections.accepted + sum(
+        stage.rejections.rejected.values()
+    )
     whole = TemperatureBlock.concatenate(blocks) if blocks else None
     last = type(frictions[0]).concatenate(frictions) if frictions else None
-    return whole, accounts, (last, dict(stage.account.rejected), stage.account.accepted)
+    return whole, accounts, (last, dict(stage.rejections.rejected), stage.rejections.accepted)
 
 
 def same(a: Any, b: Any) -> None:
@@ -151,7 +153,11 @@ def test_readings_are_judged_the_same_in_any_cut(seed: int, cuts: int, clean: bo
         stage = FrictionStage(robots.two_link())
         rows = [found for part in parts if (found := stage.step(block[part])) is not None]
         results.append(
-            (type(rows[0]).concatenate(rows), stage.account.accepted, dict(stage.account.rejected))
+            (
+                type(rows[0]).concatenate(rows),
+                stage.rejections.accepted,
+                dict(stage.rejections.rejected),
+            )
         )
     for other in results[1:]:
         same(results[0][0], other[0])

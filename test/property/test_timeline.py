@@ -171,16 +171,16 @@ def test_messages_give_the_same_energy_however_they_are_cut(seed, bounds, window
         )
         for part in parts:
             pipeline.step(ingest.step(batch(part)))
-            assert ingest.account.balanced
+            assert ingest.rejections.balanced
         pipeline.step(ingest.flush())
         pipeline.flush()
-        assert ingest.account.balanced
-        assert ingest.account.waiting == 0
-        registers = pipeline.ledger.registers
+        assert ingest.rejections.balanced
+        assert ingest.rejections.waiting == 0
+        registers = pipeline.account.registers
         return (
             registers.microjoule.tolist(),
             registers.time,
-            ingest.account,
+            ingest.rejections,
             (ingest.order.gaps, ingest.order.jumps, ingest.order.segment),
             ingest.conflicts.count,
         )

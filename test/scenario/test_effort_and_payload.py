@@ -81,7 +81,7 @@ def test_measured_is_what_the_plant_did_where_the_model_is_wrong(tmp_path):
     ).truth
     power = truth.motor_torque * truth.motor_velocity
     result = replay(tmp_path / "bag", two_link(), settings=BY_MOTOR_TORQUE)
-    shaft = result.ledger.shaft
+    shaft = result.account.shaft
     error = np.abs(net(shaft, "measured") - np.trapezoid(power, dx=0.004, axis=0))
     noise = config.sensors.torque_noise * np.sqrt((truth.motor_velocity**2).sum(axis=0)) * 0.004
     turnover = np.trapezoid(np.abs(power), dx=0.004, axis=0)
@@ -101,8 +101,8 @@ def test_effort_lost_on_the_way_costs_its_own_joint_only(reference, tmp_path):
         if 10 * SECOND_NS <= elapsed_ns < 15 * SECOND_NS:
             message.effort = np.where(np.arange(6) == 2, np.nan, message.effort)
 
-    found = replay(copy_of_the_bag(tmp_path, lose), MODEL, settings=BY_MOTOR_TORQUE).ledger
-    before = reference.ledger
+    found = replay(copy_of_the_bag(tmp_path, lose), MODEL, settings=BY_MOTOR_TORQUE).account
+    before = reference.account
     np.testing.assert_array_equal(found.registers.microjoule, before.registers.microjoule)
     assert found.registers.time == before.registers.time
     lost = before.shaft.compared_ns - found.shaft.compared_ns
@@ -122,9 +122,9 @@ def test_driver_without_effort_leaves_measured_unknown(reference, tmp_path):
 
     result = replay(copy_of_the_bag(tmp_path, strip), MODEL, settings=BY_MOTOR_TORQUE)
     np.testing.assert_array_equal(
-        result.ledger.registers.microjoule, reference.ledger.registers.microjoule
+        result.account.registers.microjoule, reference.account.registers.microjoule
     )
-    assert not result.joint_states.account.rejected
+    assert not result.joint_states.rejections.rejected
     for joint in replay_report(result).shaft.joints:
         assert joint.coverage == 0.0
         assert joint.shaft_energy_positive_measured is None
@@ -141,11 +141,11 @@ def test_payload_of_a_bag_counts_from_its_stamp(tmp_path):
     full = replay(bag, MODEL, Topics(payload=""))
 
     def lifted(found):
-        return found.ledger.registers.joints("shaft_positive")[1]
+        return found.account.registers.joints("shaft_positive")[1]
 
     assert lifted(bare) < lifted(result) < lifted(full)
-    assert result.payload.account.balanced
-    start = result.ledger.registers.time.start_ns
+    assert result.payload.rejections.balanced
+    start = result.account.registers.time.start_ns
     changes = replay_report(result).payload.changes
     after = [round((change.from_ns - start) * 1e-9) for change in changes]
     assert [(change.payload.mass, s) for change, s in zip(changes, after, strict=True)] == [
@@ -217,7 +217,7 @@ def test_payloads_recorded_by_release_0_1_give_the_same_energies(tmp_path):
     assert older.payload.changes == result.payload.changes
     assert older.payload.changes[0].payload.inertia == inertia
     np.testing.assert_array_equal(
-        older.ledger.registers.microjoule, result.ledger.registers.microjoule
+        older.account.registers.microjoule, result.account.registers.microjoule
     )
 
 
@@ -226,7 +226,7 @@ def test_impossible_payload_of_a_bag_is_refused_and_named(reference, tmp_path):
     bag = copy_of_the_bag(tmp_path, payloads=[(payload("hand", 5.0), 20.0)])
     result = replay(bag, MODEL)
     np.testing.assert_array_equal(
-        result.ledger.registers.microjoule, reference.ledger.registers.microjoule
+        result.account.registers.microjoule, reference.account.registers.microjoule
     )
     report = replay_report(result)
     account = report.inputs["payload_messages"]
@@ -241,7 +241,7 @@ def test_recorded_ur3e_measures_what_its_motors_gave(tmp_path):
     took energy, and the assumed friction predicts the sum to within a third."""
     import_ur_rtde(sorted(Path(DATA).glob("rad_ur3e/*.csv"), reverse=True), tmp_path / "bag")
     settings = Settings(effort=EffortMeaning.MOTOR_CURRENT)
-    shaft = replay(tmp_path / "bag", load("ur3e"), settings=settings).ledger.shaft
+    shaft = replay(tmp_path / "bag", load("ur3e"), settings=settings).account.shaft
     measured, predicted = net(shaft, "measured"), net(shaft, "predicted")
     assert (measured[:5] > 1.0).all()
     assert predicted.sum() == pytest.approx(measured.sum(), rel=1 / 3)

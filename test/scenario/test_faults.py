@@ -68,8 +68,8 @@ def faulty(tmp_path) -> Callable[[Fault], Replay]:
 def check_accounts(result: Replay) -> None:
     """received = accepted + rejected, span = observed + gap, and the balance of the watts."""
     for ingest in (result.joint_states, result.temperatures, result.meter):
-        assert ingest.account.balanced
-    books = result.ledger.registers
+        assert ingest.rejections.balanced
+    books = result.account.registers
     assert books.time.span_ns == books.time.observed_ns + books.time.gap_ns
     drawn = books.cabinet("grid_import") - books.cabinet("grid_return")
     parts = sum(float(books.joints(name).sum()) for name in ("rigid", "friction", "drive_loss"))
@@ -78,7 +78,7 @@ def check_accounts(result: Replay) -> None:
 
 
 def energy(result: Replay) -> float:
-    return result.ledger.registers.cabinet("grid_import")
+    return result.account.registers.cabinet("grid_import")
 
 
 def shift(message: Any, by_ns: int) -> None:
@@ -100,19 +100,19 @@ def test_shuffled_joints_change_nothing(faulty, reference):
                     setattr(message, field, getattr(message, field)[order])
         return messages
 
-    found = faulty(shuffle).ledger.registers.microjoule
-    np.testing.assert_array_equal(found, reference.ledger.registers.microjoule)
+    found = faulty(shuffle).account.registers.microjoule
+    np.testing.assert_array_equal(found, reference.account.registers.microjoule)
 
 
 def test_every_message_twice_counts_once(faulty, reference):
     """Duplicates are dropped and counted; the registers are equal to the last bit."""
     result = faulty(lambda messages: [message for message in messages for _ in range(2)])
     np.testing.assert_array_equal(
-        result.ledger.registers.microjoule, reference.ledger.registers.microjoule
+        result.account.registers.microjoule, reference.account.registers.microjoule
     )
-    assert result.joint_states.account.rejected == {"duplicate_stamp": 9000}
-    assert result.ledger.comparison.measured_energy == pytest.approx(
-        reference.ledger.comparison.measured_energy, abs=1e-6
+    assert result.joint_states.rejections.rejected == {"duplicate_stamp": 9000}
+    assert result.account.comparison.measured_energy == pytest.approx(
+        reference.account.comparison.measured_energy, abs=1e-6
     )
 
 
@@ -124,10 +124,10 @@ def test_lost_joint_states_are_a_gap_on_both_sides(faulty, reference):
         return [m for m in messages if m[1] != JOINTS or not start < m[0] < start + 3 * SECOND]
 
     result = faulty(lose)
-    time = result.ledger.registers.time
+    time = result.account.registers.time
     assert time.gap_count == 1
     assert time.gap_ns == pytest.approx(3 * SECOND, abs=SECOND // 100)
-    lost = reference.ledger.comparison.compared_ns - result.ledger.comparison.compared_ns
+    lost = reference.account.comparison.compared_ns - result.account.comparison.compared_ns
     assert lost == pytest.approx(3 * SECOND, abs=SECOND // 50)
     assert energy(result) < energy(reference)
 
@@ -135,7 +135,7 @@ def test_lost_joint_states_are_a_gap_on_both_sides(faulty, reference):
 def test_no_temperature_at_all_falls_back_and_says_so(faulty, reference):
     """Friction of the reference temperature (22 degC) for a robot of 20: flagged, close, not 0."""
     result = faulty(lambda messages: [m for m in messages if m[1] != TEMPERATURES])
-    assert result.ledger.quality[Quality.TEMPERATURE_MISSING] == 9000
+    assert result.account.quality[Quality.TEMPERATURE_MISSING] == 9000
     assert energy(result) == pytest.approx(energy(reference), rel=0.05)
 
 
@@ -150,8 +150,8 @@ def test_error_codes_for_temperatures_change_nothing_and_are_flagged(faulty, ref
         return messages
 
     result = faulty(fail)
-    assert result.ledger.quality[Quality.TEMPERATURE_IMPLAUSIBLE] > 6000
-    assert result.pipeline.friction.account.rejected["temperature_implausible"] == 26 * 6
+    assert result.account.quality[Quality.TEMPERATURE_IMPLAUSIBLE] > 6000
+    assert result.pipeline.friction.rejections.rejected["temperature_implausible"] == 26 * 6
     assert energy(result) == pytest.approx(energy(reference), rel=0.02)
 
 
@@ -166,7 +166,7 @@ def test_a_forward_jump_of_the_clock_is_a_gap_without_energy(faulty, reference):
         return messages
 
     result = faulty(jump)
-    time = result.ledger.registers.time
+    time = result.account.registers.time
     assert time.gap_count == 1
     assert time.gap_ns == pytest.approx(3600 * SECOND, abs=SECOND // 10)
     assert energy(result) == pytest.approx(energy(reference), rel=1e-3)
@@ -180,10 +180,10 @@ def test_a_looped_recording_is_two_epochs(faulty, reference):
         return [*messages, *((time + length, topic, m) for time, topic, m in messages)]
 
     result = faulty(loop)
-    assert result.ledger.registers.time.jumps == 1
+    assert result.account.registers.time.jumps == 1
     assert energy(result) == pytest.approx(2 * energy(reference), rel=1e-4)
-    assert result.ledger.comparison.measured_energy == pytest.approx(
-        2 * reference.ledger.comparison.measured_energy, rel=1e-3
+    assert result.account.comparison.measured_energy == pytest.approx(
+        2 * reference.account.comparison.measured_energy, rel=1e-3
     )
 
 
@@ -197,9 +197,9 @@ def test_spikes_that_are_not_numbers_are_left_out(faulty, reference):
         return messages
 
     result = faulty(spike)
-    assert result.joint_states.account.rejected == {"not_finite": 90}
+    assert result.joint_states.rejections.rejected == {"not_finite": 90}
     assert energy(result) == pytest.approx(energy(reference), rel=2e-3)
-    assert result.ledger.registers.time.gap_ns == 0
+    assert result.account.registers.time.gap_ns == 0
 
 
 def test_without_velocities_they_are_derived_and_flagged(faulty, reference):
@@ -212,7 +212,7 @@ def test_without_velocities_they_are_derived_and_flagged(faulty, reference):
         return messages
 
     result = faulty(forget)
-    assert result.ledger.quality[Quality.VELOCITY_DERIVED] == 9000
+    assert result.account.quality[Quality.VELOCITY_DERIVED] == 9000
     assert energy(result) == pytest.approx(energy(reference), rel=0.02)
 
 
@@ -225,9 +225,9 @@ def test_a_silent_meter_is_not_compared(faulty, reference):
 
     result = faulty(silence)
     np.testing.assert_array_equal(
-        result.ledger.registers.microjoule, reference.ledger.registers.microjoule
+        result.account.registers.microjoule, reference.account.registers.microjoule
     )
-    comparison, whole = result.ledger.comparison, reference.ledger.comparison
+    comparison, whole = result.account.comparison, reference.account.comparison
     assert whole.compared_ns - comparison.compared_ns == pytest.approx(10 * SECOND, rel=0.03)
     error = comparison.predicted_energy / comparison.measured_energy - 1
     assert abs(error) < 0.05
@@ -244,7 +244,7 @@ def test_late_delivery_of_temperatures_within_the_wait_changes_nothing(faulty, r
         return sorted(late, key=lambda message: message[0])
 
     np.testing.assert_array_equal(
-        faulty(delay).ledger.registers.microjoule, reference.ledger.registers.microjoule
+        faulty(delay).account.registers.microjoule, reference.account.registers.microjoule
     )
 
 
@@ -270,7 +270,7 @@ def test_a_bag_of_another_release_is_read_by_its_own_definitions(tmp_path, refer
             row = bytes(old.serialize_cdr(message, types[topic]))
             bag.write(topic, np.array([time]), [row])
     result = replay(tmp_path / "old", MODEL)
-    assert result.ledger.comparison.measured_energy == reference.ledger.comparison.measured_energy
+    assert result.account.comparison.measured_energy == reference.account.comparison.measured_energy
 
 
 def typestore_of(msgtype, text):
@@ -287,10 +287,10 @@ def test_one_impossible_velocity_among_nine_thousand_changes_next_to_nothing(fau
         return messages
 
     result = faulty(spoil)
-    assert result.joint_states.account.rejected == {"impossible_velocity": 1}
+    assert result.joint_states.rejections.rejected == {"impossible_velocity": 1}
     assert energy(result) == pytest.approx(energy(reference), rel=1e-3)
-    assert result.ledger.quality[Quality.TEMPERATURE_STUCK] == 0
-    assert result.ledger.registers.time.gap_count == 0
+    assert result.account.quality[Quality.TEMPERATURE_STUCK] == 0
+    assert result.account.registers.time.gap_count == 0
 
 
 def test_stamps_that_no_message_can_carry_again_change_nothing(faulty, reference):
@@ -308,8 +308,8 @@ def test_stamps_that_no_message_can_carry_again_change_nothing(faulty, reference
 
     result = faulty(spoil)
     for ingest in (result.joint_states, result.temperatures, result.meter):
-        assert ingest.account.rejected == {"bad_stamp": 2}
-    found = result.ledger.registers.microjoule
-    np.testing.assert_array_equal(found, reference.ledger.registers.microjoule)
-    assert result.ledger.registers.time == reference.ledger.registers.time
-    assert result.ledger.comparison.measured_energy == reference.ledger.comparison.measured_energy
+        assert ingest.rejections.rejected == {"bad_stamp": 2}
+    found = result.account.registers.microjoule
+    np.testing.assert_array_equal(found, reference.account.registers.microjoule)
+    assert result.account.registers.time == reference.account.registers.time
+    assert result.account.comparison.measured_energy == reference.account.comparison.measured_energy

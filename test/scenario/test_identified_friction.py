@@ -80,7 +80,7 @@ def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys
     assert "exponential" in capsys.readouterr().out
     model = load(out)
     assert {joint.friction.coulomb.tag for joint in model.joints} == {"identified"}
-    assert replay(bags[0], model).ledger.registers.cabinet("grid_import") > 0
+    assert replay(bags[0], model).account.registers.cabinet("grid_import") > 0
 
 
 def test_bags_without_a_meaning_of_the_effort_are_refused(bags, capsys):

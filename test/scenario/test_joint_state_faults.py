@@ -64,26 +64,26 @@ class Chain:
             for number, topic in enumerate(topics)
         ]
         self.pipeline.step(self.ingest.step(batches))
-        assert self.ingest.account.balanced
+        assert self.ingest.rejections.balanced
         return self
 
     def end(self):
         self.pipeline.step(self.ingest.flush())
         self.pipeline.flush()
-        assert self.ingest.account.balanced
-        assert not self.ingest.account.waiting
+        assert self.ingest.rejections.balanced
+        assert not self.ingest.rejections.waiting
         time = self.time
         assert time.span_ns == time.observed_ns + time.gap_ns
         return self
 
     @property
     def time(self):
-        return self.pipeline.ledger.registers.time
+        return self.pipeline.account.registers.time
 
     @property
     def exact(self):
         """All registers with their remainders. [uJ]"""
-        books = self.pipeline.ledger.registers
+        books = self.pipeline.account.registers
         return [
             int(whole) * 2**40 + int(rest)
             for whole, rest in zip(books.microjoule, books.remainder, strict=True)
@@ -91,11 +91,11 @@ class Chain:
 
     @property
     def energy(self):
-        return self.pipeline.ledger.registers.cabinet("grid_import")
+        return self.pipeline.account.registers.cabinet("grid_import")
 
     @property
     def rejected(self):
-        return dict(self.ingest.account.rejected)
+        return dict(self.ingest.rejections.rejected)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_a_loop_of_ten_seconds_a_hundred_times_is_a_hundred_times_its_energy(onc
     assert chain.time.gap_count == 0
     assert chain.rejected == {"stray_stamp": 1}
     assert chain.time.observed_ns == 100 * once.time.observed_ns
-    energies = chain.pipeline.ledger.registers.deviations.start
+    energies = chain.pipeline.account.registers.deviations.start
     for total, single in zip(chain.exact[:energies], once.exact[:energies], strict=True):
         assert abs(total - 100 * single) <= 2**40
     for total, single in zip(chain.exact[energies:], once.exact[energies:], strict=True):
@@ -243,8 +243,8 @@ def test_a_publisher_of_zeros_beside_the_driver_adds_no_energy(once, offset, vel
 def test_degrees_are_said_within_ten_seconds_and_counted_as_they_are():
     """Flagged in every sample, the sentence names joint, value, limits and the likely unit."""
     chain = Chain().take(rows(IN_A_LOOP, scale=180 / np.pi)).end()
-    ledger = chain.pipeline.ledger
-    assert ledger.quality[Quality.JOINT_STATE_IMPLAUSIBLE] > 0.9 * ledger.samples
+    account = chain.pipeline.account
+    assert account.quality[Quality.JOINT_STATE_IMPLAUSIBLE] > 0.9 * account.samples
     (finding,) = chain.ingest.findings()
     assert finding.sentence == (
         "shoulder is at 40.11, its limits are -3 to 3 rad: the joint states look like degrees"
@@ -258,7 +258,7 @@ def test_a_robot_at_exactly_zero_keeps_its_energy():
     stamps = np.arange(0, 10, PERIOD)
     still = [message(START + t, NAMES, (0.0, 0.0), (0.0, 0.0)) for t in stamps]
     chain = Chain().take(still).end()
-    ledger = chain.pipeline.ledger
-    assert ledger.quality[Quality.JOINT_STATE_IMPLAUSIBLE] == 500
+    account = chain.pipeline.account
+    assert account.quality[Quality.JOINT_STATE_IMPLAUSIBLE] == 500
     assert chain.energy == pytest.approx(50.0 * stamps[-1], rel=1e-9)
     assert "exactly zero" in chain.ingest.findings()[0].sentence

@@ -101,7 +101,7 @@ def header(stamp):
 
 
 def books(result: Replay) -> tuple[float, float, int]:
-    found = result.ledger.comparison
+    found = result.account.comparison
     return found.measured_energy, found.predicted_energy, found.compared_ns
 
 
@@ -185,7 +185,7 @@ def test_voltage_and_current_give_the_same_energy_within_the_sampling(spoken, re
         volt=(FLOAT64, packed(FLOAT64, volt), readings.stamp_ns),
         ampere=(FLOAT64, packed(FLOAT64, readings.power / volt), readings.stamp_ns),
     )
-    points = result.meter.account
+    points = result.meter.rejections
     assert (points.received, dict(points.rejected)) == (2 * len(readings), {})
     assert books(result)[0] == pytest.approx(books(reference)[0], rel=0.01)
     power = readings.power[:-1]

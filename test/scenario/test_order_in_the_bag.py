@@ -31,7 +31,7 @@ def test_topics_one_behind_the_other_give_the_same_registers(order, reference, t
                 writer.write(topic, batch.log_time_ns, rows)
     result = replay(tmp_path / "bag", load("kr16"))
     np.testing.assert_array_equal(
-        result.ledger.registers.microjoule, reference.ledger.registers.microjoule
+        result.account.registers.microjoule, reference.account.registers.microjoule
     )
-    assert result.ledger.quality == reference.ledger.quality
+    assert result.account.quality == reference.account.quality
     assert result.notes == reference.notes

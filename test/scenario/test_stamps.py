@@ -42,7 +42,7 @@ PLACES = (1, len(clean()) // 2, len(clean()))
 def test_a_bad_stamp_changes_nothing_first_in_the_middle_and_last(kind, stamp):
     figures, monitors = mixed([(place, spoiled(kind, *stamp)) for place in PLACES])
     assert figures == stamps.clean_figures()
-    assert monitors.account(kind).rejected["bad_stamp"] == len(PLACES)
+    assert monitors.rejections(kind).rejected["bad_stamp"] == len(PLACES)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -50,7 +50,7 @@ def test_a_bad_stamp_changes_nothing_first_in_the_middle_and_last(kind, stamp):
 def test_a_possible_stamp_far_away_leaves_every_account_exact(stamp, place):
     _, monitors = mixed([(place, spoiled(kind, *stamp)) for kind in KINDS])
     for kind in KINDS:
-        account = monitors.account(kind)
+        account = monitors.rejections(kind)
         assert account.rejected["bad_stamp"] == 0
         no_zero_stamp = kind in (PAYLOAD, JOINT_TORQUE, JOINT_FRICTION)
         assert (account.rejected["zero_stamp"] == 1) == (not any(stamp) and not no_zero_stamp)
@@ -67,7 +67,7 @@ def test_a_bad_time_of_receipt_changes_nothing_where_it_counts(log_ns):
                 monitors.take(Message(JOINT_STATE, log_ns, one.data), mixed_in=True)
             monitors.take(one)
         figures.append(monitors.finish())
-        assert monitors.joints.account.rejected["bad_stamp"] == 2 * extra
+        assert monitors.joints.rejections.rejected["bad_stamp"] == 2 * extra
     assert figures[0] == figures[1]
 
 
@@ -75,7 +75,7 @@ def test_joint_states_received_at_time_zero_are_refused_and_said():
     monitors = Monitors(receive=True)
     rows = [message(0.0, JOINTS)] * 5
     assert monitors.joints.step(batch(rows, received=[0] * 5)) is None
-    assert monitors.joints.account.rejected == {"zero_stamp": 5}
+    assert monitors.joints.rejections.rejected == {"zero_stamp": 5}
     (finding,) = monitors.joints.findings()
     assert "let the clock run" in finding.sentence
 
@@ -89,7 +89,7 @@ def test_a_bad_temperature_stamp_in_a_friction_is_refused():
     data = bytes(store.serialize_cdr(decoded, JOINT_FRICTION))
     figures, monitors = mixed([(place, Message(JOINT_FRICTION, START, data)) for place in PLACES])
     assert figures == stamps.clean_figures()
-    assert monitors.friction.account.rejected == {"bad_stamp": len(PLACES)}
+    assert monitors.friction.rejections.rejected == {"bad_stamp": len(PLACES)}
 
 
 @pytest.mark.parametrize(

@@ -79,15 +79,15 @@ def faulty(recorded, tmp_path) -> Callable[..., Replay]:
                 bag.write(topic, np.array(times), messages)
         result = replay(folder, MODEL, **options)
         for each in (result.joint_states, result.temperatures, result.meter):
-            assert each.account.balanced
-            assert not each.account.waiting
+            assert each.rejections.balanced
+            assert not each.rejections.waiting
         return result
 
     return run
 
 
 def energy(result: Replay) -> float:
-    return result.ledger.registers.cabinet("grid_import")
+    return result.account.registers.cabinet("grid_import")
 
 
 def change(result: Replay, reference: Replay) -> float:
@@ -104,11 +104,11 @@ def test_one_temperature_of_another_time_changes_nothing(faulty, reference, numb
     """
     result = faulty({TEMPERATURES: {number: by}})
     assert change(result, reference) < 1e-3
-    assert result.ledger.quality[Quality.TEMPERATURE_MISSING] == 0
+    assert result.account.quality[Quality.TEMPERATURE_MISSING] == 0
     if abs(by) > 5:
         assert any(TEMPERATURES in note for note in result.notes) or (number, by) == (0, -10)
     if abs(by) > 5 and number:
-        assert result.temperatures.account.rejected == {"stray_stamp": 1}
+        assert result.temperatures.rejections.rejected == {"stray_stamp": 1}
 
 
 @pytest.mark.parametrize("number", [0, 1, 4500, 8999])
@@ -116,8 +116,10 @@ def test_one_temperature_of_another_time_changes_nothing(faulty, reference, numb
 def test_one_joint_state_of_another_time_changes_nothing(faulty, reference, number, by):
     result = faulty({JOINTS: {number: by}})
     assert change(result, reference) < 1e-3
-    assert sum(result.joint_states.account.rejected.values()) == (number > 0 or by not in (-1, -10))
-    time = result.ledger.registers.time
+    assert sum(result.joint_states.rejections.rejected.values()) == (
+        number > 0 or by not in (-1, -10)
+    )
+    time = result.account.registers.time
     assert time.jumps == 0
     assert time.gap_ns <= (11 * S if not number else 0)
 
@@ -129,8 +131,8 @@ def test_a_first_joint_state_of_another_age_is_no_epoch(stamp_ns):
     stamps[JOINTS][0] = stamp_ns
     streams = {topic: stray_stamps.messages(topic, stamp) for topic, stamp in stamps.items()}
     run, found = stray_stamps.whole(streams, 1)
-    assert run.joints.account.rejected == {"stray_stamp": 1}
-    time = run.pipeline.ledger.registers.time
+    assert run.joints.rejections.rejected == {"stray_stamp": 1}
+    time = run.pipeline.account.registers.time
     assert (time.jumps, time.gap_ns) == (0, 0)
     assert stray_stamps.live(streams, 0.1) == stray_stamps.whole(streams, 37)[1] == found
 
@@ -141,7 +143,7 @@ def test_one_meter_reading_of_another_time_costs_what_it_covers(faulty, referenc
     """Two readings' intervals at most, on both sides: the error of the prediction stays."""
     result = faulty({METER: {number: by}})
     assert energy(result) == energy(reference)
-    found, whole = result.ledger.comparison, reference.ledger.comparison
+    found, whole = result.account.comparison, reference.account.comparison
     assert 1 - found.compared_ns / whole.compared_ns < 2.1 / 359
     assert 0 <= 1 - found.measured_energy / whole.measured_energy < 2.1 / 359
     ratio = found.predicted_energy / found.measured_energy
@@ -156,7 +158,7 @@ def test_thermometers_of_two_clocks_that_take_turns(faulty, reference, offset):
     (note,) = [note for note in result.notes if TEMPERATURES in note]
     assert "two clocks?" in note
     if abs(offset) > 5:
-        assert result.temperatures.account.rejected["stray_stamp"] >= 16
+        assert result.temperatures.rejections.rejected["stray_stamp"] >= 16
 
 
 @pytest.mark.parametrize("offset", [-7200.0, 7200.0])
@@ -208,4 +210,4 @@ def test_broken_log_times_never_give_the_energy_twice(faulty, reference, stamp_s
     result = faulty({}, log_shift=36 * S, states=states)
     assert any("log times" in problem for problem in result.problems)
     assert change(result, reference) < 2e-2
-    assert result.ledger.registers.time.span_ns < 40 * S
+    assert result.account.registers.time.span_ns < 40 * S

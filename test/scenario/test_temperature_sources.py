@@ -195,10 +195,10 @@ WAYS = {
 
 def same_registers(result: Replay, reference: Replay) -> None:
     np.testing.assert_array_equal(
-        result.ledger.registers.microjoule, reference.ledger.registers.microjoule
+        result.account.registers.microjoule, reference.account.registers.microjoule
     )
-    assert result.temperatures.account.balanced
-    assert result.ledger.quality == reference.ledger.quality
+    assert result.temperatures.rejections.balanced
+    assert result.account.quality == reference.account.quality
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -222,8 +222,8 @@ def test_kelvin_that_is_not_said_is_refused_and_named(dressed):
     path = dressed(lambda stamp, values: as_dynamic(stamp, values + KELVIN))
     inputs = source(topic="dynamic_joint_states", type=DYNAMIC_JOINT_STATE)
     result = replay(path, MODEL, inputs=inputs)
-    assert result.ledger.quality[Quality.TEMPERATURE_MISSING] == result.ledger.samples
-    assert result.pipeline.friction.account.accepted == 0
+    assert result.account.quality[Quality.TEMPERATURE_MISSING] == result.account.samples
+    assert result.pipeline.friction.rejections.accepted == 0
     (note,) = result.notes
     assert note.startswith("/dynamic_joint_states reads 29")
     assert note.endswith("for joint_a1: set unit: kelvin")
@@ -250,7 +250,7 @@ def test_an_array_counts_from_its_receipt(dressed, reference):
     result = replay(dressed(as_array), MODEL, inputs=inputs)
     late = replay(dressed(as_stamped_late), MODEL)
     same_registers(result, late)
-    drawn = [each.ledger.registers.cabinet("grid_import") for each in (result, reference)]
+    drawn = [each.account.registers.cabinet("grid_import") for each in (result, reference)]
     assert drawn[0] != drawn[1]
     assert drawn[0] == pytest.approx(drawn[1], rel=1e-4)
 
@@ -276,7 +276,7 @@ def test_without_a_file_the_replay_says_what_may_hold_temperatures(dressed):
     """A topic that does not say all by itself is not guessed at, but named."""
     path = dressed(as_dynamic)
     result = replay(path, MODEL)
-    assert result.ledger.quality[Quality.TEMPERATURE_MISSING] == result.ledger.samples
+    assert result.account.quality[Quality.TEMPERATURE_MISSING] == result.account.samples
     assert any("/dynamic_joint_states" in note and "--inputs" in note for note in result.notes)
     with pytest.raises(MissingTopicError, match="--inputs"):
         replay(path, MODEL, topics=Topics(temperatures=("/dynamic_joint_states",)))

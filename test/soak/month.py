@@ -211,25 +211,25 @@ class Month:
 
     def _check(self) -> None:
         """Check that every message and every ns is accounted for."""
-        accounts = [self._joints.account, self._temperatures.account, self._meter.account]
-        time, reference = self._pipeline.ledger.registers.time, self._reference
+        logs = [self._joints.rejections, self._temperatures.rejections, self._meter.rejections]
+        time, reference = self._pipeline.account.registers.time, self._reference
         adds_up = (
-            all(account.balanced for account in accounts)
-            and self._joints.account.received == self._fed
+            all(log.balanced for log in logs)
+            and self._joints.rejections.received == self._fed
             and (time.observed_ns, time.gap_ns) == (reference.observed_ns, reference.gap_ns)
             and time.observed_ns + time.gap_ns == (time.end_ns or 0) - (time.start_ns or 0)
-            and self._pipeline.ledger.samples <= self._joints.account.accepted
+            and self._pipeline.account.samples <= self._joints.rejections.accepted
         )
         self.unbalanced += not adds_up
 
     def figures(self) -> list[Figure]:
         """Compare the registers with the reference."""
         self._check()
-        ledger, account = self._pipeline.ledger, self._joints.account
+        account, rejections = self._pipeline.account, self._joints.rejections
         reference = self._reference.microjoule()
-        groups = self._grouped(ledger.registers.microjoule.tolist())
+        groups = self._grouped(account.registers.microjoule.tolist())
         exact = self._grouped(reference)
-        groups["measured"] = [round(ledger.comparison.measured_energy * 1e6)]
+        groups["measured"] = [round(account.comparison.measured_energy * 1e6)]
         exact["measured"] = [self._recording.measured_microjoule(self._cycles)]
         errors = {
             name: max(
@@ -244,9 +244,9 @@ class Month:
         days, memory = zip(*self._memory[2:], strict=True) if self._memory[3:] else ((), ())
         per_day = slope(days, memory)
         return [
-            Figure("joint states", account.received),
+            Figure("joint states", rejections.received),
             Figure(f"rate [Hz], in blocks of {BLOCK} and of 1", RATE),
-            Figure("grid energy [MJ]", ledger.registers.cabinet("grid_import") / 1e6),
+            Figure("grid energy [MJ]", account.registers.cabinet("grid_import") / 1e6),
             Figure(
                 f"largest error of {len(reference) + 1} registers ({worst}) [uJ]",
                 errors[worst],
@@ -262,16 +262,16 @@ class Month:
             Figure("hours that do not add up", self.unbalanced, "0", not self.unbalanced),
             Figure(
                 "messages rejected, one of each fault per cycle",
-                ", ".join(f"{count} {name}" for name, count in account.rejected.items()),
+                ", ".join(f"{count} {name}" for name, count in rejections.rejected.items()),
                 f"{self._cycles} each",
-                dict(account.rejected) == expected,
+                dict(rejections.rejected) == expected,
             ),
-            Figure("observed [days]", ledger.registers.time.observed_ns / 86400e9),
+            Figure("observed [days]", account.registers.time.observed_ns / 86400e9),
             Figure(
                 "samples booked",
-                ledger.samples,
+                account.samples,
                 "all accepted",
-                ledger.samples == account.accepted,
+                account.samples == rejections.accepted,
             ),
             Figure(
                 "memory: slope [KiB per simulated day]",

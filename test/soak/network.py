@@ -87,19 +87,19 @@ def inside(outage: float, times: int, names: str) -> None:
                 executor.spin_once(timeout_sec=0.02)
             return time.monotonic() - begin
 
-        spin(30.0, lambda: node.ledger.registers.time.observed_ns > 0)
+        spin(30.0, lambda: node.account.registers.time.observed_ns > 0)
         counting_after: list[float] = []
         wrong = 0
         for _ in range(times):
             link("down")
             spin(outage)
-            before = node.ledger.registers.time.observed_ns
+            before = node.account.registers.time.observed_ns
             link("up")
             counting_after.append(
-                spin(50.0, lambda last=before: node.ledger.registers.time.observed_ns > last)
+                spin(50.0, lambda last=before: node.account.registers.time.observed_ns > last)
             )
             spin(3.0)
-            account = node.ledger.registers.time
+            account = node.account.registers.time
             span = (account.end_ns or 0) - (account.start_ns or 0)
             wrong += span != account.observed_ns + account.gap_ns
             wrong += len(unbalanced(node.inputs))
@@ -107,7 +107,7 @@ def inside(outage: float, times: int, names: str) -> None:
             "counting_after": counting_after,
             "wrong": wrong,
             "renewals": node.joint_states.renewals,
-            "coverage": node.ledger.registers.time.coverage,
+            "coverage": node.account.registers.time.coverage,
         }
         print(json.dumps(found), flush=True)
         node.destroy_node()

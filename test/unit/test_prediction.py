@@ -47,8 +47,8 @@ def test_a_wheel_that_is_turned_gently_as_worked_out_by_hand():
     assert energy.grid_import == pytest.approx(friction + 50 * time, rel=1e-6)
     assert energy.balanced
     # Highest: at the end of the ramp up, 3 * 1 * 2 + 5 * 2 + 2 * 2^2 + 50 W.
-    assert result.ledger.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
-    assert result.ledger.phase_time(Phase.HOLD) == pytest.approx(2.0, abs=0.02)
+    assert result.account.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
+    assert result.account.phase_time(Phase.HOLD) == pytest.approx(2.0, abs=0.02)
 
 
 def test_a_wheel_that_is_stopped_hard_feeds_the_brake_as_worked_out_by_hand():
@@ -89,7 +89,7 @@ def test_a_prediction_equals_a_replay_of_the_same_motion_sampled_finely():
     for time, path in motion.blocks():
         pipeline.step(joint_block(1.0 + time, path.joint_position, velocity=path.joint_velocity))
     pipeline.flush()
-    live, planned = pipeline.ledger.registers, result.ledger.registers
+    live, planned = pipeline.account.registers, result.account.registers
     for name in ("grid_import", "loss_dc"):
         assert planned.cabinet(name) == pytest.approx(live.cabinet(name), rel=1e-4)
     assert planned.joints("friction") == pytest.approx(live.joints("friction"), rel=1e-4)
@@ -99,7 +99,7 @@ def test_repetition_repeats_the_energy():
     once, thrice = (predict(one_wheel(), wheel(20.0), 25.0, repeat=n) for n in (1, 3))
     assert thrice.duration == pytest.approx(3 * once.duration)
     for name in ("grid_import", "brake"):
-        one, three = (r.ledger.registers.cabinet(name) for r in (once, thrice))
+        one, three = (r.account.registers.cabinet(name) for r in (once, thrice))
         assert three == pytest.approx(3 * one, abs=3e-6)
 
 
@@ -128,10 +128,10 @@ def test_the_parts_sum_and_friction_falls_with_temperature(degc, acceleration, d
 def test_long_rests_are_never_stale_or_stuck():
     """A held temperature is an assumption; the model calls readings stale after 5 s."""
     result = predict(two_link(), _rest(600.0), 40.0)
-    assert not result.ledger.quality
+    assert not result.account.quality
     assert result.means is not None
     assert len(result.means) <= 1502
-    assert result.ledger.registers.cabinet("grid_import") == pytest.approx(50.0 * 600.0)
+    assert result.account.registers.cabinet("grid_import") == pytest.approx(50.0 * 600.0)
 
 
 def test_an_assumed_temperature_is_not_taken_for_a_stuck_thermometer():
@@ -142,7 +142,7 @@ def test_an_assumed_temperature_is_not_taken_for_a_stuck_thermometer():
     result = predict(stiff, wheel(1.0, 0.0, 0.02), 25.0, repeat=150)
     assert result.duration > 1200
     assert result.pipeline.power.watch.stuck.all()  # it would be
-    assert not result.ledger.quality
+    assert not result.account.quality
 
 
 def _rest(time):
@@ -175,7 +175,7 @@ def test_temperatures_that_no_law_covers_are_said():
     assert result.extrapolated == ("shoulder",)
     assert report.friction == FrictionReach(("shoulder",), ("elbow",))
     assert any(note.startswith("EXTRAPOLATED: the friction of shoulder") for note in report.notes)
-    assert result.ledger.quality[int(Quality.EXTRAPOLATED)] == result.ledger.samples
+    assert result.account.quality[int(Quality.EXTRAPOLATED)] == result.account.samples
     assert report.motor_temperature_degc == {"shoulder": 10.0, "elbow": 30.0}
 
 
@@ -186,7 +186,7 @@ def test_joints_are_matched_by_name():
     one = Program(via, MotionLimits(*bounds), 0.1)
     other = Program(via[:, ::-1], MotionLimits(*(b[::-1] for b in bounds)), 0.1)
     energies = [
-        predict(two_link(), SampledMotion(p, names, p.period), 25.0).ledger.registers.microjoule
+        predict(two_link(), SampledMotion(p, names, p.period), 25.0).account.registers.microjoule
         for p, names in ((one, ("shoulder", "elbow")), (other, ("elbow", "shoulder")))
     ]
     np.testing.assert_array_equal(*energies)
@@ -200,7 +200,7 @@ def test_progress_rises_to_one():
 
 
 def test_stamps_begin_above_zero():
-    assert predict(one_wheel(), wheel(1.0), 25.0).ledger.registers.time.start_ns == START_NS
+    assert predict(one_wheel(), wheel(1.0), 25.0).account.registers.time.start_ns == START_NS
 
 
 @pytest.mark.parametrize(

@@ -57,16 +57,16 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
     identity = Identity(
         robot_type="", robot_serial="", joint_names=MODEL.joint_names, model_id="", node=""
     )
-    ledger, stages = result.ledger, result.pipeline
+    account, stages = result.account, result.pipeline
     return {
         "torque": joined(torque),
         "power": joined(power),
         "means": joined(means),
-        "account": ledger.state(identity),
+        "account": account.state(identity),
         "learned": stages.power.condition.state(),
         "warm": stages.power.watch.rise.tolist(),
         "inputs": [
-            (each.account.received, each.account.accepted, dict(each.account.rejected))
+            (each.rejections.received, each.rejections.accepted, dict(each.rejections.rejected))
             for each in (result.joint_states, result.temperatures, result.meter, result.payload)
         ],
         "known": [result.joint_states.samples, result.joint_states.newest_ns],
@@ -78,7 +78,7 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
 @pytest.mark.parametrize("processes", [2, 3])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_figures_do_not_depend_on_processes(processes, seed):
-    start = replay(BAG, MODEL).ledger.start_ns * 1e-9
+    start = replay(BAG, MODEL).account.start_ns * 1e-9
     cuts = np.sort(np.random.default_rng(seed).uniform(0.0, 36.0, 12)) + start
     expected = figures(1, cuts.tolist())
     assert expected["jobs"]

@@ -21,7 +21,7 @@ class AccountPublisher:
     Args:
         node: The node that publishes.
         model: The robot's model.
-        ledger: The energy account.
+        account: The energy account.
         parameters: Where and how often it is kept.
 
     Attributes:
@@ -29,9 +29,9 @@ class AccountPublisher:
     """
 
     def __init__(
-        self, node: Node, model: RobotModel, ledger: EnergyAccount, parameters: AccountParameters
+        self, node: Node, model: RobotModel, account: EnergyAccount, parameters: AccountParameters
     ) -> None:
-        self._node, self._ledger, self._joint_names = node, ledger, model.joint_names
+        self._node, self._account, self._joint_names = node, account, model.joint_names
         loads = model.auxiliary or ()
         self._power_writer = PowerStateWriter(model.joint_names, model.model_id, loads)
         self._registers_writer = RegistersWriter(model.joint_names, model.model_id, loads)
@@ -41,10 +41,10 @@ class AccountPublisher:
         self.checkpoints = Checkpoints(
             node,
             model,
-            ledger,
+            account,
             folder_of(parameters.state_folder),
             parameters.checkpoint_period,
-            lambda persisted: self._registers_writer.encode(ledger, persisted),
+            lambda persisted: self._registers_writer.encode(account, persisted),
             lambda rows: self._registers and self._registers.publish(rows),
         )
 
@@ -60,7 +60,7 @@ class AccountPublisher:
             self._node, EnergyRegisters, "energy/registers", reliable(10)
         )
         self.checkpoints.open()
-        RegisterServices(self._node, self._ledger, self.checkpoints, self._joint_names).open()
+        RegisterServices(self._node, self._account, self.checkpoints, self._joint_names).open()
 
     def close(self) -> None:
         """End the work on the disk; safe also after an `open` that failed."""
@@ -85,7 +85,7 @@ class AccountPublisher:
             means: One row per period; None if none ended.
         """
         if means is not None and self._power is not None:
-            self._power.add(self._power_writer.encode(means, self._ledger.comparison.location))
+            self._power.add(self._power_writer.encode(means, self._account.comparison.location))
 
     def tick(self) -> None:
         """Publish the next power state if it is its turn; call every tick."""

@@ -97,7 +97,7 @@ class AuxiliaryLoads:
     Args:
         node: The node that subscribes.
         given: Its parameters.
-        ledger: The energy account, which counts the loads from now on.
+        account: The energy account, which counts the loads from now on.
 
     Attributes:
         loads: Their topics, in the order of the model.
@@ -109,7 +109,7 @@ class AuxiliaryLoads:
     """
 
     def __init__(
-        self, node: MonitorNode[Any], given: AccountParameters, ledger: EnergyAccount
+        self, node: MonitorNode[Any], given: AccountParameters, account: EnergyAccount
     ) -> None:
         self._node, loads = node, node.model.auxiliary or ()
         self.loads: list[LoadInput] = []
@@ -126,11 +126,11 @@ class AuxiliaryLoads:
                 LoadInput(node, load.name, topics, state.latched, given.resubscribe_after)
             )
         self._account = AuxiliaryAccount(loads, sources, given.meter_max_gap) if loads else None
-        ledger.auxiliary = self._account
+        account.auxiliary = self._account
         for sentence in given.unknown_loads(loads):
             node.get_logger().warning(sentence)
         self.inputs = [
-            (inbox, load.ingest.meter.account)
+            (inbox, load.ingest.meter.rejections)
             for load in self.loads
             if load.ingest.meter is not None
             for inbox in load.meters
@@ -153,7 +153,7 @@ class AuxiliaryLoads:
                     f"auxiliary.{load.name}",
                     [
                         (
-                            reader.account,
+                            reader.rejections,
                             messages_in([part[i.topic] for i in inboxes if i.topic in part]),
                         )
                         for reader, inboxes in load.readers

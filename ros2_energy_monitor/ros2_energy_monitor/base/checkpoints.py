@@ -54,7 +54,7 @@ class Checkpoints:
     Args:
         node: The node.
         model: The robot's model.
-        ledger: The energy account.
+        account: The energy account.
         folder: Where the state files lie; None keeps nothing.
         period: Between two checkpoints. [s]
         encode: Gives the message of the registers, marked as persisted or not.
@@ -65,14 +65,14 @@ class Checkpoints:
         self,
         node: Node,
         model: RobotModel,
-        ledger: EnergyAccount,
+        account: EnergyAccount,
         folder: Path | None,
         period: float,
         encode: Callable[[bool], Any],
         publish: Callable[[Any], None],
     ) -> None:
         self._node, self._log = node, node.get_logger()
-        self._ledger = ledger
+        self._account = account
         self._period = period
         self._encode, self._publish = encode, publish
         self._arguments = (model, folder)
@@ -96,7 +96,7 @@ class Checkpoints:
         model, folder = self._arguments
         submit = _timed(self._thread, self._durations)
         owner = self._node.get_fully_qualified_name()
-        self.store = load_account(self._ledger, model, folder, submit, owner)
+        self.store = load_account(self._account, model, folder, submit, owner)
         self.store.open(OPENING)
         self._log_news()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -165,9 +165,9 @@ class Checkpoints:
             "checkpoint_failures": store.failures,
             "checkpoint_duration_p50_s": float(np.quantile(durations, 0.5)),
             "checkpoint_duration_p99_s": float(np.quantile(durations, 0.99)),
-            "restarts": self._ledger.restarts,
-            "samples_repeated": self._ledger.repeated,
-            "intervals_open": self._ledger.intervals.open_count,
+            "restarts": self._account.restarts,
+            "samples_repeated": self._account.repeated,
+            "intervals_open": self._account.intervals.open_count,
         }
         if waiting > LATE_PERIODS * self._period:
             found.add(

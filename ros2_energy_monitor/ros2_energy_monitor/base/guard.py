@@ -85,11 +85,11 @@ class Guard:
         Returns:
             What the work gives; None after an exception.
         """
-        kept = [(account, account.copy(), arrived) for account, arrived in accounts]
+        kept = [(rejections, rejections.copy(), arrived) for rejections, arrived in accounts]
 
         def lose() -> None:
-            for account, before, arrived in kept:
-                account.lose(before, arrived, INTERNAL_ERROR)
+            for rejections, before, arrived in kept:
+                rejections.lose(before, arrived, INTERNAL_ERROR)
             restart()
 
         return self.run(path, work, lose)

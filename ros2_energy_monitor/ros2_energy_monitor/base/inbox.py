@@ -159,16 +159,16 @@ class Inbox:
             return [now] * len(received)
         return [time if 0 < time <= now else now for time in received]
 
-    def discard(self, account: RejectionLog) -> None:
+    def discard(self, rejections: RejectionLog) -> None:
         """Take every message that waits and count it as rejected, since the node is inactive.
 
         Args:
-            account: Account of the input that these messages would have gone to.
+            rejections: Account of the input that these messages would have gone to.
         """
         batch = self.drain()
         if batch is not None:
-            account.received += len(batch)
-            account.reject(INACTIVE, len(batch))
+            rejections.received += len(batch)
+            rejections.reject(INACTIVE, len(batch))
 
     def renew_after(self, seconds: float) -> None:
         """Change the silence after which to subscribe again, where there is one.

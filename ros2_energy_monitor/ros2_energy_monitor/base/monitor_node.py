@@ -256,8 +256,8 @@ class MonitorNode(ManagedNode, Generic[P]):
         return [batch for batch in batches if batch is not None]
 
     def _discard(self) -> None:
-        for inbox, account in self.inputs:
-            self.guard.run(f"queue.{inbox.topic}", partial(inbox.discard, account))
+        for inbox, rejections in self.inputs:
+            self.guard.run(f"queue.{inbox.topic}", partial(inbox.discard, rejections))
 
 
 def hardware_id(model: RobotModel, namespace: str) -> str:

@@ -101,7 +101,7 @@ def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     )
     return Row(
         bag.name,
-        first.ledger.comparison.measured_energy,
+        first.account.comparison.measured_energy,
         _predicted(first),
         {degc: _predicted(result) for degc, result in fixed.items()},
         figure,
@@ -109,4 +109,4 @@ def _row(bag: Path, model: RobotModel, out: Path) -> Row:
 
 
 def _predicted(result: Replay) -> float:
-    return result.ledger.comparison.predicted_energy
+    return result.account.comparison.predicted_energy

@@ -13,28 +13,28 @@ from ros2_energy_monitor.diagnostics.inputs import accounting, counted
 from ros2_energy_monitor.diagnostics.reporter import STALE, WARN, Source, StatusBuilder
 
 
-def auxiliary_sources(ledger: EnergyAccount, loads: AuxiliaryLoads) -> list[Source]:
+def auxiliary_sources(account: EnergyAccount, loads: AuxiliaryLoads) -> list[Source]:
     """Check the loads; nothing where the model has none.
 
     Args:
-        ledger: The energy account, which counts them.
+        account: The energy account, which counts them.
         loads: Their topics.
 
     Returns:
         What makes the status.
     """
-    account = ledger.auxiliary
-    if account is None:
+    counted = account.auxiliary
+    if counted is None:
         return []
 
     def findings() -> StatusBuilder:
         found = StatusBuilder("auxiliary loads")
-        totals, now = ledger.totals(), ledger.end_ns
+        totals, now = account.totals(), account.end_ns
         stamps = np.array([] if now is None else [now], dtype=np.int64)
-        shown = account.shown(stamps)
+        shown = counted.shown(stamps)
         found.values["outlet_energy_j"] = totals.outlet_energy_microjoule * 1e-6
         found.values["outlet_time_s"] = totals.outlet_ns * 1e-9
-        for place, (curve, topics) in enumerate(zip(account.curves, loads.loads, strict=True)):
+        for place, (curve, topics) in enumerate(zip(counted.curves, loads.loads, strict=True)):
             name, total = curve.load.name, totals.auxiliary[curve.load.name]
             row = dict(zip(COLUMNS, shown[0, place].tolist(), strict=True)) if len(stamps) else {}
             state = int(row.get("state", UNKNOWN))
@@ -47,11 +47,11 @@ def auxiliary_sources(ledger: EnergyAccount, loads: AuxiliaryLoads) -> list[Sour
                 f"{name}.missing_count": total.missing_count,
             }
             if topics.ingest.state is not None:
-                found.values |= accounting(topics.ingest.state.account, f"{name}.state_")
+                found.values |= accounting(topics.ingest.state.rejections, f"{name}.state_")
                 found.values[f"{name}.state_unknown_numbers"] = curve.bad_states
             if topics.ingest.meter is not None:
-                found.values |= accounting(topics.ingest.meter.account, f"{name}.meter_")
-                found.values |= accounting(curve.curve.account, f"{name}.meter_readings_")
+                found.values |= accounting(topics.ingest.meter.rejections, f"{name}.meter_")
+                found.values |= accounting(curve.curve.rejections, f"{name}.meter_readings_")
                 found.values[f"{name}.meter_age_s"] = row.get("measurement_age", math.nan)
             if row:
                 _judge(found, curve, topics, Remark(int(row["remarks"])), row["measurement_age"])

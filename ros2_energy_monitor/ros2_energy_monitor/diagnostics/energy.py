@@ -55,7 +55,7 @@ def joint_state_source(
     Returns:
         What makes the status.
     """
-    accounts = [ingest.account, *(RejectionLog() for _ in inboxes[1:])]
+    accounts = [ingest.rejections, *(RejectionLog() for _ in inboxes[1:])]
     watches = [
         InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES)
         for inbox, account in zip(inboxes, accounts, strict=True)
@@ -153,10 +153,10 @@ def temperature_source(
         found.values |= {
             "input_age_s": min(ages, default=math.nan),
             "input_publishers": sum(inbox.publishers for inbox in inboxes),
-            **accounting(ingest.account),
+            **accounting(ingest.rejections),
             **_by_source(ingest),
             "joints_ignored": len(ingest.ignored_joints),
-            **accounting(stage.account, "readings_"),
+            **accounting(stage.rejections, "readings_"),
             **{
                 f"motor_temperature_degc.{name}": value
                 for name, value in zip(names, in_use, strict=True)
@@ -165,8 +165,8 @@ def temperature_source(
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
         for doubt in (*ingest.doubts, *ingest.clock_doubts(states, RECENT)):
             found.add(WARN, doubt)
-        if unknown and ingest.account.rejected and not ingest.account.accepted:
-            worst = ingest.account.rejected.most_common(1)[0][0]
+        if unknown and ingest.rejections.rejected and not ingest.rejections.accepted:
+            worst = ingest.rejections.rejected.most_common(1)[0][0]
             found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
         elif len(unknown) == len(names):
             have = ", which has no publisher" if absent == inboxes and len(inboxes) == 1 else ""
@@ -268,7 +268,7 @@ def stray_stamps(epochs: EpochSplitter, what: str, found: StatusBuilder) -> None
 
 
 def energy_source(
-    ledger: EnergyAccount,
+    account: EnergyAccount,
     meter: Sequence[Inbox],
     readings: MeterIngest,
     meter_timeout: float,
@@ -277,7 +277,7 @@ def energy_source(
     """Check the energy account and the meter.
 
     Args:
-        ledger: The energy account.
+        account: The energy account.
         meter: Where meter readings arrive: one topic, voltage and current, or none.
         readings: What became of them.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
@@ -291,7 +291,7 @@ def energy_source(
         (
             name,
             InputWatch(
-                "meter reading", inbox, readings.account, lambda: meter_timeout, needed=False
+                "meter reading", inbox, readings.rejections, lambda: meter_timeout, needed=False
             ),
         )
         for name, inbox in zip(names, meter, strict=False)
@@ -303,12 +303,12 @@ def energy_source(
         found = StatusBuilder("energy")
         for check in inputs:
             check(found)
-        wrong = watch_of_time.check(ledger.registers.time)
+        wrong = watch_of_time.check(account.registers.time)
         if wrong:
             found.add(ERROR, wrong)
         for name, watch in watches:
             watch.check(found, name)
-        time, comparison = ledger.registers.time, ledger.comparison
+        time, comparison = account.registers.time, account.comparison
         residual = comparison.predicted_energy - comparison.measured_energy
         measured = comparison.measured_energy
         found.values |= {
@@ -319,35 +319,35 @@ def energy_source(
             "comparison_time_s": comparison.compared_ns * 1e-9,
             "residual_energy_j": residual if comparison.compared_ns else math.nan,
             "residual_share": residual / abs(measured) if measured else math.nan,
-            "residual_share_last_minute": ledger.judgement.residual_share,
+            "residual_share_last_minute": account.judgement.residual_share,
             "meter_counter_resets": comparison.curve.counter.resets,
             "meter_counter_wraps": comparison.curve.counter.wraps,
-            **accounting(comparison.curve.account, "meter_readings_"),
-            "extrapolated_share": _share(ledger, Quality.EXTRAPOLATED),
-            "drive_extrapolated_share": _share(ledger, Quality.DRIVE_EXTRAPOLATED),
-            "temperature_missing_share": _share(ledger, Quality.TEMPERATURE_MISSING),
-            "temperature_stale_share": _share(ledger, Quality.TEMPERATURE_STALE),
-            "temperature_stuck_share": _share(ledger, Quality.TEMPERATURE_STUCK),
-            "not_finite_share": _share(ledger, Quality.NOT_FINITE),
+            **accounting(comparison.curve.rejections, "meter_readings_"),
+            "extrapolated_share": _share(account, Quality.EXTRAPOLATED),
+            "drive_extrapolated_share": _share(account, Quality.DRIVE_EXTRAPOLATED),
+            "temperature_missing_share": _share(account, Quality.TEMPERATURE_MISSING),
+            "temperature_stale_share": _share(account, Quality.TEMPERATURE_STALE),
+            "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
+            "not_finite_share": _share(account, Quality.NOT_FINITE),
         }
-        if ledger.quality[Quality.NOT_FINITE]:
+        if account.quality[Quality.NOT_FINITE]:
             found.add(
-                WARN, f"the power of {ledger.quality[Quality.NOT_FINITE]} samples is not finite"
+                WARN, f"the power of {account.quality[Quality.NOT_FINITE]} samples is not finite"
             )
-        for sentence in ledger.judgement.findings(comparison) + readings.clock_doubts(RECENT):
+        for sentence in account.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found
 
     return findings
 
 
-def _share(ledger: EnergyAccount, bit: Quality) -> float:
-    return ledger.quality[bit] / ledger.samples if ledger.samples else math.nan
+def _share(account: EnergyAccount, bit: Quality) -> float:
+    return account.quality[bit] / account.samples if account.samples else math.nan
 
 
 def _by_source(ingest: TemperatureIngest) -> dict[str, Number]:
     """Accounts of the sources by name, where there are several."""
     values: dict[str, Number] = {}
     for reader in ingest.readers if len(ingest.readers) > 1 else ():
-        values |= accounting(reader.account, f"{reader.name}.")
+        values |= accounting(reader.rejections, f"{reader.name}.")
     return values

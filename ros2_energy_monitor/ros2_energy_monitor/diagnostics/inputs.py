@@ -31,7 +31,7 @@ class InputWatch:
     Args:
         what: What the input brings, such as ``joint state``.
         inbox: Where it arrives.
-        account: What became of it.
+        rejections: What became of it.
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
         remedy: What to do where nobody publishes it.
@@ -41,12 +41,12 @@ class InputWatch:
         self,
         what: str,
         inbox: Inbox,
-        account: RejectionLog,
+        rejections: RejectionLog,
         timeout: Callable[[], float],
         needed: bool = True,
         remedy: str = "",
     ) -> None:
-        self._what, self._inbox, self._account = what, inbox, account
+        self._what, self._inbox, self._rejections = what, inbox, rejections
         self._remedy = remedy
         self._timeout, self._needed = timeout, needed
         self._before = _Counts()
@@ -59,10 +59,10 @@ class InputWatch:
             found: Status to which they are added.
             prefix: Before every key, where a status has several inputs.
         """
-        inbox, account, before = self._inbox, self._account, self._before
+        inbox, rejections, before = self._inbox, self._rejections, self._before
         after = _Counts(
-            account.received,
-            dict(account.rejected),
+            rejections.received,
+            dict(rejections.rejected),
             inbox.overflows,
             inbox.lost,
             inbox.mismatches,
@@ -71,7 +71,7 @@ class InputWatch:
         found.values |= {
             f"{prefix}input_age_s": inbox.age,
             f"{prefix}input_publishers": inbox.publishers,
-            **accounting(account, prefix),
+            **accounting(rejections, prefix),
             f"{prefix}lost_in_transport": inbox.lost,
             f"{prefix}queue_overflows": inbox.overflows,
             f"{prefix}subscription_renewals": inbox.renewals,
@@ -151,16 +151,16 @@ def counted(inbox: Inbox) -> str:
     return f"{number or 'no'} publisher{'s' if number > 1 else ''}"
 
 
-def accounting(account: RejectionLog, prefix: str = "") -> dict[str, Number]:
+def accounting(rejections: RejectionLog, prefix: str = "") -> dict[str, Number]:
     """Return received messages, and what sums to them: accepted, waiting, rejected by reason.
 
     Args:
-        account: What became of the messages.
+        rejections: What became of the messages.
         prefix: Before every key, where a status has several accounts.
     """
     return {
-        f"{prefix}received": account.received,
-        f"{prefix}accepted": account.accepted,
-        f"{prefix}waiting": account.waiting,
-        **{f"{prefix}rejected.{reason}": count for reason, count in account.rejected.items()},
+        f"{prefix}received": rejections.received,
+        f"{prefix}accepted": rejections.accepted,
+        f"{prefix}waiting": rejections.waiting,
+        **{f"{prefix}rejected.{reason}": count for reason, count in rejections.rejected.items()},
     }

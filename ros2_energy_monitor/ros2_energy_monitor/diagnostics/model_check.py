@@ -126,7 +126,7 @@ class ModelCheck:
         torque = [one.torque for one in outputs if one.torque is not None]
         power = [one.power for one in outputs if one.power is not None]
         meter = [one.meter for one in outputs if one.meter is not None]
-        stage, ledger = self._pipeline.torque, self._pipeline.ledger
+        stage, account = self._pipeline.torque, self._pipeline.account
         stuck = zip(self._model.joint_names, self._pipeline.power.watch.stuck, strict=True)
         return {
             "model": self._model,
@@ -138,10 +138,10 @@ class ModelCheck:
             "carried": stage.robot.payload,
             "remarks": {
                 "temperatures": tuple(self._temperatures.doubts)
-                if self._temperatures.account.accepted
+                if self._temperatures.rejections.accepted
                 else None,
                 "stuck": tuple(name for name, is_so in stuck if is_so),
-                "meter": tuple(ledger.judgement.findings(ledger.comparison)),
+                "meter": tuple(account.judgement.findings(account.comparison)),
                 "effort_factors": stage.effort_check.factors(),
             },
         }

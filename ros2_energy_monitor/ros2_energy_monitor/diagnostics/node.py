@@ -105,15 +105,15 @@ def unbalanced(inputs: Iterable[tuple[Inbox, RejectionLog]]) -> list[str]:
         inputs: Every inbox with its account; several inboxes may share one.
     """
     accounts: dict[int, tuple[RejectionLog, list[Inbox]]] = {}
-    for inbox, account in inputs:
-        accounts.setdefault(id(account), (account, []))[1].append(inbox)
+    for inbox, rejections in inputs:
+        accounts.setdefault(id(rejections), (rejections, []))[1].append(inbox)
     sentences: list[str] = []
-    for account, inboxes in accounts.values():
-        drained, rejected = sum(inbox.received for inbox in inboxes), account.rejected.total()
-        if not (account.balanced and drained == account.received):
+    for rejections, inboxes in accounts.values():
+        drained, rejected = sum(inbox.received for inbox in inboxes), rejections.rejected.total()
+        if not (rejections.balanced and drained == rejections.received):
             sentences.append(
                 f"accounting of {', '.join(inbox.topic for inbox in inboxes)} does not add up: "
-                f"{drained} messages taken, {account.received} received, "
-                f"{account.accepted} accepted, {rejected} rejected, {account.waiting} waiting"
+                f"{drained} messages taken, {rejections.received} received, "
+                f"{rejections.accepted} accepted, {rejected} rejected, {rejections.waiting} waiting"
             )
     return sentences

@@ -30,7 +30,7 @@ class TimeWatch:
         """Return what does not add up since the last call; there must never be anything.
 
         Args:
-            time: The account of a ledger.
+            time: The coverage of an energy account.
         """
         now = _Account(time.start_ns, time.end_ns, time.jumps, time.observed_ns + time.gap_ns)
         before, self._before = self._before, now

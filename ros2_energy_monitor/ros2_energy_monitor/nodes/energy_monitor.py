@@ -73,8 +73,8 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self._loads = AuxiliaryLoads(self, self.parameters, self.ledger)
-        self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
+        self._loads = AuxiliaryLoads(self, self.parameters, self.account)
+        self._account_publisher = AccountPublisher(self, self.model, self.account, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
         self._condition = ConditionPublisher(
@@ -96,7 +96,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self.model,
                 lambda: self._pipeline.torque.next_payload,
                 lambda: self._pipeline.friction.latest().motor_temperature_degc[0],
-                lambda: self.ledger.calibration.state(),
+                lambda: self.account.calibration.state(),
             )
             self.exit_stack.callback(prediction.close)
             prediction.open()
@@ -112,9 +112,9 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.exit_stack.callback(self._model_check.close)
         self.log_inventory(self._pipeline.torque.robot)
         self.inputs = [
-            *((inbox, self.ingest.account) for inbox in states),
+            *((inbox, self.ingest.rejections) for inbox in states),
             *temperature_inputs(self._temperature, self.temperatures),
-            *((inbox, self._meter.account) for inbox in self.readings),
+            *((inbox, self._meter.rejections) for inbox in self.readings),
             *self._loads.inputs,
         ]
         self.orders = [self.ingest.order]
@@ -133,7 +133,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self.ingest,
             ),
             energy_source(
-                self.ledger,
+                self.account,
                 self.readings,
                 self._meter,
                 self.parameters.meter_max_gap,
@@ -143,7 +143,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                     lambda: self._temperature.ahead_ns(self.ingest),
                 ),
             ),
-            *auxiliary_sources(self.ledger, self._loads),
+            *auxiliary_sources(self.account, self._loads),
             self._account_publisher.checkpoints.findings,
             self._condition.findings,
             self._model_check.findings,
@@ -156,9 +156,9 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction.publish(self._friction_writer.encode(self._pipeline.friction.latest()))
 
     @property
-    def ledger(self) -> EnergyAccount:
+    def account(self) -> EnergyAccount:
         """The energy account."""
-        return self._pipeline.ledger
+        return self._pipeline.account
 
     def parameters_changed(self) -> None:
         """Use the parameters that can change while active."""
@@ -185,7 +185,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._check_model(
             self.guard.feed(
                 "meter",
-                [(self._meter.account, messages_in(readings))],
+                [(self._meter.rejections, messages_in(readings))],
                 lambda: self._pipeline.step(meter=self._meter.step(readings)),
                 self._meter.restart,
             )
@@ -218,7 +218,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._publish(
             self.guard.feed(
                 "joint_states",
-                [(self.ingest.account, arrived)],
+                [(self.ingest.rejections, arrived)],
                 lambda: self._pipeline.step(take()),
                 self._restart,
             )

@@ -57,9 +57,9 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
-        self.ledger = EnergyAccount(len(self.model.joints), settings)
-        self._loads = AuxiliaryLoads(self, self.parameters, self.ledger)
-        self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
+        self.account = EnergyAccount(len(self.model.joints), settings)
+        self._loads = AuxiliaryLoads(self, self.parameters, self.account)
+        self._account_publisher = AccountPublisher(self, self.model, self.account, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
         self._condition = ConditionPublisher(
@@ -80,16 +80,16 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self, self.parameters, self.parameters.resubscribe_after
         )
         self.inputs = [
-            (self.torques, self._torque.account),
-            (self.frictions, self._friction.account),
-            *((inbox, self._meter.account) for inbox in self.readings),
+            (self.torques, self._torque.rejections),
+            (self.frictions, self._friction.rejections),
+            *((inbox, self._meter.rejections) for inbox in self.readings),
             *self._loads.inputs,
         ]
         self.orders = [self._torque.order]
         torque = InputWatch(
             "joint torque",
             self.torques,
-            self._torque.account,
+            self._torque.rejections,
             lambda: self.parameters.input_timeout,
             remedy="start torque_monitor",
         )
@@ -97,13 +97,13 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         friction = InputWatch(
             "joint friction",
             self.frictions,
-            self._friction.account,
+            self._friction.rejections,
             lambda: math.inf,
             remedy="start friction_monitor",
         )
         self.sources = [
             energy_source(
-                self.ledger,
+                self.account,
                 self.readings,
                 self._meter,
                 self.parameters.meter_max_gap,
@@ -113,7 +113,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 fallback_temperatures(self._stage.fallback_use, self._friction_ahead_ns),
                 self._clocks,
             ),
-            *auxiliary_sources(self.ledger, self._loads),
+            *auxiliary_sources(self.account, self._loads),
             self._account_publisher.checkpoints.findings,
             self._condition.findings,
         ]
@@ -138,19 +138,19 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._loads.take(self._loads.drain())
         self.guard.feed(
             "joint_friction",
-            [(self._friction.account, messages_in(frictions))],
+            [(self._friction.rejections, messages_in(frictions))],
             lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
             self._friction.restart,
         )
         self.guard.feed(
             "meter",
-            [(self._meter.account, messages_in(readings))],
+            [(self._meter.rejections, messages_in(readings))],
             lambda: self._use_meter(self._meter.step(readings)),
             self._meter.restart,
         )
         means = self.guard.feed(
             "joint_torque",
-            [(self._torque.account, messages_in(torques))],
+            [(self._torque.rejections, messages_in(torques))],
             lambda: [self._use_torque(self._torque.decode(batch)) for batch in torques],
             self._restart,
         )
@@ -174,7 +174,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         )
         last = self.guard.run("joint_torque", lambda: self._book(self._stage.flush()))
         self._publish(last)
-        self._publish(self.guard.run("joint_torque", self.ledger.flush))
+        self._publish(self.guard.run("joint_torque", self.account.flush))
         self.guard.run("registers", self._account_publisher.deactivate)
 
     def _clocks(self, found: StatusBuilder) -> None:
@@ -195,14 +195,14 @@ class PowerMonitor(MonitorNode[PowerParameters]):
 
     def _use_meter(self, meter: MeterBlock | None) -> None:
         if meter is not None:
-            self.ledger.measure(meter)
+            self.account.measure(meter)
             self._stage.condition.measure(meter)
 
     def _use_torque(self, torque: TorqueBlock | None) -> MeanBlock | None:
         return None if torque is None else self._book(self._stage.step(torque))
 
     def _book(self, power: PowerBlock | None) -> MeanBlock | None:
-        return None if power is None else self.ledger.step(power)
+        return None if power is None else self.account.step(power)
 
     def _restart(self) -> None:
         self._torque.restart()

@@ -55,7 +55,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self.log_inventory(self.stage.robot)
         inboxes = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = inboxes
-        self.inputs = [(inbox, self.ingest.account) for inbox in inboxes]
+        self.inputs = [(inbox, self.ingest.rejections) for inbox in inboxes]
         self.orders = [self.ingest.order]
         self.sources = [
             joint_state_source(
@@ -82,7 +82,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             joints = take()
             return None if joints is None else self.stage.step(joints)
 
-        accounts = [(self.ingest.account, arrived)]
+        accounts = [(self.ingest.rejections, arrived)]
         self._publish(self.guard.feed("joint_states", accounts, torque, self._restart))
 
     def _restart(self) -> None:

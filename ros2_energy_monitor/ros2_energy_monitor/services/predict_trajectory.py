@@ -170,10 +170,10 @@ def predicted(
         progress=progress,
         max_samples=MAX_SAMPLES,
     )
-    ledger, energy = result.ledger, result.ledger.registers
+    account, energy = result.account, result.account.registers
     observed = energy.time.observed_ns * NANOSECOND
-    ledger.calibration.restore(calibration)
-    band = ledger.energy_band
+    account.calibration.restore(calibration)
+    band = account.energy_band
     imported, returned = energy.cabinet("grid_import"), energy.cabinet("grid_return")
     where = ", ".join(result.extrapolated)
     outside = f"; friction of {where} was not identified at that temperature" if where else ""
@@ -187,7 +187,7 @@ def predicted(
         "band": int(band.kind),
         "predicted_return_energy": returned,
         "brake_energy": energy.cabinet("brake"),
-        "predicted_peak_power": ledger.peak_power,
+        "predicted_peak_power": account.peak_power,
         "predicted_mean_power": (imported - returned) / observed if observed else math.nan,
         "joints": _joints(energy, model.joint_names),
         "motor_temperature_degc": degc.tolist(),

@@ -22,11 +22,11 @@ R = TypeVar("R")
 
 
 class RegisterServices:
-    """Answers the services of one ledger; what they change is on disk before they answer.
+    """Answers the services of one energy account; what they change is on disk before they answer.
 
     Args:
         node: The node that serves.
-        ledger: The energy account.
+        account: The energy account.
         checkpoints: Bring them to disk.
         joint_names: Joints in model order.
     """
@@ -34,11 +34,11 @@ class RegisterServices:
     def __init__(
         self,
         node: Node,
-        ledger: EnergyAccount,
+        account: EnergyAccount,
         checkpoints: Checkpoints,
         joint_names: Sequence[str],
     ) -> None:
-        self._node, self._ledger, self._checkpoints = node, ledger, checkpoints
+        self._node, self._account, self._checkpoints = node, account, checkpoints
         self._names = joint_names
 
     def open(self) -> None:
@@ -53,15 +53,15 @@ class RegisterServices:
 
     def _reset(self, request: Any, response: Any) -> Any:
         def change() -> str:
-            before = self._ledger.registers.cabinet("grid_import")
-            self._ledger.reset(request.reason)
+            before = self._account.registers.cabinet("grid_import")
+            self._account.reset(request.reason)
             return f"the registers begin at zero; they had counted {before:.1f} J from the grid"
 
         return self._change(response, change)
 
     def _open(self, request: Any, response: Any) -> Any:
         def change() -> str:
-            interval = self._ledger.open_interval(request.name)
+            interval = self._account.open_interval(request.name)
             response.interval = self._message(interval)
             return f"interval {interval.interval_id} '{interval.name}' is open"
 
@@ -69,15 +69,15 @@ class RegisterServices:
 
     def _close(self, request: Any, response: Any) -> Any:
         def change() -> str:
-            interval = self._ledger.close_interval(request.name, request.id)
+            interval = self._account.close_interval(request.name, request.id)
             response.interval = self._message(interval)
             return f"interval {interval.interval_id} '{interval.name}' is closed"
 
         return self._change(response, change)
 
     def _list(self, request: Any, response: Any) -> Any:
-        response.energy_start = _time(self._ledger.start_ns or 0)
-        response.intervals = [self._message(one) for one in self._ledger.list_intervals()]
+        response.energy_start = _time(self._account.start_ns or 0)
+        response.intervals = [self._message(one) for one in self._account.list_intervals()]
         return response
 
     def _change(self, response: Any, change: Callable[[], str]) -> Any:
@@ -98,7 +98,7 @@ class RegisterServices:
         return response
 
     def _message(self, interval: record.EnergyInterval) -> EnergyInterval:
-        fields = interval_fields(interval, self._names, self._ledger.calibration)
+        fields = interval_fields(interval, self._names, self._account.calibration)
         joints = [JointEnergy(**joint) for joint in fields.pop("joints")]
         loads = [LoadEnergy(**load) for load in fields.pop("auxiliary")]
         start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))

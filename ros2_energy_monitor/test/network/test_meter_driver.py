@@ -66,9 +66,9 @@ def test_a_monitor_reads_the_energy_without_settings(bench, modbus):
     bench.add(
         MeterDriver, profile="siemens_pac2200", host="127.0.0.1", port=server.port, period=0.05
     )
-    curve = monitor.ledger.comparison.curve
-    bench.spin_until(lambda: curve.account.accepted >= 3, "accepted readings")
-    assert curve.account.accepted == curve.account.received
+    curve = monitor.account.comparison.curve
+    bench.spin_until(lambda: curve.rejections.accepted >= 3, "accepted readings")
+    assert curve.rejections.accepted == curve.rejections.received
 
 
 def test_a_meter_without_energy_gives_power_where_monitors_look(bench, http_meter, tmp_path):

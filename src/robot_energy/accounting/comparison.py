@@ -202,7 +202,7 @@ class Comparison(ExactSum):
                 self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
-                self._led = int(stamp_ns[stop]), self.curve.account.accepted
+                self._led = int(stamp_ns[stop]), self.curve.rejections.accepted
         done.append(self._advance())
         self._note_idle(int(stamp_ns[0]), int(stamp_ns[-1]), any(map(len, done)))
         return Compared.concatenate(done)
@@ -217,7 +217,7 @@ class Comparison(ExactSum):
         newest = self.curve.newest_ns
         waited = (
             now_ns - since_ns > ALONE_NS
-            and self.curve.account.accepted - readings >= ALONE_READINGS
+            and self.curve.rejections.accepted - readings >= ALONE_READINGS
         )
         if waited and newest is not None and abs(newest - now_ns) < NEAR_NS:
             epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
@@ -250,7 +250,7 @@ class Comparison(ExactSum):
         idle = self.idle or Idle(first_ns, first_ns, 0, 0, None)
         ahead_ns = None if curve.newest_ns is None else curve.newest_ns - newest_ns
         if compared or newest_ns < idle.since_ns:
-            self.idle = Idle(newest_ns, newest_ns, curve.account.accepted, curve.gaps, ahead_ns)
+            self.idle = Idle(newest_ns, newest_ns, curve.rejections.accepted, curve.gaps, ahead_ns)
         else:
             self.idle = replace(idle, until_ns=newest_ns, ahead_ns=ahead_ns)
         if ahead_ns is None or ahead_ns <= EARLY_NS:

@@ -134,7 +134,7 @@ class MeterDiagnostics:
         idle, curve = comparison.idle, comparison.curve
         if idle is None or idle.ahead_ns is None:
             return ""
-        readings = curve.account.accepted - idle.readings
+        readings = curve.rejections.accepted - idle.readings
         silent = idle.until_ns - idle.since_ns > IDLE_NS and readings >= READINGS
         period_ns = curve.spacing_ns or 0
         apart = silent and (idle.ahead_ns > EARLY_NS or -idle.ahead_ns > EARLY_NS + period_ns)
@@ -195,10 +195,10 @@ class MeterDiagnostics:
 def _refused(comparison: Comparison) -> str:
     """Whether many readings are beyond any power."""
     curve = comparison.curve
-    count = curve.account.rejected["meter_implausible"]
-    if count < READINGS or count < REFUSED_SHARE * curve.account.received:
+    count = curve.rejections.rejected["meter_implausible"]
+    if count < READINGS or count < REFUSED_SHARE * curve.rejections.received:
         return ""
     return (
-        f"{count} of {curve.account.received} readings of the meter say or imply more than "
+        f"{count} of {curve.rejections.received} readings of the meter say or imply more than "
         "max_power: is its unit right?"
     )

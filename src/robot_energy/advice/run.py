@@ -240,9 +240,9 @@ def _recorded(
     progress: Callable[[float], None] | None = options.get("progress")
     given: dict[str, Any] = {**options, "progress": progress}
     result = run_replay(path, model, on_output=sums.take, keep_compared=True, **given)
-    at_grid = result.ledger.comparison.location is MeterLocation.GRID
+    at_grid = result.account.comparison.location is MeterLocation.GRID
     found = sums.evidence(result.compared if result.topics.meter and at_grid else [])
-    time = result.ledger.registers.time
+    time = result.account.registers.time
     found.start_ns, found.end_ns = time.start_ns, time.end_ns
     found.measured_temperature = bool(result.topics.temperatures)
     found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]

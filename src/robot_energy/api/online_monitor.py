@@ -189,7 +189,7 @@ class OnlineMonitor:
     @property
     def account(self) -> EnergyAccount:
         """Registers, phases and the comparison with the meter."""
-        return self.pipeline.ledger
+        return self.pipeline.account
 
     @property
     def energy(self) -> EnergyBreakdown:
@@ -200,9 +200,9 @@ class OnlineMonitor:
     def rejected(self) -> dict[str, dict[str, int]]:
         """How many inputs were refused, by input and reason."""
         accounts = {
-            "joint_states": (self._joints.account,),
-            "temperatures": (self._temperatures.account, self.pipeline.friction.account),
-            "meter": (self._meter.account, self.account.comparison.curve.account),
+            "joint_states": (self._joints.rejections,),
+            "temperatures": (self._temperatures.rejections, self.pipeline.friction.rejections),
+            "meter": (self._meter.rejections, self.account.comparison.curve.rejections),
         }
         return {
             name: {reason: count for one in both for reason, count in one.rejected.items() if count}

@@ -188,7 +188,7 @@ def remarks_of(result: Replay) -> Remarks:
     Args:
         result: The replay, at its end.
     """
-    account = result.joint_states.account
+    account = result.joint_states.rejections
     stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
     return Remarks(
         tuple(result.problems),
@@ -196,7 +196,7 @@ def remarks_of(result: Replay) -> Remarks:
         if result.temperatures.topics
         else None,
         tuple(name for name, is_so in stuck if is_so),
-        tuple(result.ledger.judgement.findings(result.ledger.comparison)),
+        tuple(result.account.judgement.findings(result.account.comparison)),
         result.pipeline.torque.effort_check.factors(),
         tuple(result.joint_states.stream_findings()),
         {

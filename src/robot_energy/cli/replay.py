@@ -185,7 +185,7 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     if not curves:
         raise ReportError(f"{first.bag} gave no two samples in a row", "something to plot")
     measured = curves[0].role == "measured"
-    at_bus = measured and first.ledger.comparison.location is MeterLocation.DC_BUS
+    at_bus = measured and first.account.comparison.location is MeterLocation.DC_BUS
     title = f"{first.model.robot.type}, model {first.model.model_id}, {Path(first.bag).name}"
     if first.origin:
         title = f"{title}\n{first.origin}"

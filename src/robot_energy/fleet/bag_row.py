@@ -167,7 +167,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
             taker(output)
 
     result = run_replay(path, model, on_output=take, keep_compared=True, **options)
-    report, totals = replay_report(result), result.ledger.totals()
+    report, totals = replay_report(result), result.account.totals()
     rows = joints.table(result.pipeline.power.condition.wear)
     start_ns = report.time.start_ns
     day = UNKNOWN_DATE
@@ -209,7 +209,7 @@ def _common(bag: FleetBag, bag_hash: str | None) -> Row:
 
 def _counted(result: Replay, report: ReplayReport, totals: Totals) -> Row:
     """Registers, phases, comparison and quality of the whole bag."""
-    account, compared = result.ledger, totals.compared_ns > 0
+    account, compared = result.account, totals.compared_ns > 0
     phases: Row = {}
     for phase in Phase:
         name = phase.name.lower()

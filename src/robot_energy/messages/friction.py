@@ -113,6 +113,6 @@ class FrictionReader(ModelMessageReader[FrictionBlock]):
     ) -> FrictionBlock | None:
         """Bring the account up to date."""
         found = [block for block in (first, joined(runs)) if block is not None and len(block)]
-        self.account.accepted += sum(map(len, found))
-        self.account.waiting = self._stream.waiting
+        self.rejections.accepted += sum(map(len, found))
+        self.rejections.waiting = self._stream.waiting
         return FrictionBlock.concatenate(found) if found else None

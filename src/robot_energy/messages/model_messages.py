@@ -33,7 +33,7 @@ class ModelMessageReader(Generic[B]):
         reach: Of the stream.
 
     Attributes:
-        account: Received, accepted and rejected messages.
+        rejections: Received, accepted and rejected messages.
         epochs: Jumps and outliers of the stamps.
     """
 
@@ -46,8 +46,8 @@ class ModelMessageReader(Generic[B]):
         fields: Sequence[str],
         reach: Reach,
     ) -> None:
-        self.account = RejectionLog()
-        self._stream = StreamSplitter[B](reach, self.account.reject)
+        self.rejections = RejectionLog()
+        self._stream = StreamSplitter[B](reach, self.rejections.reject)
         self.epochs = self._stream.epochs
         self._identity = (tuple(joint_names), model_id)
         self._arrays = tuple(arrays)
@@ -63,20 +63,20 @@ class ModelMessageReader(Generic[B]):
 
     def _read(self, batch: RawBatch) -> B | None:
         """Return the usable messages of a batch in order of arrival, or None if there are none."""
-        self.account.received += len(batch)
+        self.rejections.received += len(batch)
         decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
+        self.rejections.reject("malformed", len(decoded.malformed))
         blocks: list[B] = []
         rows: list[NDArray[np.int64]] = []
         for run in decoded.runs:
             arrays = {name: run.array(name) for name in self._arrays}
             if (run.columns["joint_names"], run.columns["model_id"]) != self._identity:
-                self.account.reject("other_model", len(run.rows))
+                self.rejections.reject("other_model", len(run.rows))
             elif any(array.shape[1] != len(self._identity[0]) for array in arrays.values()):
-                self.account.reject("wrong_length", len(run.rows))
+                self.rejections.reject("wrong_length", len(run.rows))
             else:
                 block, valid = self._block(run, arrays)
-                self.account.reject(BAD_STAMP, int((~valid).sum()))
+                self.rejections.reject(BAD_STAMP, int((~valid).sum()))
                 blocks.append(block[valid])
                 rows.append(run.rows[valid])
         if not any(map(len, blocks)):

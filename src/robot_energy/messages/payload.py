@@ -149,13 +149,13 @@ class PayloadReader:
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
-        account: Received, accepted and rejected messages.
+        rejections: Received, accepted and rejected messages.
         changes: What was accepted, in order of arrival.
         refused: Why the last refused message was, one sentence; empty if none was.
     """
 
     def __init__(self, set_payload: SetPayload, typestore: Typestore | None = None) -> None:
-        self.account = RejectionLog()
+        self.rejections = RejectionLog()
         self.changes: list[PayloadChange] = []
         self.refused = ""
         self._set_payload = set_payload
@@ -171,9 +171,9 @@ class PayloadReader:
         Args:
             batch: Serialised Payload messages.
         """
-        self.account.received += len(batch)
+        self.rejections.received += len(batch)
         decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
+        self.rejections.reject("malformed", len(decoded.malformed))
         rows = [
             (int(row), run, index) for run in decoded.runs for index, row in enumerate(run.rows)
         ]
@@ -182,15 +182,15 @@ class PayloadReader:
                 int(run.array(f"header.stamp.{part}")[index]) for part in ("sec", "nanosec")
             )
             if not is_valid_time(seconds, nanoseconds):
-                self.account.reject(BAD_STAMP)
+                self.rejections.reject(BAD_STAMP)
                 continue
             try:
                 from_ns = seconds * SECOND_NS + nanoseconds
                 self.changes.append(self._set_payload(self._body(run, index), from_ns))
-                self.account.accepted += 1
+                self.rejections.accepted += 1
             except RobotEnergyError as error:
                 self.refused = str(error)
-                self.account.reject("impossible_payload")
+                self.rejections.reject("impossible_payload")
 
     def _body(self, run: Run, index: int) -> Payload:
         """The payload of one message."""

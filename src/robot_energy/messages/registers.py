@@ -56,18 +56,18 @@ class RegistersWriter:
             },
         )
 
-    def encode(self, ledger: EnergyAccount, persisted: bool = False) -> NDArray[np.uint8] | None:
+    def encode(self, account: EnergyAccount, persisted: bool = False) -> NDArray[np.uint8] | None:
         """Return one serialised message, shape (1, size); None before the first sample.
 
         Args:
-            ledger: The books.
+            account: The energy account.
             persisted: Whether they are on disk as they stand.
         """
-        registers, comparison = ledger.registers, ledger.comparison
-        time, start_ns, end_ns = registers.time, ledger.start_ns, ledger.end_ns
+        registers, comparison = account.registers, account.comparison
+        time, start_ns, end_ns = registers.time, account.start_ns, account.end_ns
         if start_ns is None or end_ns is None:
             return None
-        compared, sure = comparison.compared_ns > 0, ledger.energy_band
+        compared, sure = comparison.compared_ns > 0, account.energy_band
         return self._encoder.encode(
             {
                 **stamp_columns(np.array([end_ns])),
@@ -87,18 +87,18 @@ class RegistersWriter:
                 "observed_time": time.observed_ns * NANOSECOND,
                 "gap_time": time.gap_ns * NANOSECOND,
                 "comparison_time": comparison.compared_ns * NANOSECOND,
-                "predicted_energy_learned": float(ledger.learned_energy_sum.joule[0]),
+                "predicted_energy_learned": float(account.learned_energy_sum.joule[0]),
                 "gap_count": np.uint64(time.gap_count),
                 **{
                     f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]
                     for name in JOINT_REGISTERS
                 },
                 **{
-                    f"joints.{SHAFT_FIELDS[name]}": ledger.shaft.joints(name)[None, :]
+                    f"joints.{SHAFT_FIELDS[name]}": account.shaft.joints(name)[None, :]
                     for name in SHAFT_REGISTERS
                 },
-                "joints.shaft_compared_time": ledger.shaft.compared_ns[None, :] * NANOSECOND,
-                **_load_columns(ledger),
+                "joints.shaft_compared_time": account.shaft.compared_ns[None, :] * NANOSECOND,
+                **_load_columns(account),
             },
             1,
         )
@@ -137,8 +137,8 @@ def outlet_fields(counted: Totals) -> dict[str, float]:
     }
 
 
-def _load_columns(ledger: EnergyAccount) -> dict[str, Any]:
-    totals, loads = ledger.totals(), ledger.auxiliary
+def _load_columns(account: EnergyAccount) -> dict[str, Any]:
+    totals, loads = account.totals(), account.auxiliary
     rows = load_fields(totals)
     kinds = {"missing_count": np.uint64}
     states = (loads.state_energy.joule, loads.state_ns * NANOSECOND) if loads else np.empty((2, 0))

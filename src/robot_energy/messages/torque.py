@@ -124,19 +124,19 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
 
     def _taken(self, runs: list[StreamRun[TorqueBlock]]) -> TorqueBlock | None:
         """Bring the account up to date and number the segments."""
-        self.account.waiting = self._stream.waiting
+        self.rejections.waiting = self._stream.waiting
         parts: list[TorqueBlock] = []
         for run in runs:
             fresh, again = newer(run.block.stamp_ns, None if run.new_epoch else self._newest_ns)
-            self.account.reject("duplicate_stamp", int(again.sum()))
-            self.account.reject(OLDER, int((~fresh & ~again).sum()))
+            self.rejections.reject("duplicate_stamp", int(again.sum()))
+            self.rejections.reject(OLDER, int((~fresh & ~again).sum()))
             if bool(fresh.any()):
                 parts.append(run.block[fresh])
                 self._newest_ns = int(parts[-1].stamp_ns[-1])
         if not parts:
             return None
         accepted = TorqueBlock.concatenate(parts)
-        self.account.accepted += len(accepted)
+        self.rejections.accepted += len(accepted)
         return self._renumbered(accepted)
 
     def _renumbered(self, block: TorqueBlock) -> TorqueBlock:

@@ -154,12 +154,12 @@ def _compared(
     model, sums = chain.model, DeviationSums(chain.model)
     degc = chain.motor_temperature_degc[0]
     result = predict(model, motion.planned(), degc, progress=progress, on_output=sums.take)
-    ledger = result.ledger
+    account = result.account
     if calibration is not None:
-        ledger.calibration.restore(calibration)
-    energy = ledger.registers.cabinet("grid_import") - ledger.registers.cabinet("grid_return")
+        account.calibration.restore(calibration)
+    energy = account.registers.cabinet("grid_import") - account.registers.cabinet("grid_return")
     half, columns, duration, peak = (
-        ledger.energy_band.half, sums.energy, result.duration, ledger.peak_power
+        account.energy_band.half, sums.energy, result.duration, account.peak_power
     )  # fmt: skip
     wrong = result.limits.sentences()
     if cycle_time > 0:

@@ -78,14 +78,14 @@ class RecordedPage:
         Args:
             result: Of the replay.
         """
-        ledger = result.ledger
-        rows = self._registers.encode(ledger)
+        account = result.account
+        rows = self._registers.encode(account)
         if rows is not None:
             self._robot.take_registers(_batch(ENERGY_REGISTERS, rows))
         self._robot.take_intervals(
             [
-                interval_fields(one, self._names, ledger.calibration)
-                for one in ledger.list_intervals()
+                interval_fields(one, self._names, account.calibration)
+                for one in account.list_intervals()
             ]
         )
         bad = [

@@ -62,7 +62,7 @@ class EnergyPipeline:
         self.torque = TorqueStage(model, settings)
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
-        self.ledger = EnergyAccount(len(model.joints), settings)
+        self.account = EnergyAccount(len(model.joints), settings)
         self._waiting: list[JointBlock] = []
         self._done_ns: int | None = None  # newest joint state that did not wait [ns]
 
@@ -123,14 +123,14 @@ class EnergyPipeline:
         if friction is not None:
             self.power.friction(friction)
         if meter is not None:
-            self.ledger.measure(meter)
+            self.account.measure(meter)
             self.power.condition.measure(meter)
         power = self.power.step(torque) if torque is not None else None
         means = self._count(power)
         return Output(torque, friction, power, means, meter)
 
     def _count(self, power: PowerBlock | None) -> MeanBlock | None:
-        return None if power is None else self.ledger.step(power)
+        return None if power is None else self.account.step(power)
 
     def restart(self) -> None:
         """Drop the samples that wait, as after an error; the account and the settings stay."""
@@ -160,6 +160,6 @@ class EnergyPipeline:
         ]
         blocks = [part for part in parts if part is not None]
         power = PowerBlock.concatenate(blocks) if blocks else None
-        means = [self._count(power), self.ledger.flush()]
+        means = [self._count(power), self.account.flush()]
         ended = [mean for mean in means if mean is not None]
         return Output(torque, None, power, MeanBlock.concatenate(ended) if ended else None)

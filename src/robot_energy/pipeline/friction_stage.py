@@ -47,7 +47,7 @@ class FrictionStage:
         model: The robot's model.
 
     Attributes:
-        account: Values of motors that arrived, that were used and that were not, by reason.
+        rejections: Values of motors that arrived, that were used and that were not, by reason.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -57,7 +57,7 @@ class FrictionStage:
         fallback = np.full(n_joints, model.temperature.fallback_degc)
         self._fallback = self._friction.viscous(fallback)
         self._judge = TemperatureFilter(n_joints)
-        self.account = RejectionLog()
+        self.rejections = RejectionLog()
 
     def initial(self) -> FrictionBlock:
         """Return the friction before any temperature is known, valid from the start."""
@@ -81,8 +81,8 @@ class FrictionStage:
             return None
         values, stamp = block.motor_temperature_degc, block.stamp_ns
         if self._judge.take_all(stamp, values):
-            self.account.received += values.size
-            self.account.accepted += values.size
+            self.rejections.received += values.size
+            self.rejections.accepted += values.size
             states = [
                 _State(at, row, np.full(len(row), at, dtype=np.int64), False)
                 for at, row in zip(stamp.tolist(), values, strict=True)
@@ -98,15 +98,15 @@ class FrictionStage:
     def _take(self, stamp: int, values: Float) -> bool:
         """Take one reading; each motor's value is received, accepted or rejected."""
         given = int((~np.isnan(values)).sum())
-        self.account.received += max(given, 1)
+        self.rejections.received += max(given, 1)
         if not given:
-            self.account.reject("temperature_not_finite")
+            self.rejections.reject("temperature_not_finite")
             return False
         before = self._judge.doubted
         counts = Counter[int](self._judge.take(stamp, values).tolist())
         for verdict, reason in REASONS.items():
-            self.account.reject(reason, counts[verdict])
-        self.account.accepted += counts[ReadingStatus.ACCEPTED]
+            self.rejections.reject(reason, counts[verdict])
+        self.rejections.accepted += counts[ReadingStatus.ACCEPTED]
         turned = bool((before != self._judge.doubted).any())
         return turned or bool(counts[ReadingStatus.ACCEPTED])
 

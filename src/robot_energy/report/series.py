@@ -57,7 +57,7 @@ def compared_series(
         Measured and predicted, or None where nothing was compared. Their last energies
         are those of the comparison.
     """
-    curve, start_ns = result.compared_curve, result.ledger.registers.time.start_ns
+    curve, start_ns = result.compared_curve, result.account.registers.time.start_ns
     return None if start_ns is None or curve is None else _pair(curve, start_ns, label, role)
 
 
@@ -104,7 +104,7 @@ def predicted_series(
     Returns:
         The curve, or None where there is nothing to show.
     """
-    curve, start_ns = result.predicted_curve, result.ledger.registers.time.start_ns
+    curve, start_ns = result.predicted_curve, result.account.registers.time.start_ns
     rows = None if curve is None else curve.rows()
     if rows is None or start_ns is None or not len(rows.end_ns):
         return None
@@ -135,10 +135,10 @@ def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[
 
 def _with_band(curve: Series, result: Replay) -> Series:
     """The curve with the band of the replay's energy, by the share of it that is shown."""
-    registers = result.ledger.registers
+    registers = result.account.registers
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     shown = abs(float(curve.energy[-1]) / net) if net else float("nan")
-    return replace(curve, energy_half=result.ledger.energy_band.half * shown)
+    return replace(curve, energy_half=result.account.energy_band.half * shown)
 
 
 def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int) -> Series:

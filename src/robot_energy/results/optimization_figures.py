@@ -62,7 +62,7 @@ def optimization_report(
     checked, broken = 0.0, list[str]()
     for row in degc:
         prediction = predict(model, motion, row, program)
-        registers = prediction.ledger.registers
+        registers = prediction.account.registers
         checked += registers.cabinet("grid_import") - registers.cabinet("grid_return")
         broken = prediction.limits.sentences()
         if broken and form.recorded:  # the robot has made this motion

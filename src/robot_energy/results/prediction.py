@@ -130,7 +130,7 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
         result: A prediction.
         motion: The program behind it.
     """
-    model, account = result.model, result.ledger
+    model, account = result.model, result.account
     temperature = result.motor_temperature_degc.tolist()
     common = common_figures(account, model, temperature, None)
     time, auxiliary = account.registers.time, auxiliary_report(account.auxiliary)
@@ -173,7 +173,7 @@ def _tool(motion: LoadedMotion | None, repeat: int, net: float) -> ToolPathRepor
 
 def _problems(result: Prediction, energy: EnergyBreakdown) -> list[str]:
     problems = [*unbalanced(energy), *result.limits.sentences()]
-    gap_ns = result.ledger.registers.time.gap_ns
+    gap_ns = result.account.registers.time.gap_ns
     if gap_ns:
         problems.append(
             f"{gap_ns * NANOSECOND:.3f} s of the motion are not predicted and not counted"
@@ -193,7 +193,7 @@ def _notes(result: Prediction) -> list[str]:
             f"the friction of {', '.join(result.one_temperature)} is the same at every "
             "temperature in this model"
         )
-    samples, counts = result.ledger.samples, result.ledger.quality
+    samples, counts = result.account.samples, result.account.quality
     share = counts[int(Quality.DRIVE_EXTRAPOLATED)] / samples if samples else 0.0
     if share:
         notes.append(

@@ -206,11 +206,11 @@ def replay_report(
         change: What was changed about the model, for example fixed friction.
         compared_with: A second replay of the same bag.
     """
-    account, topics = result.ledger, result.topics
+    account, topics = result.account, result.topics
     learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
     common = common_figures(account, result.model, temperature, change)
-    inputs, auxiliary = _inputs(result), auxiliary_report(result.ledger.auxiliary)
+    inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
     return ReplayReport(
         **common,
         bag=str(result.bag),
@@ -237,7 +237,7 @@ def replay_report(
 
 
 def _jobs(result: Replay) -> tuple[JobFigures, ...]:
-    names, calibration = result.model.joint_names, result.ledger.calibration
+    names, calibration = result.model.joint_names, result.account.calibration
     rows = [interval_fields(one, names, calibration) for one in result.jobs.closed]
     return tuple(
         JobFigures(
@@ -262,7 +262,7 @@ def _known(value: float) -> float | None:
 
 
 def _time(result: Replay) -> ObservedTime:
-    time = result.ledger.registers.time
+    time = result.account.registers.time
     return ObservedTime(
         start_ns=time.start_ns,
         end_ns=time.end_ns,
@@ -277,7 +277,7 @@ def _time(result: Replay) -> ObservedTime:
 
 
 def _shaft(result: Replay) -> ShaftComparison:
-    shaft, observed_ns = result.ledger.shaft, result.ledger.registers.time.observed_ns
+    shaft, observed_ns = result.account.shaft, result.account.registers.time.observed_ns
     names = ("measured_positive", "measured_negative", "predicted_positive", "predicted_negative")
     rows = zip(*(shaft.joints(name).tolist() for name in names), strict=True)
     joints: list[JointShaft] = []
@@ -313,18 +313,18 @@ def _payload(result: Replay) -> PayloadHistory:
 
 def _inputs(result: Replay) -> dict[str, InputAccount]:
     accounts = {
-        "joint_state_messages": result.joint_states.account,
-        "temperature_messages": result.temperatures.account,
-        "temperature_values": result.pipeline.friction.account,
-        "meter_messages": result.meter.account,
-        "meter_readings": result.ledger.comparison.curve.account,
+        "joint_state_messages": result.joint_states.rejections,
+        "temperature_messages": result.temperatures.rejections,
+        "temperature_values": result.pipeline.friction.rejections,
+        "meter_messages": result.meter.rejections,
+        "meter_readings": result.account.comparison.curve.rejections,
     }
     if result.topics.payload:
-        accounts["payload_messages"] = result.payload.account
+        accounts["payload_messages"] = result.payload.rejections
     for name, load in result.auxiliary.items():
         for what, reader in (("meter", load.meter), ("state", load.state)):
             if reader is not None:
-                accounts[f"{name}_{what}_messages"] = reader.account
+                accounts[f"{name}_{what}_messages"] = reader.rejections
     found: dict[str, InputAccount] = {}
     for name, account in accounts.items():
         rejected = {reason: count for reason, count in sorted(account.rejected.items()) if count}
@@ -344,13 +344,13 @@ def _problems(energy: EnergyBreakdown, inputs: dict[str, InputAccount]) -> list[
 def _notes(result: Replay) -> list[str]:
     """What a reader should know before trusting the figures."""
     notes: list[str] = []
-    ledger, topics = result.ledger, result.topics
+    account, topics = result.account, result.topics
     if not topics.meter:
         notes.append("the bag has no power meter: nothing was measured")
-    elif not ledger.comparison.compared_ns:
+    elif not account.comparison.compared_ns:
         notes.append("no reading of the power meter covers any of the predicted time")
-    notes += ledger.judgement.findings(ledger.comparison)
-    counter = ledger.comparison.curve.counter
+    notes += account.judgement.findings(account.comparison)
+    counter = account.comparison.curve.counter
     if counter.resets:
         notes.append(
             f"the counter of the meter was reset {counter.resets} times, last at stamp "
@@ -367,7 +367,7 @@ def _notes(result: Replay) -> list[str]:
         notes += [fallback] if fallback else []
     if result.payload.refused:
         notes.append(f"a payload of the bag was refused: {result.payload.refused}")
-    notes += result.jobs.notes(ledger.registers.time.start_ns)
+    notes += result.jobs.notes(account.registers.time.start_ns)
     ignored = result.joint_states.ignored_joints
     if ignored:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
@@ -376,7 +376,7 @@ def _notes(result: Replay) -> list[str]:
         notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
     notes += mimic_remarks(parse(result.model.urdf_xml))
     notes += [finding.sentence for finding in result.joint_states.findings()]
-    jumps = ledger.registers.time.jumps
+    jumps = account.registers.time.jumps
     if jumps:
         notes.append(f"stamps jumped back {jumps} times; no energy counts across a jump")
     return notes

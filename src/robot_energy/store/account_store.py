@@ -86,7 +86,7 @@ def at_once(job: Callable[[], Any]) -> Future[Any]:
 
 
 def load_account(
-    ledger: EnergyAccount,
+    account: EnergyAccount,
     model: RobotModel,
     folder: Path | None,
     submit: Submit = at_once,
@@ -95,7 +95,7 @@ def load_account(
     """Return the account store of a robot.
 
     Args:
-        ledger: The energy account.
+        account: The energy account.
         model: The robot's model.
         folder: Where the state files lie; None keeps nothing.
         submit: Does work on the disk; jobs must run one after the other.
@@ -108,14 +108,14 @@ def load_account(
         slots = SlotPair(
             folder, file_name_of(identity), FORMAT_VERSION, AccountRecord.from_json, earlier, node
         )
-    return AccountStore(ledger, identity, slots, submit)
+    return AccountStore(account, identity, slots, submit)
 
 
 class AccountStore:
     """Keeps an energy account in state files.
 
     Args:
-        ledger: The energy account.
+        account: The energy account.
         identity: Whose they are.
         slots: Their state files; None keeps nothing.
         submit: Does work on the disk.
@@ -133,12 +133,12 @@ class AccountStore:
 
     def __init__(
         self,
-        ledger: EnergyAccount,
+        account: EnergyAccount,
         identity: Identity,
         slots: SlotPair[AccountRecord] | None,
         submit: Submit = at_once,
     ) -> None:
-        self.ledger = ledger
+        self.account = account
         self.loaded = slots is None
         self.trouble = self.cause = self.remedy = ""
         self.failures = 0
@@ -184,7 +184,7 @@ class AccountStore:
             self._pending = self._submit(self._slots.acquire)
             return False
         self._attempted = follows(self._slots.sequence)
-        slots, payload = self._slots, self.ledger.state(self._identity).to_json()
+        slots, payload = self._slots, self.account.state(self._identity).to_json()
         self._pending = self._submit(lambda: slots.write(payload))
         return True
 
@@ -297,15 +297,15 @@ class AccountStore:
             if stored.notices:
                 self._began_anew("no state file could be used")
             return
-        lost = self.ledger.trace.entries  # of the files that were read just now
-        start_ns = self.ledger.start_ns
+        lost = self.account.trace.entries  # of the files that were read just now
+        start_ns = self.account.start_ns
         if start_ns is None or (record.end_ns is not None and start_ns < record.end_ns):
-            self.ledger.restore(record)
+            self.account.restore(record)
             for entry in lost:
-                self.ledger.trace.add(entry)
+                self.account.trace.add(entry)
             how = "" if start_ns is None else "; what was counted meanwhile is dropped"
         else:
-            self.ledger.precede(record)
+            self.account.precede(record)
             how = "; what was counted meanwhile is added"
         self._written = self._attempted = stored.sequence
         self._note("restart", f"continued by model {self._identity.model_id}{how}")
@@ -317,7 +317,7 @@ class AccountStore:
             self._note("adopted", self.adopted)
         if record.identity.model_id != self._identity.model_id:
             before, after = record.identity.model_id, self._identity.model_id
-            self.ledger.calibration.reset()
+            self.account.calibration.reset()
             self._note("model_changed", f"model {before} counted until here, {after} from here")
             self.notices.append(f"the registers of model {before} go on with model {after}")
 
@@ -336,8 +336,8 @@ class AccountStore:
             )
         else:
             added = (
-                set(self.ledger.totals().cabinet_energy_microjoule)
-                | set(self.ledger.totals().joint_energy_microjoule)
+                set(self.account.totals().cabinet_energy_microjoule)
+                | set(self.account.totals().joint_energy_microjoule)
             ) - (
                 set(record.totals.cabinet_energy_microjoule)
                 | set(record.totals.joint_energy_microjoule)
@@ -352,7 +352,7 @@ class AccountStore:
 
     def _loads(self, record: AccountRecord) -> list[str]:
         """Names of the auxiliary loads that are counted; what changed is noted."""
-        loads = self.ledger.totals().auxiliary
+        loads = self.account.totals().auxiliary
         for name in sorted(loads.keys() - record.totals.auxiliary.keys()):
             self._note("register_added", f"auxiliary load '{name}' counts from here")
         for name in sorted(record.totals.auxiliary.keys() - loads.keys()):
@@ -373,5 +373,5 @@ class AccountStore:
         self.notices.append(f"the registers begin at zero: {reason}")
 
     def _note(self, kind: TraceKind, text: str) -> None:
-        entry = TraceEntry(kind=kind, stamp_ns=self.ledger.end_ns, text=shown(text, MAX_TEXT))
-        self.ledger.trace.add(entry)
+        entry = TraceEntry(kind=kind, stamp_ns=self.account.end_ns, text=shown(text, MAX_TEXT))
+        self.account.trace.add(entry)

@@ -32,7 +32,7 @@ def test_a_first_reading_that_comes_late_is_compared_at_its_own_place(pieces: in
     for rows in parts:
         pipeline.step(block[rows], meter=READING if rows is parts[-1] else None)
     pipeline.flush()
-    books = pipeline.ledger.comparison
+    books = pipeline.account.comparison
     assert books.compared_ns == pytest.approx(30e9, abs=1e3)
     assert books.predicted_energy == pytest.approx(38.0 * 30.0, rel=1e-6)
     assert books.measured_energy == pytest.approx(40.0 * 30.0, rel=1e-6)
@@ -45,25 +45,25 @@ def test_a_first_reading_that_comes_late_is_compared_at_its_own_place(pieces: in
 def test_a_fault_in_the_middle_books_nothing_of_the_block(stage, first, monkeypatch):
     """Energy and time are those of a run in which these samples never came."""
     blocks = [steady(begin, begin + 1.0, 500.0) for begin in (10.0, 11.01, 12.02)]
-    ledger, reference = EnergyAccount(len(NAMES)), EnergyAccount(len(NAMES))
-    for account in (ledger, reference):
+    account, reference = EnergyAccount(len(NAMES)), EnergyAccount(len(NAMES))
+    for each in (account, reference):
         for block in blocks[:first]:
-            account.step(block)
-    before = ledger.totals()
+            each.step(block)
+    before = account.totals()
 
     def fail(*arguments):
         raise ZeroDivisionError
 
     owner, name = stage.split(".")
     with monkeypatch.context() as faulty:
-        faulty.setattr(getattr(ledger, owner), name, fail)
+        faulty.setattr(getattr(account, owner), name, fail)
         with pytest.raises(ZeroDivisionError):
-            ledger.step(blocks[1])
-    assert ledger.totals() == before
+            account.step(blocks[1])
+    assert account.totals() == before
     reference.interrupt()
-    for account in (ledger, reference):
-        account.step(blocks[2])
-    assert ledger.totals() == reference.totals()
-    assert ledger.registers.time == reference.registers.time
-    assert (ledger.samples, ledger.quality) == (reference.samples, reference.quality)
-    assert (ledger.phase_ns == reference.phase_ns).all()
+    for each in (account, reference):
+        each.step(blocks[2])
+    assert account.totals() == reference.totals()
+    assert account.registers.time == reference.registers.time
+    assert (account.samples, account.quality) == (reference.samples, reference.quality)
+    assert (account.phase_ns == reference.phase_ns).all()

@@ -245,17 +245,17 @@ def test_a_restart_anywhere_loses_only_what_waited(cut, lag, killed):
     seen = stamps + lag <= block.stamp_ns[cut] / SECOND
 
     def fresh():
-        ledger = EnergyAccount(2)
-        ledger.auxiliary = AuxiliaryAccount(loads)
-        return ledger
+        account = EnergyAccount(2)
+        account.auxiliary = AuxiliaryAccount(loads)
+        return account
 
-    ledger = fresh()
-    ledger.auxiliary["pump"].measure(means(stamps[seen], np.full(seen.sum(), 500.0)))
-    ledger.step(block[slice(0, cut)])
+    account = fresh()
+    account.auxiliary["pump"].measure(means(stamps[seen], np.full(seen.sum(), 500.0)))
+    account.step(block[slice(0, cut)])
     if not killed:
-        ledger.flush()
-    shown = ledger.totals()
-    text = ledger.state(IDENTITY).to_json()
+        account.flush()
+    shown = account.totals()
+    text = account.state(IDENTITY).to_json()
     record = AccountRecord.from_json(text).arranged(NAMES, ["pump", "lamp"])
     again = fresh()
     again.restore(record)
@@ -278,46 +278,46 @@ def test_a_restart_anywhere_loses_only_what_waited(cut, lag, killed):
 
 
 def test_job_intervals_and_resets_hold_the_loads():
-    ledger = EnergyAccount(2)
-    ledger.auxiliary = AuxiliaryAccount([load("panel", {"on": 35.0})])
-    ledger.step(steady(10.0, 12.0))
-    ledger.open_interval("job")
-    ledger.step(steady(12.01, 15.0))
-    ledger.reset("a new shift")
-    ledger.step(steady(15.01, 16.0))
-    job = ledger.close_interval("job").counted
+    account = EnergyAccount(2)
+    account.auxiliary = AuxiliaryAccount([load("panel", {"on": 35.0})])
+    account.step(steady(10.0, 12.0))
+    account.open_interval("job")
+    account.step(steady(12.01, 15.0))
+    account.reset("a new shift")
+    account.step(steady(15.01, 16.0))
+    job = account.close_interval("job").counted
     assert job.auxiliary["panel"].energy_microjoule == pytest.approx(4 * 35e6, abs=2)
     assert job.outlet_energy_microjoule == pytest.approx(4 * 135e6, abs=3)
-    assert ledger.totals().auxiliary["panel"].energy_microjoule == pytest.approx(35e6, abs=2)
+    assert account.totals().auxiliary["panel"].energy_microjoule == pytest.approx(35e6, abs=2)
 
 
 def test_a_load_that_the_model_lost_is_said_and_one_it_gained_counts_from_here(tmp_path):
     model = two_link()
 
     def kept(*loads):
-        ledger = EnergyAccount(2)
-        ledger.auxiliary = AuxiliaryAccount(loads)
-        store = load_account(ledger, model, tmp_path)
+        account = EnergyAccount(2)
+        account.auxiliary = AuxiliaryAccount(loads)
+        store = load_account(account, model, tmp_path)
         store.open()
-        return ledger, store
+        return account, store
 
-    ledger, store = kept(load("panel", {"on": 35.0}))
-    ledger.step(steady(10.0, 12.0))
+    account, store = kept(load("panel", {"on": 35.0}))
+    account.step(steady(10.0, 12.0))
     assert store.close()
-    ledger, store = kept(load("oven", {"on": 900.0}))
+    account, store = kept(load("oven", {"on": 900.0}))
     assert any(
         "no auxiliary load 'panel' any more; it had counted 70.0 J" in n for n in store.notices
     )
-    assert list(ledger.totals().auxiliary) == ["oven"]
-    assert any("'oven' counts from here" in entry.text for entry in ledger.trace.entries)
+    assert list(account.totals().auxiliary) == ["oven"]
+    assert any("'oven' counts from here" in entry.text for entry in account.trace.entries)
     store.close()
 
 
 def test_an_error_in_the_middle_of_a_step_takes_all_of_it_back(monkeypatch):
-    ledger = EnergyAccount(2)
-    ledger.auxiliary = AuxiliaryAccount([load("panel", {"on": 35.0})])
-    ledger.step(steady(10.0, 12.0))
-    before = ledger.totals()
+    account = EnergyAccount(2)
+    account.auxiliary = AuxiliaryAccount([load("panel", {"on": 35.0})])
+    account.step(steady(10.0, 12.0))
+    before = account.totals()
 
     def fail(_self, _time):
         raise RuntimeError("injected")
@@ -325,10 +325,10 @@ def test_an_error_in_the_middle_of_a_step_takes_all_of_it_back(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(AuxiliaryAccount, "_decide", fail)
         with pytest.raises(RuntimeError):
-            ledger.step(steady(12.01, 13.0))
-    assert ledger.totals().auxiliary == before.auxiliary
-    assert ledger.totals().observed_ns == before.observed_ns
-    ledger.step(steady(13.01, 14.0))
-    ledger.flush()
-    totals = ledger.totals()
+            account.step(steady(12.01, 13.0))
+    assert account.totals().auxiliary == before.auxiliary
+    assert account.totals().observed_ns == before.observed_ns
+    account.step(steady(13.01, 14.0))
+    account.flush()
+    totals = account.totals()
     assert totals.auxiliary["panel"].known_ns == totals.observed_ns

@@ -24,10 +24,10 @@ def phases(stamp_ms, phase, cuts=(), segment=0):
     grid = np.where(np.asarray(phase) == U, np.nan, 10.0)
     block = power_block(np.asarray(stamp_ms, dtype=np.int64) * MS, grid, segment)
     block = replace(block, phase=np.asarray(phase, dtype=np.uint8))
-    ledger = EnergyAccount(2, Settings(power_period=0.1))
+    account = EnergyAccount(2, Settings(power_period=0.1))
     edges = sorted({0, len(block), *(cut for cut in cuts if cut < len(block))})
-    parts = [ledger.step(block[slice(a, b)]) for a, b in pairwise(edges)]
-    means = [part for part in (*parts, ledger.flush()) if part is not None]
+    parts = [account.step(block[slice(a, b)]) for a, b in pairwise(edges)]
+    means = [part for part in (*parts, account.flush()) if part is not None]
     return [int(value) for part in means for value in part.phase]
 
 

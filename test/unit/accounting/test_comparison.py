@@ -77,8 +77,10 @@ def test_bad_readings_are_counted_by_reason():
     comparison = Comparison()
     comparison.measure(meter([1.0, 2.0, 2.0, 1.5, 3.0], [1.0, np.nan, 1.0, 1.0, 1.0]))
     curve = comparison.curve
-    assert curve.account.rejected == {"meter_not_finite": 1, "meter_not_newer": 1}
-    assert curve.account.received == curve.account.accepted + sum(curve.account.rejected.values())
+    assert curve.rejections.rejected == {"meter_not_finite": 1, "meter_not_newer": 1}
+    assert curve.rejections.received == curve.rejections.accepted + sum(
+        curve.rejections.rejected.values()
+    )
 
 
 def test_meter_may_arrive_late():

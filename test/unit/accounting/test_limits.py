@@ -30,17 +30,17 @@ def shifted(start: float, stop: float, by_s: int, segment: int = 0):
 
 def test_a_thousand_boots_in_1970_leave_the_gap_time_alone():
     """Each boot counts a second in 1970 and one after the clock was set; 60 s lie between."""
-    ledger = EnergyAccount(2)
+    account = EnergyAccount(2)
     for boot in range(1000):
-        ledger = restarted(ledger) if boot else ledger
-        ledger.step(shifted(30, 31, 0))
-        ledger.step(shifted(0, 1, NOW + 60 * boot, segment=1))
-        time = ledger.registers.time
+        account = restarted(account) if boot else account
+        account.step(shifted(30, 31, 0))
+        account.step(shifted(0, 1, NOW + 60 * boot, segment=1))
+        time = account.registers.time
         assert time.gap_ns == 0
         assert time.jumps == 2 * boot + 1
         assert time.span_ns == time.observed_ns == (2 * boot + 2) * SECOND
-    assert ledger.registers.cabinet("grid_import") == pytest.approx(200_000.0)
-    assert ledger.state(IDENTITY).to_json()
+    assert account.registers.cabinet("grid_import") == pytest.approx(200_000.0)
+    assert account.state(IDENTITY).to_json()
 
 
 @pytest.mark.parametrize(("step_ns", "gap"), [(MAX_GAP_NS, True), (MAX_GAP_NS + 1, False)])
@@ -49,16 +49,16 @@ def test_the_longest_gap_is_the_same_rule_everywhere(step_ns, gap, way):
     first, second = steady(0, 1), steady(0, 1)
     stamp = second.stamp_ns + SECOND + step_ns
     second = power_block(stamp, second.grid_power, segment=1)
-    ledger = EnergyAccount(2)
-    ledger.step(first)
+    account = EnergyAccount(2)
+    account.step(first)
     if way == "late file":
-        before, ledger = ledger, EnergyAccount(2)
-        ledger.step(second)
-        ledger.precede(before.state(IDENTITY))
+        before, account = account, EnergyAccount(2)
+        account.step(second)
+        account.precede(before.state(IDENTITY))
     else:
-        ledger = restarted(ledger) if way == "restart" else ledger
-        ledger.step(second)
-    time = ledger.registers.time
+        account = restarted(account) if way == "restart" else account
+        account.step(second)
+    time = account.registers.time
     assert (time.gap_ns, time.jumps) == ((step_ns, 0) if gap else (0, 1))
     assert time.span_ns == time.observed_ns + time.gap_ns == 2 * SECOND + (step_ns if gap else 0)
 
@@ -87,15 +87,15 @@ def test_full_sums_stay_full_whatever_the_cutting(cut):
 
 def full_record() -> dict:
     """A record with every counter at its limit, and intervals and resets of all kinds."""
-    ledger = EnergyAccount(2)
-    ledger.measure(counter(0, 3))
-    ledger.step(steady(0, 1))
-    ledger.open_interval("job")
-    ledger.reset("why not")
-    ledger.step(steady(1.01, 2))
-    ledger.open_interval("cycle")
-    ledger.close_interval("cycle")
-    data = json.loads(ledger.state(IDENTITY).to_json())
+    account = EnergyAccount(2)
+    account.measure(counter(0, 3))
+    account.step(steady(0, 1))
+    account.open_interval("job")
+    account.reset("why not")
+    account.step(steady(1.01, 2))
+    account.open_interval("cycle")
+    account.close_interval("cycle")
+    data = json.loads(account.state(IDENTITY).to_json())
 
     def fill(place):
         for key, value in place.items() if isinstance(place, dict) else enumerate(place):
@@ -113,20 +113,20 @@ def full_record() -> dict:
 
 
 def test_counters_at_their_limits_count_on_and_never_raise():
-    ledger = EnergyAccount(2)
-    ledger.restore(AccountRecord.from_json(json.dumps(full_record()).encode()))
+    account = EnergyAccount(2)
+    account.restore(AccountRecord.from_json(json.dumps(full_record()).encode()))
     writer = RegistersWriter(IDENTITY.joint_names, "m1")
     for second in range(3):
-        ledger.step(steady(10 * second, 10 * second + 1))
-        ledger.measure(counter(10 * second, 10 * second + 1))
-        assert writer.encode(ledger) is not None
-        for interval in ledger.list_intervals():
-            interval_fields(interval, IDENTITY.joint_names, ledger.calibration)
+        account.step(steady(10 * second, 10 * second + 1))
+        account.measure(counter(10 * second, 10 * second + 1))
+        assert writer.encode(account) is not None
+        for interval in account.list_intervals():
+            interval_fields(interval, IDENTITY.joint_names, account.calibration)
         with refused(RegisterError, found="numbers", expected=str(MAX_COUNTER)):
-            ledger.open_interval(f"job {second}")
+            account.open_interval(f"job {second}")
         if second:
-            ledger.reset("full")
-        ledger = restarted(ledger)
+            account.reset("full")
+        account = restarted(account)
 
 
 @pytest.mark.parametrize(
@@ -146,26 +146,26 @@ def test_counters_at_their_limits_count_on_and_never_raise():
     ids=lambda value: repr(value)[:20],
 )
 def test_reasons_are_bounded(text, fits):
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 1))
+    account = EnergyAccount(2)
+    account.step(steady(0, 1))
     if fits:
-        ledger.reset(text)
-        assert restarted(ledger).trace.entries[-1].text == text
+        account.reset(text)
+        assert restarted(account).trace.entries[-1].text == text
     else:
         with pytest.raises(RegisterError) as caught:
-            ledger.reset(text)
+            account.reset(text)
         assert str(caught.value).isprintable()
         assert len(str(caught.value)) < 1000
         with pytest.raises(RegisterError):
-            ledger.open_interval(text)
-        assert ledger.registers.cabinet("grid_import") == 100.0
+            account.open_interval(text)
+        assert account.registers.cabinet("grid_import") == 100.0
 
 
 def test_an_unknown_name_of_any_kind_is_answered_in_one_short_line():
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 1))
+    account = EnergyAccount(2)
+    account.step(steady(0, 1))
     with pytest.raises(RegisterError) as caught:
-        ledger.close_interval("x\n" * 1_000_000)
+        account.close_interval("x\n" * 1_000_000)
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 1000
 
@@ -178,22 +178,22 @@ def keeper(folder) -> AccountStore:
 def test_the_longest_texts_in_the_largest_number_are_kept(tmp_path):
     books = keeper(tmp_path)
     books.open()
-    books.ledger.step(steady(0, 1))
+    books.account.step(steady(0, 1))
     widest = "\U0001f916"
     for number in range(40):
-        books.ledger.step(steady(1.01 + number, 2 + number))
-        books.ledger.reset(f"{number:03}" + widest * (MAX_REASON - 3))
+        books.account.step(steady(1.01 + number, 2 + number))
+        books.account.reset(f"{number:03}" + widest * (MAX_REASON - 3))
         name = f"{number:03}" + widest * (MAX_NAME - 3)
-        books.ledger.open_interval(name)
+        books.account.open_interval(name)
         if number >= 15:
-            books.ledger.close_interval(name)
-    size = len(books.ledger.state(IDENTITY).to_json())
+            books.account.close_interval(name)
+    size = len(books.account.state(IDENTITY).to_json())
     assert size < MAX_BYTES / 50
     assert books.close()
     again = keeper(tmp_path)
     again.open()
-    assert len(again.ledger.list_intervals()) == 15 + 16
-    assert len([one for one in again.ledger.trace.entries if one.kind == "reset"]) == KEPT
+    assert len(again.account.list_intervals()) == 15 + 16
+    assert len([one for one in again.account.trace.entries if one.kind == "reset"]) == KEPT
     assert not again.notices
 
 
@@ -237,12 +237,12 @@ OLD = {  # what earlier releases left behind
 @pytest.mark.parametrize("sequence", [1, MAX_SEQUENCE])
 @pytest.mark.parametrize("change", OLD.values(), ids=OLD)
 def test_what_an_earlier_release_left_is_read_with_its_totals(tmp_path, change, sequence):
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 5))
-    ledger.reset("first")
-    ledger.step(steady(5.01, 15))
-    ledger.open_interval("job")
-    data = json.loads(ledger.state(IDENTITY).to_json())
+    account = EnergyAccount(2)
+    account.step(steady(0, 5))
+    account.reset("first")
+    account.step(steady(5.01, 15))
+    account.open_interval("job")
+    data = json.loads(account.state(IDENTITY).to_json())
     data["format_version"] = 1
     del data["identity"]["node"]
     ((key, value),) = change.items()
@@ -254,19 +254,19 @@ def test_what_an_earlier_release_left_is_read_with_its_totals(tmp_path, change, 
     (tmp_path / "arm.a.state").write_bytes(wrap(1, sequence, compact(data)))
     books = keeper(tmp_path)
     books.open()
-    assert books.ledger.registers.cabinet("grid_import") == pytest.approx(1000.0)
+    assert books.account.registers.cabinet("grid_import") == pytest.approx(1000.0)
     kept = key in ("gap_ns", "jumps") and value < 2**63
-    assert [entry.kind for entry in books.ledger.trace.entries].count("repaired") == (not kept)
+    assert [entry.kind for entry in books.account.trace.entries].count("repaired") == (not kept)
     assert len(books.notices) == (not kept)
-    assert RegistersWriter(IDENTITY.joint_names, "m1").encode(books.ledger) is not None
-    books.ledger.step(steady(NOW, NOW + 1))
-    assert books.ledger.registers.cabinet("grid_import") == pytest.approx(1100.0)
-    assert all(one.name.isprintable() for one in books.ledger.list_intervals())
+    assert RegistersWriter(IDENTITY.joint_names, "m1").encode(books.account) is not None
+    books.account.step(steady(NOW, NOW + 1))
+    assert books.account.registers.cabinet("grid_import") == pytest.approx(1100.0)
+    assert all(one.name.isprintable() for one in books.account.list_intervals())
     assert books.close()
     again = keeper(tmp_path)
     again.open()
     assert not again.notices
-    assert again.ledger.registers.cabinet("grid_import") == pytest.approx(1100.0)
+    assert again.account.registers.cabinet("grid_import") == pytest.approx(1100.0)
 
 
 def compact(data: dict) -> bytes:
@@ -275,7 +275,7 @@ def compact(data: dict) -> bytes:
 
 
 def test_the_json_of_these_tests_is_that_of_the_files():
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 5))
-    text = ledger.state(IDENTITY).to_json()
+    account = EnergyAccount(2)
+    account.step(steady(0, 5))
+    text = account.state(IDENTITY).to_json()
     assert compact(json.loads(text)) == text

@@ -12,107 +12,107 @@ from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.errors import StateFileError
 
 
-def imported(ledger: EnergyAccount) -> float:
-    return float(ledger.registers.cabinet("grid_import"))
+def imported(account: EnergyAccount) -> float:
+    return float(account.registers.cabinet("grid_import"))
 
 
 def test_totals_go_on_and_the_downtime_is_one_gap_exact_in_ns() -> None:
     """10 s and 5 s at 100 W with 3.000000007 s in between: 1500 J, and not one of the gap."""
-    ledger = EnergyAccount(2)
-    ledger.step(steady(10, 20))
-    ledger = restarted(ledger)
-    assert imported(ledger) == 1000.0
+    account = EnergyAccount(2)
+    account.step(steady(10, 20))
+    account = restarted(account)
+    assert imported(account) == 1000.0
     second = steady(23, 28)
-    ledger.step(power_block(second.stamp_ns + 7, second.grid_power))
-    assert imported(ledger) == pytest.approx(1500.0, abs=1e-6)
-    time = ledger.registers.time
+    account.step(power_block(second.stamp_ns + 7, second.grid_power))
+    assert imported(account) == pytest.approx(1500.0, abs=1e-6)
+    time = account.registers.time
     assert (time.gap_ns, time.gap_count, time.jumps) == (3 * SECOND + 7, 1, 0)
     assert time.observed_ns == 15 * SECOND
     assert time.span_ns == time.observed_ns + time.gap_ns == time.end_ns - time.start_ns
     assert time.start_ns == 10 * SECOND
-    assert ledger.samples == 1001 + 501
-    assert ledger.restarts == 1
+    assert account.samples == 1001 + 501
+    assert account.restarts == 1
 
 
 def test_stamps_that_went_back_over_a_restart_are_a_jump() -> None:
-    ledger = EnergyAccount(2)
-    ledger.step(steady(100, 110))
-    ledger = restarted(ledger)
-    ledger.step(steady(0, 10))
-    time = ledger.registers.time
+    account = EnergyAccount(2)
+    account.step(steady(100, 110))
+    account = restarted(account)
+    account.step(steady(0, 10))
+    time = account.registers.time
     assert (time.gap_ns, time.gap_count, time.jumps) == (0, 0, 1)
-    assert imported(ledger) == 2000.0
-    ledger.step(steady(10.01, 20))
-    assert imported(ledger) == pytest.approx(3000.0)
+    assert imported(account) == 2000.0
+    account.step(steady(10.01, 20))
+    assert imported(account) == pytest.approx(3000.0)
 
 
 def test_samples_that_are_sent_again_after_a_restart_do_not_count_twice() -> None:
     """A latched or buffered input repeats its last half second."""
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 10))
-    ledger = restarted(ledger)
+    account = EnergyAccount(2)
+    account.step(steady(0, 10))
+    account = restarted(account)
     again = steady(9.5, 12)
-    ledger.step(again[slice(0, 20)])  # in two blocks, the first wholly repeated
-    ledger.step(again[slice(20, None)])
-    assert ledger.repeated == 51
-    assert imported(ledger) == pytest.approx(1199.0)  # without the interval after the restart
-    assert ledger.registers.time.gap_ns == SECOND // 100
-    assert ledger.registers.time.jumps == 0
+    account.step(again[slice(0, 20)])  # in two blocks, the first wholly repeated
+    account.step(again[slice(20, None)])
+    assert account.repeated == 51
+    assert imported(account) == pytest.approx(1199.0)  # without the interval after the restart
+    assert account.registers.time.gap_ns == SECOND // 100
+    assert account.registers.time.jumps == 0
 
 
 def test_a_lifetime_counter_is_not_counted_across_the_downtime() -> None:
     """The meter counts on while the monitor is away; what it counted lies in the gap."""
-    ledger = EnergyAccount(2)
-    ledger.measure(counter(0, 10))
-    ledger.step(steady(0, 10))
-    assert ledger.comparison.measured_energy == pytest.approx(900.0, abs=1e-5)
-    ledger = restarted(ledger)
-    ledger.measure(counter(11.5, 20))  # within the longest gap that readings may have
-    ledger.step(steady(11.5, 20))
-    books = ledger.comparison
+    account = EnergyAccount(2)
+    account.measure(counter(0, 10))
+    account.step(steady(0, 10))
+    assert account.comparison.measured_energy == pytest.approx(900.0, abs=1e-5)
+    account = restarted(account)
+    account.measure(counter(11.5, 20))  # within the longest gap that readings may have
+    account.step(steady(11.5, 20))
+    books = account.comparison
     assert books.compared_ns == round(18.5 * SECOND)
     assert books.measured_energy == pytest.approx(90.0 * 18.5, abs=1e-5)
     assert books.predicted_energy == pytest.approx(100.0 * 18.5, abs=1e-5)
 
 
 def test_a_pause_counts_like_a_restart() -> None:
-    ledger = EnergyAccount(2)
-    ledger.measure(counter(0, 10))
-    ledger.step(steady(0, 10))
-    ledger.interrupt()
-    ledger.measure(counter(10.1, 20))
-    ledger.step(steady(10.05, 20))  # the same segment, and hardly any time has passed
-    assert imported(ledger) == pytest.approx(1995.0)
-    assert ledger.registers.time.gap_ns == round(0.05 * SECOND)
-    assert ledger.comparison.compared_ns == round(19.95 * SECOND)
+    account = EnergyAccount(2)
+    account.measure(counter(0, 10))
+    account.step(steady(0, 10))
+    account.interrupt()
+    account.measure(counter(10.1, 20))
+    account.step(steady(10.05, 20))  # the same segment, and hardly any time has passed
+    assert imported(account) == pytest.approx(1995.0)
+    assert account.registers.time.gap_ns == round(0.05 * SECOND)
+    assert account.comparison.compared_ns == round(19.95 * SECOND)
 
 
 def test_a_pause_within_a_gap_is_a_gap_of_its_own() -> None:
-    ledger = EnergyAccount(2)
+    account = EnergyAccount(2)
     block = steady(0, 1)
     block.grid_power[-10:] = float("nan")
-    ledger.step(block)
-    ledger.interrupt()
-    ledger.step(steady(2, 3))
-    assert ledger.registers.time.gap_count == 2
-    assert ledger.registers.time.gap_ns == round(1.1 * SECOND)
+    account.step(block)
+    account.interrupt()
+    account.step(steady(2, 3))
+    assert account.registers.time.gap_count == 2
+    assert account.registers.time.gap_ns == round(1.1 * SECOND)
 
 
 def test_everything_the_books_show_survives() -> None:
-    ledger = EnergyAccount(2)
-    ledger.measure(counter(0, 10))
-    ledger.step(steady(0, 10, watt=33.5))
-    ledger.open_interval("job")
-    ledger.reset("new shift")
-    ledger.step(steady(10.01, 15, watt=210.0))
-    after = restarted(ledger)
-    assert after.totals() == ledger.totals()
+    account = EnergyAccount(2)
+    account.measure(counter(0, 10))
+    account.step(steady(0, 10, watt=33.5))
+    account.open_interval("job")
+    account.reset("new shift")
+    account.step(steady(10.01, 15, watt=210.0))
+    after = restarted(account)
+    assert after.totals() == account.totals()
     assert after.peak_power == 210.0
-    assert after.quality == ledger.quality
-    assert (after.phase_ns == ledger.phase_ns).all()
-    assert after.list_intervals() == ledger.list_intervals()
-    assert after.trace.entries == ledger.trace.entries
-    first, second = (books.state(IDENTITY) for books in (ledger, after))
+    assert after.quality == account.quality
+    assert (after.phase_ns == account.phase_ns).all()
+    assert after.list_intervals() == account.list_intervals()
+    assert after.trace.entries == account.trace.entries
+    first, second = (books.state(IDENTITY) for books in (account, after))
     assert second == first.model_copy(update={"restarts": 1})
 
 
@@ -135,39 +135,39 @@ def test_what_was_counted_before_the_file_could_be_read_is_added() -> None:
 
 
 def test_reset_leaves_a_trace_and_a_new_start() -> None:
-    ledger = EnergyAccount(2)
-    ledger.step(steady(5, 10))
-    ledger.reset("  calibrated  ")
-    assert imported(ledger) == 0.0
-    time = ledger.registers.time
+    account = EnergyAccount(2)
+    account.step(steady(5, 10))
+    account.reset("  calibrated  ")
+    assert imported(account) == 0.0
+    time = account.registers.time
     assert (time.start_ns, time.span_ns) == (10 * SECOND, 0)
-    entry = ledger.trace.entries[-1]
+    entry = account.trace.entries[-1]
     assert (entry.kind, entry.text, entry.stamp_ns) == ("reset", "calibrated", 10 * SECOND)
     assert entry.energy_start_ns == 5 * SECOND
     assert entry.totals is not None
     assert entry.totals.cabinet_energy_microjoule["grid_import"] == 500 * PER_JOULE
-    ledger.step(steady(10.01, 11))
-    assert imported(ledger) == pytest.approx(100.0)
-    assert ledger.phase_time(2) == pytest.approx(1.0)
+    account.step(steady(10.01, 11))
+    assert imported(account) == pytest.approx(100.0)
+    assert account.phase_time(2) == pytest.approx(1.0)
 
 
 def test_many_restarts_do_not_push_out_the_trace_of_a_reset() -> None:
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 1))
-    ledger.reset("the only one")
+    account = EnergyAccount(2)
+    account.step(steady(0, 1))
+    account.reset("the only one")
     for number in range(40):
-        ledger.trace.add(
-            ledger.trace.entries[0].model_copy(update={"kind": "restart", "text": str(number)})
+        account.trace.add(
+            account.trace.entries[0].model_copy(update={"kind": "restart", "text": str(number)})
         )
-    kinds = [entry.kind for entry in ledger.trace.entries]
+    kinds = [entry.kind for entry in account.trace.entries]
     assert kinds == ["reset", *["restart"] * 16]
-    assert ledger.trace.entries[-1].text == "39"
+    assert account.trace.entries[-1].text == "39"
 
 
 def record_json(**changes: object) -> dict:
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 1))
-    return json.loads(ledger.state(IDENTITY).to_json()) | changes
+    account = EnergyAccount(2)
+    account.step(steady(0, 1))
+    return json.loads(account.state(IDENTITY).to_json()) | changes
 
 
 def test_a_record_without_its_unit_is_refused() -> None:

@@ -72,12 +72,12 @@ def run(recorded, sizes):
 def test_the_loop_gives_the_registers_of_the_replay_to_the_bit(recorded, sizes):
     monitor, tables = run(recorded, sizes)
     expected = re.replay(BAG, "kr16", effort="motor_torque")
-    found, registers = monitor.account.registers, expected.replay.ledger.registers
+    found, registers = monitor.account.registers, expected.replay.account.registers
     assert np.array_equal(found.microjoule, registers.microjoule)
     assert np.array_equal(found.remainder, registers.remainder)
     comparison = monitor.account.comparison
-    assert comparison.measured_energy == expected.replay.ledger.comparison.measured_energy
-    assert comparison.predicted_energy == expected.replay.ledger.comparison.predicted_energy
+    assert comparison.measured_energy == expected.replay.account.comparison.measured_energy
+    assert comparison.predicted_energy == expected.replay.account.comparison.predicted_energy
     assert monitor.energy == expected.energy
     for name in (*tables[-1].columns, *tables[-1].joint_columns):
         together = np.concatenate([table[name] for table in tables])

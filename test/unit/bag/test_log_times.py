@@ -47,16 +47,16 @@ def test_a_log_time_beyond_all_stamps_costs_its_own_message_at_most(wheel, tmp_p
     odd[row] = (log_ns, odd[row][1])
     path = written(tmp_path / "odd.mcap", odd)
     by_header = replay(path, model)
-    assert by_header.joint_states.account == clean.joint_states.account
+    assert by_header.joint_states.rejections == clean.joint_states.rejections
     np.testing.assert_array_equal(
-        by_header.ledger.registers.microjoule, clean.ledger.registers.microjoule
+        by_header.account.registers.microjoule, clean.account.registers.microjoule
     )
     received = replay(path, model, states=JointStateSource(stamp_source="receive"))
-    assert received.joint_states.account.rejected == {"bad_stamp": 1}
+    assert received.joint_states.rejections.rejected == {"bad_stamp": 1}
     del odd[row]
     rest = replay(
         written(tmp_path / "rest.mcap", odd), model, states=JointStateSource(stamp_source="receive")
     )
     np.testing.assert_array_equal(
-        received.ledger.registers.microjoule, rest.ledger.registers.microjoule
+        received.account.registers.microjoule, rest.account.registers.microjoule
     )

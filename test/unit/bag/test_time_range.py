@@ -43,9 +43,9 @@ def test_chunks_outside_are_passed_over():
 
 def test_parts_of_a_bag_add_up_to_its_observed_time_and_energy():
     model = load("kr16")
-    whole = replay(COLD, model).ledger
+    whole = replay(COLD, model).account
     parts = [
-        replay(COLD, model, time_range=TimeRange(start, end)).ledger
+        replay(COLD, model, time_range=TimeRange(start, end)).account
         for start, end in ((None, 12.0), (12.0, -10.0), (-10.0, None))
     ]
     observed = sum(int(part.phase_ns.sum()) for part in parts)
@@ -56,7 +56,7 @@ def test_parts_of_a_bag_add_up_to_its_observed_time_and_energy():
 
 def test_temperatures_from_before_the_part_hold_in_it():
     result = replay(COLD, load("kr16"), time_range=TimeRange(20.3, 20.6))
-    assert result.temperatures.account.accepted >= 15  # one a second
+    assert result.temperatures.rejections.accepted >= 15  # one a second
     assert any("from 20.3 to 20.6 s of" in note for note in result.notes)
 
 

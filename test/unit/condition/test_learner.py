@@ -57,18 +57,18 @@ def test_any_cutting_teaches_the_same(learning, with_torque):
         cut = run(learning, with_torque, cuts)
         assert cut.power.condition.state() == whole.power.condition.state()
         np.testing.assert_array_equal(
-            cut.ledger.registers.microjoule, whole.ledger.registers.microjoule
+            cut.account.registers.microjoule, whole.account.registers.microjoule
         )
-        assert cut.ledger.quality == whole.ledger.quality
+        assert cut.account.quality == whole.account.quality
     applied = learning is Learning.APPLY
-    assert (whole.ledger.quality[Quality.LEARNED] > 0) is applied
-    assert bool(whole.ledger.learned_energy_sum.joule[0] > 0) is applied
+    assert (whole.account.quality[Quality.LEARNED] > 0) is applied
+    assert bool(whole.account.learned_energy_sum.joule[0] > 0) is applied
 
 
 def test_observing_changes_no_energy():
     off, observed = (run(way, True, []) for way in (Learning.OFF, Learning.OBSERVE))
     np.testing.assert_array_equal(
-        off.ledger.registers.microjoule, observed.ledger.registers.microjoule
+        off.account.registers.microjoule, observed.account.registers.microjoule
     )
     assert off.power.condition.end_ns is None
     assert observed.power.condition.friction.valid.all()
@@ -97,9 +97,9 @@ def test_what_was_learned_survives_a_restart():
     output = machine.step(3000)
     for pipeline in (after, fresh):
         pipeline.step(joint_block(output.joints), output.temperatures, output.meter)
-    measured, predicted = after.ledger.comparison.joule
+    measured, predicted = after.account.comparison.joule
     assert abs(predicted / measured - 1.0) < 0.03
-    measured, predicted = fresh.ledger.comparison.joule
+    measured, predicted = fresh.account.comparison.joule
     assert predicted / measured - 1.0 < -0.1
 
 

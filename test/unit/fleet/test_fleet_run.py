@@ -211,8 +211,8 @@ def test_workers_that_cannot_be_are_refused(words, hall, tmp_path):
 def test_registers_are_those_of_a_replay(hall, sequential):
     own = re.replay(WARM, "kr16", effort="motor_torque")
     row = scan(sequential[0]).filter(pl.col("bag").str.contains("bag4")).collect()
-    ledger, phases = own.replay.ledger, own.report.phases
-    assert row["grid_import_microjoule"][0] == ledger.registers.microjoule[0]
+    account, phases = own.replay.account, own.report.phases
+    assert row["grid_import_microjoule"][0] == account.registers.microjoule[0]
     assert row["observed_ns"][0] == own.report.time.observed_ns
     for name, phase in phases.items():
         assert row[f"{name}_ns"][0] * 1e-9 == pytest.approx(phase.time)

@@ -118,7 +118,7 @@ def test_hours_hold_the_energy_of_the_registers():
     rows = hours.table()
     assert [row["hour_ns"] // HOUR_NS for row in rows] == [499_999, 500_000]
     assert rows[0]["observed_time"] == pytest.approx(30.0, abs=0.2)
-    drawn = pipeline.ledger.registers.cabinet("grid_import")
+    drawn = pipeline.account.registers.cabinet("grid_import")
     assert sum(row["grid_energy"] for row in rows) == pytest.approx(drawn, rel=1e-3)
     assert all(row["standby_time"] == 0.0 for row in rows)
 

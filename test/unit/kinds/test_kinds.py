@@ -68,7 +68,7 @@ def test_models_keep_their_identity_when_a_kind_comes_and_goes(monkeypatch):
 
 def measured(result: Replay):
     energy = replay_report(result).energy
-    seconds = result.ledger.samples and energy.grid_import / 60.0
+    seconds = result.account.samples and energy.grid_import / 60.0
     return energy, seconds
 
 
@@ -79,7 +79,7 @@ def test_a_replay_gives_the_energy_worked_out_by_hand(toys, bag):
     assert seconds == pytest.approx(SPAN, abs=0.2)
     assert energy.drive_loss == pytest.approx(3.0 * seconds, rel=1e-5)
     assert energy.friction == pytest.approx(7.0 * seconds, rel=1e-5)
-    compared = result.ledger.comparison
+    compared = result.account.comparison
     assert compared.measured_energy == pytest.approx(compared.compared_ns * 60e-9, rel=1e-5)
     assert compared.predicted_energy == pytest.approx(compared.measured_energy, rel=1e-5)
     assert compared.compared_ns > 9 * SECOND

@@ -84,7 +84,7 @@ def test_what_is_no_ur_recording_is_refused(tmp_path: Path) -> None:
 def changes(bag: Path) -> list[PayloadChange]:
     """Payloads that a replay of the bag carries."""
     result = replay(bag, load("ur3e"))
-    assert result.payload.account.accepted == len(result.payload.changes)
+    assert result.payload.rejections.accepted == len(result.payload.changes)
     return result.payload.changes
 
 

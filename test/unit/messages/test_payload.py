@@ -83,7 +83,7 @@ def test_what_is_read_is_what_was_written_in_order_of_arrival():
     reader.step(batch(*sent))
     assert reader.changes == sent
     assert [change.from_ns for change in stage.coming_payloads] == [3, 5, 9]
-    assert (reader.account.received, reader.account.accepted) == (3, 3)
+    assert (reader.rejections.received, reader.rejections.accepted) == (3, 3)
 
 
 def test_impossible_payload_in_a_bag_is_counted_and_changes_nothing():
@@ -92,8 +92,8 @@ def test_impossible_payload_in_a_bag_is_counted_and_changes_nothing():
     stage = TorqueStage(robots.two_link())
     reader = PayloadReader(stage.set_payload)
     reader.step(batch(PayloadChange(1, bad), PayloadChange(2, elsewhere), PayloadChange(3, BODY)))
-    assert reader.account.rejected == {"impossible_payload": 2}
-    assert reader.account.balanced
+    assert reader.rejections.rejected == {"impossible_payload": 2}
+    assert reader.rejections.balanced
     assert [change.payload for change in stage.coming_payloads] == [BODY]
     assert "hand" in reader.refused
 
@@ -172,8 +172,8 @@ def test_payload_with_a_bad_stamp_in_a_bag_is_counted():
     message = bytearray(PayloadWriter("id").encode(PayloadChange(5, BODY))[0].tobytes())
     message[4:12] = np.array([2**31 - 1, 2**32 - 1], dtype="<u4").tobytes()
     reader.step(RawBatch.from_messages("/energy/payload", TYPE, [0], [bytes(message)]))
-    assert reader.account.rejected == {"bad_stamp": 1}
-    assert reader.account.balanced
+    assert reader.rejections.rejected == {"bad_stamp": 1}
+    assert reader.rejections.balanced
 
 
 def test_the_next_joint_state_sees_what_was_set_before_it():

@@ -72,27 +72,27 @@ def test_power_state(run):
 
 def test_energy_registers(run):
     pipeline, _ = run
-    model, ledger = pipeline.model, pipeline.ledger
+    model, account = pipeline.model, pipeline.account
     found = decode(
-        RegistersWriter(model.joint_names, model.model_id).encode(ledger), "EnergyRegisters"
+        RegistersWriter(model.joint_names, model.model_id).encode(account), "EnergyRegisters"
     )
     fields = {"grid_import": "predicted_import_energy", "grid_return": "predicted_return_energy"}
     values = {name: getattr(found, fields.get(name, f"{name}_energy"))
               for name in CABINET_REGISTERS}  # fmt: skip
-    assert values == {name: ledger.registers.cabinet(name) for name in CABINET_REGISTERS}
+    assert values == {name: account.registers.cabinet(name) for name in CABINET_REGISTERS}
     assert len({*values.values()}) >= 4  # no field shows another's register
     assert found.energy_start.sec == 10
     assert found.measured_energy == pytest.approx(200.0 * found.comparison_time)
-    assert found.predicted_energy_at_meter == ledger.comparison.predicted_energy
+    assert found.predicted_energy_at_meter == account.comparison.predicted_energy
     assert found.observed_time == pytest.approx(399 / 200)
     names = {"shaft_positive": "shaft_energy_positive", "shaft_negative": "shaft_energy_negative"}
     for index, joint in enumerate(found.joints):
         for name in JOINT_REGISTERS:
             field = names.get(name, f"{name}_energy")
-            assert getattr(joint, field) == ledger.registers.joints(name)[index]
+            assert getattr(joint, field) == account.registers.joints(name)[index]
     shoulder, elbow = found.joints
     sums = {field: getattr(shoulder, field) for field in SHAFT_FIELDS.values()}
-    assert sums == {field: ledger.shaft.joints(name)[0] for name, field in SHAFT_FIELDS.items()}
+    assert sums == {field: account.shaft.joints(name)[0] for name, field in SHAFT_FIELDS.items()}
     assert len({*sums.values()}) == 4  # no field shows another's register
     assert shoulder.shaft_compared_time == pytest.approx(399 / 200)
     assert shoulder.shaft_energy_positive_compared == shoulder.shaft_energy_positive
@@ -103,4 +103,4 @@ def test_energy_registers(run):
 def test_no_registers_before_the_first_sample():
     model = robots.two_link()
     writer = RegistersWriter(model.joint_names, model.model_id)
-    assert writer.encode(EnergyPipeline(model).ledger) is None
+    assert writer.encode(EnergyPipeline(model).account) is None

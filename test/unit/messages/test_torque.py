@@ -102,12 +102,12 @@ def test_two_writers_do_not_count_twice():
     doubled = torques(0, 50)[np.repeat(np.arange(50), 2)]
     found = read(reader, doubled)
     assert len(found) == 50
-    assert reader.account.rejected == {"duplicate_stamp": 50}
-    assert reader.account.balanced
+    assert reader.rejections.rejected == {"duplicate_stamp": 50}
+    assert reader.rejections.balanced
 
 
 def test_torque_of_another_model_is_refused():
     reader = TorqueReader(NAMES, "other")
     assert reader.decode(batch(torques(0, 5))) is None
-    assert reader.account.rejected == {"other_model": 5}
-    assert reader.account.balanced
+    assert reader.rejections.rejected == {"other_model": 5}
+    assert reader.rejections.balanced

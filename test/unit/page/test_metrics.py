@@ -51,13 +51,15 @@ def test_counters_are_the_registers_since_they_began():
     page, result = recorded()
     found = families(page.hub)
     energy = samples(found["robot_energy_joules"], "_total")
-    cabinet = result.ledger.registers.cabinet
+    cabinet = result.account.registers.cabinet
     assert energy[("part", "predicted_import"), ("robot", "kr16_cold")] == cabinet("grid_import")
     assert energy[("part", "brake_resistor"), ("robot", "kr16_cold")] == cabinet("brake")
     created = samples(found["robot_energy_joules"], "_created")
-    assert set(created.values()) == {result.ledger.start_ns * 1e-9}
+    assert set(created.values()) == {result.account.start_ns * 1e-9}
     friction = samples(found["robot_joint_friction_energy_joules"], "_total")
-    assert sum(friction.values()) == pytest.approx(result.ledger.registers.joints("friction").sum())
+    assert sum(friction.values()) == pytest.approx(
+        result.account.registers.joints("friction").sum()
+    )
 
 
 def test_a_reset_begins_a_new_counter(hub):

@@ -151,10 +151,10 @@ def test_a_page_has_a_bounded_number_of_robots():
 def test_a_recording_shows_the_totals_of_its_replay():
     page, result = recorded()
     robot = page.state()["robots"][0]
-    cabinet = result.ledger.registers.cabinet
+    cabinet = result.account.registers.cabinet
     assert robot["registers"]["predicted_import_energy"] == cabinet("grid_import")
     assert robot["registers"]["brake_energy"] == cabinet("brake")
-    assert robot["registers"]["measured_energy"] == result.ledger.comparison.measured_energy
+    assert robot["registers"]["measured_energy"] == result.account.comparison.measured_energy
     assert robot["meter"] == "GRID"
     span = robot["spans"]["all"]
     assert span["energy"] == pytest.approx(cabinet("grid_import"), rel=1e-9)

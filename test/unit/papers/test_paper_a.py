@@ -94,7 +94,7 @@ def test_the_identified_model_is_the_tested_one(quick):
     folder, data = quick
     model = load(str(folder / "identified.yaml"))
     row = data["sets"][0]
-    books = replay(folder / "bags" / row["bag"], model).ledger.comparison
+    books = replay(folder / "bags" / row["bag"], model).account.comparison
     assert books.predicted_energy == pytest.approx(row["predicted_energy"]["follows"], rel=1e-12)
     assert books.measured_energy == pytest.approx(row["measured_energy"], rel=1e-12)
     shipped = load("kr16")

@@ -123,7 +123,7 @@ def test_friction_of_the_gantry_by_hand():
 def test_energies_are_those_of_the_prediction(found, key):
     """The books of `robot-energy predict`, which sums in registers of its own."""
     machine = MACHINES[key]
-    books = predict(load(machine.model), wall_motion(machine), MOTOR_DEGC).ledger.registers
+    books = predict(load(machine.model), wall_motion(machine), MOTOR_DEGC).account.registers
     layer = found[0]["machines"][key]["layer"]
     booked = {name: books.joints(name) for name in ("shaft_positive", "shaft_negative")}
     net = sum(np.abs(booked["shaft_positive"])) - sum(np.abs(booked["shaft_negative"]))

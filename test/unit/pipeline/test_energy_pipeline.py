@@ -39,10 +39,10 @@ def test_wheel_at_constant_speed_by_hand():
     np.testing.assert_allclose(power.grid_power, 83.0, rtol=1e-12)
     np.testing.assert_allclose(power.friction_power, 33.0, rtol=1e-12)
     assert set(power.phase.tolist()) == {Phase.MOTION}
-    ledger = pipeline.ledger
-    assert ledger.registers.cabinet("grid_import") == pytest.approx(83.0, abs=1e-6)
-    assert ledger.phase_energy(Phase.MOTION) == pytest.approx(83.0, abs=1e-6)
-    assert ledger.registers.time.observed_ns == 10**9
+    account = pipeline.account
+    assert account.registers.cabinet("grid_import") == pytest.approx(83.0, abs=1e-6)
+    assert account.phase_energy(Phase.MOTION) == pytest.approx(83.0, abs=1e-6)
+    assert account.registers.time.observed_ns == 10**9
 
 
 def test_standing_robot_draws_the_constant_losses_and_nothing_else():
@@ -142,9 +142,11 @@ def test_bad_temperatures_change_nothing_and_are_counted():
     refused = (power.quality & Quality.TEMPERATURE_IMPLAUSIBLE) > 0
     np.testing.assert_array_equal(refused, power.stamp_ns >= 11 * 10**8)
     stage = pipeline.friction
-    assert stage.account.rejected["temperature_implausible"] == 1
-    assert stage.account.rejected["temperature_not_finite"] == 1
-    assert stage.account.received == stage.account.accepted + sum(stage.account.rejected.values())
+    assert stage.rejections.rejected["temperature_implausible"] == 1
+    assert stage.rejections.rejected["temperature_not_finite"] == 1
+    assert stage.rejections.received == stage.rejections.accepted + sum(
+        stage.rejections.rejected.values()
+    )
 
 
 def test_nan_position_is_nan_power_not_zero_and_not_energy():
@@ -156,7 +158,7 @@ def test_nan_position_is_nan_power_not_zero_and_not_energy():
     assert bad[50]
     assert (power.quality[bad] & Quality.NOT_FINITE).all()
     assert (power.phase[bad] == Phase.UNKNOWN).all()
-    time = pipeline.ledger.registers.time
+    time = pipeline.account.registers.time
     assert time.observed_ns + time.gap_ns == 10**9
     assert time.gap_ns == (int(bad.sum()) + 1) * 10**7
     assert time.gap_count == 1
@@ -191,7 +193,7 @@ def test_breakdown_sums_to_the_grid_with_every_option_on():
     np.testing.assert_allclose(total, power.grid_power, rtol=1e-12, atol=1e-9)
     assert (power.grid_power < 0).any()
     assert (power.capacitor_power != 0).any()
-    book = pipeline.ledger.registers
+    book = pipeline.account.registers
     drawn = book.cabinet("grid_import") - book.cabinet("grid_return")
     parts = sum(book.joints(name).sum() for name in ("rigid", "friction", "drive_loss"))
     parts += sum(book.cabinet(name) for name in ("loss_dc", "loss_grid", "brake", "capacitor"))
@@ -232,8 +234,8 @@ def test_meter_on_the_dc_bus_is_compared_without_the_grid_side_loss():
     )
     pipeline = EnergyPipeline(robots.one_wheel())
     run(pipeline, {"joints": spin(3.0, seconds=2.0), "meter": meter})
-    assert pipeline.ledger.comparison.predicted_energy == pytest.approx(53.0 * 2)
-    assert pipeline.ledger.comparison.measured_energy == pytest.approx(50.0 * 2)
+    assert pipeline.account.comparison.predicted_energy == pytest.approx(53.0 * 2)
+    assert pipeline.account.comparison.measured_energy == pytest.approx(50.0 * 2)
 
 
 def test_temperature_older_than_the_last_of_its_motor_is_counted_and_left():
@@ -246,7 +248,7 @@ def test_temperature_older_than_the_last_of_its_motor_is_counted_and_left():
         },
     )
     np.testing.assert_allclose(power.viscous[power.stamp_ns >= 15 * 10**8, 0], 0.02)
-    assert pipeline.friction.account.rejected["temperature_older"] == 1
+    assert pipeline.friction.rejections.rejected["temperature_older"] == 1
 
 
 def patient_wheel():
@@ -314,16 +316,16 @@ def test_one_absurd_velocity_is_a_gap_and_not_a_register_full_of_nonsense(speed,
     size = -(-len(joints) // blocks)
     cuts = range(0, len(joints), size)
     power = run(pipeline, *({"joints": joints[slice(cut, cut + size)]} for cut in cuts))
-    ledger = pipeline.ledger
+    account = pipeline.account
     bad = (power.quality & Quality.NOT_FINITE) > 0
     assert bad[100]
     assert bad.sum() <= 5  # the acceleration of its neighbours is as absurd
     assert np.isnan(power.grid_power[bad]).all()
-    observed = ledger.registers.time.observed_ns / 1e9
+    observed = account.registers.time.observed_ns / 1e9
     assert observed == pytest.approx(2.0 - 0.01 * (bad.sum() + 1), abs=1e-9)
-    assert ledger.registers.cabinet("grid_import") == pytest.approx(83.0 * observed, rel=1e-4)
-    assert ledger.registers.time.span_ns == 2 * 10**9
-    assert ledger.peak_power < 100.0
+    assert account.registers.cabinet("grid_import") == pytest.approx(83.0 * observed, rel=1e-4)
+    assert account.registers.time.span_ns == 2 * 10**9
+    assert account.peak_power < 100.0
 
 
 def test_an_energy_that_no_register_takes_is_a_gap():

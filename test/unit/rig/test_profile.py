@@ -77,7 +77,7 @@ def test_experiment_of_paper_a():
             pipeline = EnergyPipeline(model)
             pipeline.step(joint_block(output.joints), output.temperatures, output.meter)
             pipeline.flush()
-            found = pipeline.ledger.comparison
+            found = pipeline.account.comparison
             error[name].append(found.predicted_energy / found.measured_energy - 1.0)
     assert 1.4 < mean[20.0] / mean[60.0] < 1.6
     assert 6e3 < peak < 10e3

@@ -17,27 +17,27 @@ from robot_energy.store.account_store import file_name_of
 
 
 def keeper(
-    folder: Path, ledger: EnergyAccount | None = None, name: str = "arm", **changes
+    folder: Path, account: EnergyAccount | None = None, name: str = "arm", **changes
 ) -> AccountStore:
     identity = IDENTITY.model_copy(update=changes)
     slots = SlotPair(folder, name, FORMAT_VERSION, AccountRecord.from_json)
-    return AccountStore(ledger or EnergyAccount(len(identity.joint_names)), identity, slots)
+    return AccountStore(account or EnergyAccount(len(identity.joint_names)), identity, slots)
 
 
 def counted(folder: Path, seconds: float = 10) -> None:
     """Leave ten seconds at 100 W behind."""
     books = keeper(folder)
     books.open()
-    books.ledger.step(steady(0, seconds))
+    books.account.step(steady(0, seconds))
     assert books.close()
 
 
 def imported(books: AccountStore) -> float:
-    return float(books.ledger.registers.cabinet("grid_import"))
+    return float(books.account.registers.cabinet("grid_import"))
 
 
 def kinds(books: AccountStore) -> list[str]:
-    return [entry.kind for entry in books.ledger.trace.entries]
+    return [entry.kind for entry in books.account.trace.entries]
 
 
 def test_books_continue(tmp_path):
@@ -46,7 +46,7 @@ def test_books_continue(tmp_path):
     books.open()
     assert (imported(books), books.loaded, books.trouble) == (1000.0, True, "")
     assert kinds(books) == ["restart"]
-    books.ledger.step(steady(12, 13))
+    books.account.step(steady(12, 13))
     assert books.checkpoint()
     assert (books.sequence, books.checkpoints) == (2, 1)
 
@@ -67,7 +67,7 @@ def test_another_model_of_the_same_robot_goes_on_with_a_trace(tmp_path):
     books.open()
     assert imported(books) == 1000.0
     assert kinds(books) == ["restart", "model_changed"]
-    assert books.ledger.trace.entries[-1].text == "model m1 counted until here, m2 from here"
+    assert books.account.trace.entries[-1].text == "model m1 counted until here, m2 from here"
     assert books.notices == ["the registers of model m1 go on with model m2"]
 
 
@@ -76,10 +76,10 @@ def test_the_same_joints_in_another_order_keep_their_energies(tmp_path):
     books = keeper(tmp_path, joint_names=("elbow", "shoulder"))
     books.open()
     straight = keeper(tmp_path / "none", joint_names=IDENTITY.joint_names)
-    straight.ledger.step(steady(0, 10))
-    expected = straight.ledger.registers.joints("shaft_positive")
+    straight.account.step(steady(0, 10))
+    expected = straight.account.registers.joints("shaft_positive")
     assert expected[0] != expected[1]
-    assert list(books.ledger.registers.joints("shaft_positive")) == list(expected[::-1])
+    assert list(books.account.registers.joints("shaft_positive")) == list(expected[::-1])
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_the_state_of_something_else_is_moved_aside(tmp_path, changes, words):
     assert "moved aside as" in books.notices[0]
     assert [path.name for path in tmp_path.glob("*.bad-1")] == ["arm.a.state.bad-1"]
     assert kinds(books) == ["began_anew"]
-    books.ledger.registers.time.start_ns = None
+    books.account.registers.time.start_ns = None
     assert books.checkpoint()
 
 
@@ -113,7 +113,7 @@ def test_damaged_files_begin_anew_with_a_notice(tmp_path):
     books.open()
     assert kinds(books) == ["file_lost", "began_anew"]
     assert books.notices[-1] == "the registers begin at zero: no state file could be used"
-    assert books.ledger.registers.time.start_ns is None
+    assert books.account.registers.time.start_ns is None
 
 
 def test_one_damaged_file_is_noted_in_the_books_that_go_on(tmp_path):
@@ -127,10 +127,10 @@ def test_one_damaged_file_is_noted_in_the_books_that_go_on(tmp_path):
 
 def test_a_register_that_is_new_counts_from_here(tmp_path):
     """The state of a release that did not know the brake."""
-    ledger = EnergyAccount(2)
-    ledger.step(steady(0, 10, watt=-100.0))
-    ledger.open_interval("job")
-    data = ledger.state(IDENTITY).model_dump(mode="json")
+    account = EnergyAccount(2)
+    account.step(steady(0, 10, watt=-100.0))
+    account.open_interval("job")
+    data = account.state(IDENTITY).model_dump(mode="json")
     for part in (data["totals"], data["open_intervals"][0]["base"]):
         del part["cabinet_energy_microjoule"]["brake"]
     del data["remainders"]["cabinet"]["brake"]
@@ -140,11 +140,11 @@ def test_a_register_that_is_new_counts_from_here(tmp_path):
     slots.release()
     books = keeper(tmp_path)
     books.open()
-    assert books.ledger.registers.cabinet("brake") == 0.0
-    assert books.ledger.registers.cabinet("grid_return") == 1000.0
+    assert books.account.registers.cabinet("brake") == 0.0
+    assert books.account.registers.cabinet("grid_return") == 1000.0
     assert "register_added" in kinds(books)
-    books.ledger.step(steady(10.01, 11, watt=-100.0))
-    closed = books.ledger.close_interval("job").counted
+    books.account.step(steady(10.01, 11, watt=-100.0))
+    closed = books.account.close_interval("job").counted
     assert closed.cabinet_energy_microjoule["brake"] > 0
 
 
@@ -158,21 +158,21 @@ def test_a_second_monitor_writes_nothing_and_takes_over_without_counting_twice(t
         second.require()
     for start in range(4):  # both see the same robot
         block = steady(start, start + 0.99)
-        first.ledger.step(block)
-        second.ledger.step(block)
+        first.account.step(block)
+        second.account.step(block)
         assert first.checkpoint()
         assert not second.checkpoint()
     assert second.failures == 5
     assert imported(second) == pytest.approx(399.0)
-    second.ledger.step(steady(4, 5.99))  # the first one no longer sees these
+    second.account.step(steady(4, 5.99))  # the first one no longer sees these
     first.close()
     assert second.checkpoint()
     assert second.trouble == ""
     second.require()
     assert imported(second) == pytest.approx(399.0)
-    second.ledger.step(steady(6, 7))
+    second.account.step(steady(6, 7))
     assert imported(second) == pytest.approx(499.0)
-    time = second.ledger.registers.time
+    time = second.account.registers.time
     assert time.gap_ns == round(2.01 * SECOND)  # since the newest sample of the first
     assert kinds(second) == ["restart"]
 
@@ -185,27 +185,27 @@ def test_a_folder_that_comes_late_loses_nothing(tmp_path):
     books = keeper(place)
     books.open()
     assert "cannot be kept in" in books.trouble
-    books.ledger.step(steady(60, 61))
+    books.account.step(steady(60, 61))
     assert not books.checkpoint()
     place.unlink()
     real.rename(place)
     assert books.checkpoint()
     assert imported(books) == pytest.approx(1100.0)
-    assert books.ledger.registers.time.gap_ns == 50 * SECOND
+    assert books.account.registers.time.gap_ns == 50 * SECOND
 
 
 def test_a_folder_that_is_removed_is_made_again(tmp_path):
     folder = tmp_path / "state"
     books = keeper(folder)
     books.open()
-    books.ledger.step(steady(0, 1))
+    books.account.step(steady(0, 1))
     assert books.checkpoint()
     for path in folder.iterdir():
         path.unlink()
     folder.rmdir()
     assert not (books.begin() and books.poll())
     assert str(folder) in books.trouble
-    books.ledger.step(steady(1.01, 2))
+    books.account.step(steady(1.01, 2))
     assert books.checkpoint()
     assert books.trouble == ""
     assert imported(books) == 200.0
@@ -223,7 +223,7 @@ def test_slow_disk_does_not_hold_up_the_caller(tmp_path):
             books._submit = disk.submit
             books.open()
             disk.submit(answer.wait)  # the disk answers when told to
-            books.ledger.step(steady(0, 1))
+            books.account.step(steady(0, 1))
             assert books.begin()
             assert books.poll() is None
             assert books.busy

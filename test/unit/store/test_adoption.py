@@ -24,22 +24,22 @@ def earlier_files(folder: Path) -> None:
     """Leave 1000 J behind, as a release did that knew no node."""
     books = keeper(folder, "")
     books.open()
-    books.ledger.step(steady(0, 5))
+    books.account.step(steady(0, 5))
     assert books.checkpoint()
-    books.ledger.step(steady(5.01, 10))
+    books.account.step(steady(5.01, 10))
     assert books.close()
     assert len(list(folder.glob(f"{EARLIER}.*.state"))) == 2
 
 
 def imported(books: AccountStore) -> float:
-    return round(books.ledger.registers.cabinet("grid_import"), 6)
+    return round(books.account.registers.cabinet("grid_import"), 6)
 
 
 def test_two_namespaces_never_share(tmp_path):
     first, second = keeper(tmp_path, "/cell1/em"), keeper(tmp_path, "/cell2/em")
     for books, watt in ((first, 100.0), (second, 50.0)):
         books.open()
-        books.ledger.step(steady(0, 10, watt=watt))
+        books.account.step(steady(0, 10, watt=watt))
     assert first.checkpoint()
     assert second.checkpoint()
     assert first.close()
@@ -57,7 +57,7 @@ def test_the_first_node_adopts_and_no_other_ever(tmp_path):
     assert imported(first) == 1000.0
     assert "/cell1/em" in first.adopted
     assert not first.notices
-    assert [entry.kind for entry in first.ledger.trace.entries] == ["restart", "adopted"]
+    assert [entry.kind for entry in first.account.trace.entries] == ["restart", "adopted"]
     assert first.close()
     second = keeper(tmp_path, "/cell2/em")
     second.open()
@@ -78,7 +78,7 @@ def test_the_first_node_adopts_and_no_other_ever(tmp_path):
 def test_registers_that_count_already_adopt_nothing(tmp_path):
     own = keeper(tmp_path, "/em")
     own.open()
-    own.ledger.step(steady(0, 1))
+    own.account.step(steady(0, 1))
     assert own.close()
     earlier_files(tmp_path)
     own = keeper(tmp_path, "/em")
@@ -90,9 +90,9 @@ def test_a_finished_adoption_never_replaces_what_was_counted_since(tmp_path):
     """A slot was taken, the process killed, and the earlier release writes once more."""
     own = keeper(tmp_path, "/em")
     own.open()
-    own.ledger.step(steady(0, 1))
+    own.account.step(steady(0, 1))
     assert own.checkpoint()
-    own.ledger.step(steady(1.01, 2))
+    own.account.step(steady(1.01, 2))
     assert own.close()
     earlier_files(tmp_path)
     (tmp_path / f"{EARLIER}.adopted").write_text("begun /em\n")
@@ -172,7 +172,7 @@ def test_a_slot_that_is_no_file_is_moved_aside(tmp_path, kind, which):
     victim.write_text("precious")
     books = keeper(folder, "/em")
     books.open()
-    books.ledger.step(steady(0, 1))
+    books.account.step(steady(0, 1))
     assert books.checkpoint()
     assert books.checkpoint()
     place = folder / f"{file_name_of(books._identity)}.{which}"
@@ -182,7 +182,7 @@ def test_a_slot_that_is_no_file_is_moved_aside(tmp_path, kind, which):
         "pipe": lambda: os.mkfifo(place),
         "folder": place.mkdir,
     }[kind]()
-    books.ledger.step(steady(1.01, 2))
+    books.account.step(steady(1.01, 2))
     for _ in range(4):  # it is met, moved aside, written
         books.checkpoint()
     assert (books.trouble, imported(books)) == ("", 200.0)
@@ -204,7 +204,7 @@ def test_a_lock_that_is_no_file_is_trouble_and_left_alone(tmp_path, kind):
         "pipe": lambda: os.mkfifo(lock),
         "folder": lock.mkdir,
     }[kind]()
-    books.ledger.step(steady(0, 1))
+    books.account.step(steady(0, 1))
     assert not books.checkpoint()
     assert "regular file" in books.trouble
     assert victim.read_text() == "precious"
@@ -216,7 +216,7 @@ def test_a_folder_that_is_a_link_is_used(tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "state").symlink_to(tmp_path / "real")
     books = keeper(tmp_path / "state", "/em")
-    books.ledger.step(steady(0, 1))
+    books.account.step(steady(0, 1))
     assert books.checkpoint()
     assert list((tmp_path / "real").glob("*.state"))
-    assert books.ledger.registers.time.observed_ns == SECOND
+    assert books.account.registers.time.observed_ns == SECOND

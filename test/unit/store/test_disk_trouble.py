@@ -42,7 +42,7 @@ def command(*words):
     subprocess.run(words, check=True)
 
 def imported(store):
-    return round(store.ledger.registers.cabinet("grid_import"), 6)
+    return round(store.account.registers.cabinet("grid_import"), 6)
 
 def fails(store, *words):
     assert not store.checkpoint()
@@ -61,7 +61,7 @@ def recovers(store):
 def one_good_second():
     store = new_store()
     store.open()
-    store.ledger.step(steady(0, 1))
+    store.account.step(steady(0, 1))
     assert store.checkpoint()
     return store
 """
@@ -95,7 +95,7 @@ def test_disk_full(tmp_path):
             except OSError:
                 pass
         for second in range(1, 4):
-            store.ledger.step(steady(second + 0.01, second + 1))
+            store.account.step(steady(second + 0.01, second + 1))
             fails(store, "No space left on device", str(folder))
         assert store.failures == 3 and imported(store) == 400.0
         (folder / "filler").unlink()
@@ -116,14 +116,14 @@ def test_read_only_disk(tmp_path):
         store = one_good_second()
         command("mount", "--bind", str(folder), str(folder))
         command("mount", "-o", "remount,bind,ro", str(folder))
-        store.ledger.step(steady(1.01, 2))
+        store.account.step(steady(1.01, 2))
         fails(store, "Read-only file system", str(folder))
         fails(store, "Read-only file system")
         store.close()
         started = new_store()
         started.open()
         assert started.loaded and imported(started) == 100.0  # the totals that are on disk
-        started.ledger.step(steady(3, 4))
+        started.account.step(steady(3, 4))
         fails(started, "Read-only file system")
         assert imported(started) == 200.0
         command("umount", "--lazy", str(folder))
@@ -144,7 +144,7 @@ def test_no_permission():
         os.seteuid(65534)  # nobody; root could write anywhere
         store = new_store()
         store.open()
-        store.ledger.step(steady(0, 1))
+        store.account.step(steady(0, 1))
         fails(store, "Permission denied", str(folder))
         os.seteuid(0)
         folder.chmod(0o777)
@@ -163,7 +163,7 @@ def test_file_size_limit(tmp_path):
         store = one_good_second()
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))
-        store.ledger.step(steady(1.01, 2))
+        store.account.step(steady(1.01, 2))
         fails(store, "File too large", str(folder))
         assert (folder / "arm.b.state").stat().st_size == 500
         other = new_store()
@@ -185,7 +185,7 @@ def test_a_file_where_the_folder_should_be(tmp_path):
         folder.write_text("in the way")
         store = new_store()
         store.open()
-        store.ledger.step(steady(0, 1))
+        store.account.step(steady(0, 1))
         fails(store, str(folder), "a folder that can be written")
         folder.unlink()
         recovers(store)

@@ -78,7 +78,7 @@ def test_joints_of_several_publishers_wait_as_long_as_is_bridged():
         ]
         block = take(ingest, messages)
         found.append(0 if block is None else len(block))
-        assert ingest.account.balanced
+        assert ingest.rejections.balanced
     assert found[0] < 20
     assert found[1] > 90
 
@@ -95,4 +95,4 @@ def test_file_option_and_python_bridge_the_same(tmp_path):
     assert observed[0] > 0
     assert observed[1:] == [0, 0]
     result = re.replay(bag, model=model, max_gap=0.05)
-    assert result.replay.ledger.registers.time.observed_ns == 0
+    assert result.replay.account.registers.time.observed_ns == 0

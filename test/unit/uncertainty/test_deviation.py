@@ -75,12 +75,12 @@ def run(model: RobotModel, seconds: float = 4.0) -> EnergyPipeline:
 
 
 def net(pipeline: EnergyPipeline) -> float:
-    registers = pipeline.ledger.registers
+    registers = pipeline.account.registers
     return registers.cabinet("grid_import") - registers.cabinet("grid_return")
 
 
 def stds(pipeline: EnergyPipeline) -> dict[str, float]:
-    registers = pipeline.ledger.registers
+    registers = pipeline.account.registers
     variances = energy_variances(registers.deviation)
     return dict(zip(NAMES, np.sqrt(variances).tolist(), strict=True))
 

@@ -62,7 +62,7 @@ class JointStateIngest:
             0.1 s to 1 s. [s]
 
     Attributes:
-        account: Received, accepted and rejected messages. A message with some of the joints
+        rejections: Received, accepted and rejected messages. A message with some of the joints
             is accepted when its readings are taken; one of the leading joint when it makes
             a sample.
         order: Gaps and backward jumps of the samples.
@@ -85,7 +85,7 @@ class JointStateIngest:
         max_gap: float = BY_PERIOD,
     ) -> None:
         source, log, n_joints = source or JointStateSource(), RejectionLog(), len(joint_names)
-        self.account = log
+        self.rejections = log
         self.order = StampOrder(max_gap)
         self.samples = 0
         self._names = tuple(joint_names)
@@ -139,7 +139,7 @@ class JointStateIngest:
         if not self._merger.in_parts:
             if self._stream.held is not None and self._stream.epochs.beginning:
                 return self._named(np.isnan(self._stream.held.joint_position[0]))
-            strange = self.account.rejected["unknown_joint"] and not self.samples
+            strange = self.rejections.rejected["unknown_joint"] and not self.samples
             return set(self._names) if strange else set()
         return self._named(self._merger.missing | ~np.isfinite(self._merger.ages))
 
@@ -180,8 +180,8 @@ class JointStateIngest:
         stray = sentence_of(epochs, "joint states")
         if stray and epochs.odd_ns is not None:
             found.append(JointStateProblem(stray, epochs.odd_ns, epochs.odd_ns, severe=False))
-        zero = self.account.rejected["zero_stamp"]
-        if zero and not self.account.accepted:
+        zero = self.rejections.rejected["zero_stamp"]
+        if zero and not self.rejections.accepted:
             sentence = (
                 f"all {zero} joint states were received at time zero: let the clock run"
                 if self._receive_time
@@ -194,7 +194,7 @@ class JointStateIngest:
     def _conflict(self) -> list[JointStateProblem]:
         """Say what messages contradict each other about, and what else makes it look so."""
         setting = ""
-        refused, same = self.account.rejected[CONFLICTING], self.account.rejected[SAME_STAMP]
+        refused, same = self.rejections.rejected[CONFLICTING], self.rejections.rejected[SAME_STAMP]
         joints = ", ".join(sorted(self.conflicting_joints))
         if same and not joints:
             setting = "joint_states: {stamp_source: receive}"
@@ -317,15 +317,15 @@ class JointStateIngest:
 
     def _finished(self, parts: list[JointBlock]) -> JointBlock | None:
         """Number the segments, mark what is doubtful, and bring the account up to date."""
-        account, first = self.account, int(self._stream.epochs.beginning)
-        account.accepted += first - self._first
+        rejections, first = self.rejections, int(self._stream.epochs.beginning)
+        rejections.accepted += first - self._first
         self._first = first
         holders = (self._velocities, self._stream, self._merger, self.conflicts)
-        account.waiting = sum(holder.waiting for holder in holders) - first
+        rejections.waiting = sum(holder.waiting for holder in holders) - first
         if not parts:
             return None
         samples = JointBlock.concatenate(parts)
-        account.accepted += len(samples)
+        rejections.accepted += len(samples)
         self.samples += len(samples)
         before = self.order.segment
         broken = samples.quality > 0

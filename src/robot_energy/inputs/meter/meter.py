@@ -70,7 +70,7 @@ class MeterIngest:
 
     Attributes:
         source: What the meter is.
-        account: Received, accepted and rejected messages. Acceptance here means that
+        rejections: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current
             of a pair may turn out to be ``unpaired`` when a later message has come.
         epochs: Jumps and outliers of the stamps.
@@ -84,14 +84,14 @@ class MeterIngest:
         self, source: MeterSource | None = None, typestore: Typestore | None = None
     ) -> None:
         self.source = source or MeterSource()
-        self.account = RejectionLog()
+        self.rejections = RejectionLog()
         self._numbers = self._read_numbers(typestore or default_typestore())
         paths = tuple(number.path for number in self._numbers.values())
         fields = (*STAMP, *paths) if self._stamped else paths
         self._decoder = Decoder(self.source.type, fields, typestore)
         self._kind: Kind | None = None  # of the first reading that says it
-        self._pairing = Pairing(self.source.pair_max_age, self.account)
-        self._stream = StreamSplitter[MeterBlock](REACH, self.account.reject)
+        self._pairing = Pairing(self.source.pair_max_age, self.rejections)
+        self._stream = StreamSplitter[MeterBlock](REACH, self.rejections.reject)
         self.epochs = self._stream.epochs
 
     def _read_numbers(self, typestore: Typestore) -> dict[str, _Number]:
@@ -164,35 +164,35 @@ class MeterIngest:
         """Bring the account up to date."""
         refused, waiting = self._stream.refused, self._stream.waiting
         strays = 0 if refused is None else len(refused)
-        self.account.accepted += self.account.waiting - waiting - strays
-        self.account.waiting = waiting
+        self.rejections.accepted += self.rejections.waiting - waiting - strays
+        self.rejections.waiting = waiting
         return joined(runs)
 
     def restart(self) -> None:
         """Drop what waits, as after an error. The account is left alone."""
-        self._pairing = Pairing(self.source.pair_max_age, self.account)
+        self._pairing = Pairing(self.source.pair_max_age, self.rejections)
         self._stream.restart()
 
     def _batch(self, batch: RawBatch, kind: Kind | None) -> MeterBlock | None:
-        self.account.received += len(batch)
+        self.rejections.received += len(batch)
         rows, stamp, column = self._columns(batch)
         if not len(rows):
             return None
         stamped = stamp != 0
-        self.account.reject("zero_stamp", int((~stamped).sum()))
+        self.rejections.reject("zero_stamp", int((~stamped).sum()))
         if kind is None:
             return self._told(stamp, column, stamped)
         value = self.source.reading.number(column)
         finite = np.isfinite(value)
-        self.account.reject("not_finite", int((stamped & ~finite).sum()))
+        self.rejections.reject("not_finite", int((stamped & ~finite).sum()))
         used = stamped & finite
-        self.account.accepted += int(used.sum())
+        self.rejections.accepted += int(used.sum())
         return self._readings(stamp[used], value[used], kind)
 
     def _columns(self, batch: RawBatch) -> tuple[Int, Int, dict[str, Float]]:
         """Return the rows that could be decoded and dated, in order, with times and numbers."""
         decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
+        self.rejections.reject("malformed", len(decoded.malformed))
         runs = decoded.runs
         if not runs:
             none = np.empty(0, dtype=np.int64)
@@ -205,7 +205,7 @@ class MeterIngest:
         else:
             stamp = batch.log_time_ns[rows]
         valid = valid_stamps(stamp) & valid_stamps(stamp + self.source.shift_ns)
-        self.account.reject(BAD_STAMP, int((~valid).sum()))
+        self.rejections.reject(BAD_STAMP, int((~valid).sum()))
         column: dict[str, Float] = {
             text: np.concatenate([number.of(run) for run in runs])[order]
             for text, number in self._numbers.items()
@@ -220,8 +220,8 @@ class MeterIngest:
     ) -> MeterBlock | None:
         """Readings that say by themselves what they are."""
         meant, located = np.isin(column["meaning"], (1, 2, 3)), np.isin(column["location"], (1, 2))
-        self.account.reject("unknown_meaning", int((stamped & ~meant).sum()))
-        self.account.reject("unknown_location", int((stamped & meant & ~located).sum()))
+        self.rejections.reject("unknown_meaning", int((stamped & ~meant).sum()))
+        self.rejections.reject("unknown_location", int((stamped & meant & ~located).sum()))
         good = stamped & meant & located
         if not good.any():
             return None
@@ -233,9 +233,9 @@ class MeterIngest:
             )
         meaning, location = self._kind
         same = (column["meaning"] == meaning) & (column["location"] == location)
-        self.account.reject("changed_meaning", int((good & ~same).sum()))
+        self.rejections.reject("changed_meaning", int((good & ~same).sum()))
         rows = good & same
-        self.account.accepted += int(rows.sum())
+        self.rejections.accepted += int(rows.sum())
         return MeterBlock(
             stamp[rows] + self.source.shift_ns,
             self._scaled(column["power"][rows]),
@@ -276,10 +276,10 @@ class MeterIngest:
         rows, stamp, column = self._columns(batch)
         value = self.source.reading.number(column) if len(rows) else np.empty(0)
         stamped, finite = stamp != 0, np.isfinite(value)
-        self.account.reject("zero_stamp", int((~stamped).sum()))
-        self.account.reject("not_finite", int((stamped & ~finite).sum()))
+        self.rejections.reject("zero_stamp", int((~stamped).sum()))
+        self.rejections.reject("not_finite", int((stamped & ~finite).sum()))
         used = stamped & finite
-        self.account.received += len(batch) - int(used.sum())
+        self.rejections.received += len(batch) - int(used.sum())
         return stamp[used], value[used]
 
 

@@ -50,7 +50,7 @@ class MeterCurve:
         wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
 
     Attributes:
-        account: Readings that arrived, that were used and that were not, by reason.
+        rejections: Readings that arrived, that were used and that were not, by reason.
         counter: What became of the readings of a counter.
         gaps: Pairs of readings that lie further apart than is bridged.
         spacing_ns: Time between the two newest readings; None before the second. [ns]
@@ -61,7 +61,7 @@ class MeterCurve:
     def __init__(
         self, max_gap: float, max_power: float = MAX_POWER, wraps_at: float | None = None
     ) -> None:
-        self.account = RejectionLog()
+        self.rejections = RejectionLog()
         self.gaps = 0
         self.spacing_ns: int | None = None
         self.newest_ns: int | None = None
@@ -82,7 +82,7 @@ class MeterCurve:
             Pieces, one list entry for each epoch touched; the first continues the running
             epoch, and each further one follows a backward jump.
         """
-        self.account.received += len(block)
+        self.rejections.received += len(block)
         cumulative = block.meaning is MeterMeaning.CUMULATIVE
         value = block.energy if cumulative else block.power
         good = self._usable(block, value, cumulative)
@@ -97,7 +97,7 @@ class MeterCurve:
             elif cumulative:
                 pieces.append(self._counted(block.stamp_ns[rows], value[rows]))
             else:
-                self.account.accepted += len(rows)
+                self.rejections.accepted += len(rows)
                 pieces.append(self._pieces(block, rows, value))
         return pieces
 
@@ -105,14 +105,14 @@ class MeterCurve:
         good = np.isfinite(value)
         if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
             good &= np.isfinite(block.interval) & (block.interval > 0)
-        self.account.reject("meter_not_finite", int((~good).sum()))
+        self.rejections.reject("meter_not_finite", int((~good).sum()))
         if cumulative:
             return good
         with np.errstate(invalid="ignore"):
             absurd = good & (np.abs(value) > self._max_power)
             if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
                 absurd |= good & (block.interval > MAX_INTERVAL)
-        self.account.reject("meter_implausible", int(absurd.sum()))
+        self.rejections.reject("meter_implausible", int(absurd.sum()))
         return good & ~absurd
 
     def _epochs(self, stamp_ns: Int, good: NDArray[np.bool_]) -> list[Int]:
@@ -135,7 +135,7 @@ class MeterCurve:
             if newest is not None and stamp <= newest:
                 reach = BACKWARD_JUMP_NS if self._readings > 1 else BEGIN_NS
                 if stamp > newest - reach:
-                    self.account.reject("meter_not_newer", 1)
+                    self.rejections.reject("meter_not_newer", 1)
                     continue
                 epochs.append([])
                 self.left.append(self._readings)
@@ -167,9 +167,9 @@ class MeterCurve:
         counter = self.counter
         low, high = counter.low, counter.high
         pieces = counter.step(stamp_ns, energy)
-        self.account.reject("meter_counter_low", counter.low - low)
-        self.account.reject("meter_implausible", counter.high - high)
-        self.account.accepted += len(stamp_ns) - (counter.low - low) - (counter.high - high)
+        self.rejections.reject("meter_counter_low", counter.low - low)
+        self.rejections.reject("meter_implausible", counter.high - high)
+        self.rejections.accepted += len(stamp_ns) - (counter.low - low) - (counter.high - high)
         return pieces
 
     def _pieces(self, block: MeterBlock, rows: Int, value: Float) -> CoveredPieces:

@@ -26,13 +26,13 @@ class Pairing:
 
     Args:
         max_age: Longest time from the voltage to its current. [s]
-        account: Where messages are counted; a current that waits counts as accepted until
+        rejections: Where messages are counted; a current that waits counts as accepted until
             it turns out to be without a voltage.
     """
 
-    def __init__(self, max_age: float, account: RejectionLog) -> None:
+    def __init__(self, max_age: float, rejections: RejectionLog) -> None:
         self._max_age_ns = round(max_age / NANOSECOND)
-        self._account = account
+        self._rejections = rejections
         self._voltage, self._current = _nothing(), _nothing()
         self._newest_ns: int | None = None
 
@@ -52,8 +52,8 @@ class Pairing:
         if self._newest_ns is not None and times.min() < self._newest_ns - BACKWARD_JUMP_NS:
             self._refuse(len(self._current[0]))
             self._voltage, self._current, self._newest_ns = _nothing(), _nothing(), None
-        self._account.received += len(times)
-        self._account.accepted += len(times)
+        self._rejections.received += len(times)
+        self._rejections.accepted += len(times)
         self._voltage = _joined(self._voltage, voltage)
         self._current = _joined(self._current, current)
         newest = int(times.max())
@@ -87,8 +87,8 @@ class Pairing:
         self._voltage = times[first:], values[first:]
 
     def _refuse(self, unpaired: int) -> None:
-        self._account.accepted -= unpaired
-        self._account.reject("unpaired", unpaired)
+        self._rejections.accepted -= unpaired
+        self._rejections.reject("unpaired", unpaired)
 
 
 def _joined(held: Values, new: Values) -> Values:

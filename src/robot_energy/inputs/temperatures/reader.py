@@ -57,7 +57,7 @@ class TemperatureReader:
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
-        account: Received, accepted and rejected messages of values.
+        rejections: Received, accepted and rejected messages of values.
         keys_account: The same of the keys of Float64Values.
         ignored_joints: Names met that are none of the source's joints.
         missing_readings: Values that were no number, in messages that were accepted.
@@ -75,7 +75,7 @@ class TemperatureReader:
         typestore: Typestore | None = None,
     ) -> None:
         self.name, self.source = name, source
-        self.account = RejectionLog()
+        self.rejections = RejectionLog()
         self.keys_account = RejectionLog()
         self.ignored_joints: set[str] = set()
         self.missing_readings = 0
@@ -193,16 +193,16 @@ class TemperatureReader:
 
     def _decode(self, batch: RawBatch) -> list[TemperatureReadings]:
         """Return the usable readings of a batch in order of arrival."""
-        self.account.received += len(batch)
+        self.rejections.received += len(batch)
         decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
+        self.rejections.reject("malformed", len(decoded.malformed))
         blocks: list[TemperatureBlock] = []
         rows: list[Int] = []
         for run in decoded.runs:
             said = self._adapter.read(run)
             block = said if isinstance(said, str) else self._place(run, batch, said)
             if isinstance(block, str):
-                self.account.reject(block, len(run.rows))
+                self.rejections.reject(block, len(run.rows))
                 continue
             blocks.append(block)
             rows.append(run.rows)
@@ -211,7 +211,7 @@ class TemperatureReader:
         block, row = TemperatureBlock.arranged(blocks, rows)
         block = TemperatureBlock(block.stamp_ns, self._believed(block.motor_temperature_degc))
         good = self._usable(block)
-        self.account.accepted += int(good.sum())
+        self.rejections.accepted += int(good.sum())
         if not good.any():
             return []
         return [TemperatureReadings(block[good], batch.log_time_ns[row[good]])]
@@ -220,11 +220,11 @@ class TemperatureReader:
         """Refuse readings without a stamp in range or without a number."""
         given = np.isfinite(block.motor_temperature_degc).any(axis=1)
         stamped = block.stamp_ns != 0
-        self.account.reject("zero_stamp", int((~stamped).sum()))
+        self.rejections.reject("zero_stamp", int((~stamped).sum()))
         valid = valid_stamps(block.stamp_ns)
-        self.account.reject(BAD_STAMP, int((~valid).sum()))
+        self.rejections.reject(BAD_STAMP, int((~valid).sum()))
         stamped &= valid
-        self.account.reject("not_finite", int((stamped & ~given).sum()))
+        self.rejections.reject("not_finite", int((stamped & ~given).sum()))
         return stamped & given
 
     def _place(self, run: Run, batch: RawBatch, said: Said) -> TemperatureBlock | str:

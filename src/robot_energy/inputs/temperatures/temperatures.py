@@ -86,14 +86,14 @@ class TemperatureIngest:
         return {t: kind for reader in self.readers for t, kind in reader.source.topics.items()}
 
     @property
-    def account(self) -> RejectionLog:
+    def rejections(self) -> RejectionLog:
         """Messages of values of all sources together; one that two read counts twice."""
         total = RejectionLog()
         for reader in self.readers:
-            total.received += reader.account.received
-            total.accepted += reader.account.accepted
-            total.rejected.update(reader.account.rejected)
-            total.waiting += reader.account.waiting
+            total.received += reader.rejections.received
+            total.accepted += reader.rejections.accepted
+            total.rejected.update(reader.rejections.rejected)
+            total.waiting += reader.rejections.waiting
         return total
 
     @property
@@ -151,7 +151,7 @@ class TemperatureIngest:
         Args:
             topic: Full name of the topic; a source must read it.
         """
-        return next(each.account for each in self.readers if topic == each.source.topic)
+        return next(each.rejections for each in self.readers if topic == each.source.topic)
 
     def arrivals(self, batches: Sequence[RawBatch]) -> list[tuple[RejectionLog, int]]:
         """Return every account, with how many messages of some batches belong to it.
@@ -160,9 +160,9 @@ class TemperatureIngest:
             batches: At most one of each topic, values and names alike.
         """
         counts = {batch.topic: len(batch) for batch in batches}
-        pairs = [(each.account, each.source.topic) for each in self.readers]
+        pairs = [(each.rejections, each.source.topic) for each in self.readers]
         pairs += [(each.keys_account, each.source.keys_topic) for each in self.readers]
-        return [(account, counts.get(topic, 0)) for account, topic in pairs]
+        return [(rejections, counts.get(topic, 0)) for rejections, topic in pairs]
 
     def restart(self) -> None:
         """Drop what waits, as after an error. The accounts are left alone."""
@@ -210,12 +210,12 @@ class TemperatureIngest:
         """Bring the accounts up to date."""
         held, refused = self._stream.held, self._stream.refused
         for number, reader in enumerate(self.readers):
-            account = reader.account
+            rejections = reader.rejections
             strays = 0 if refused is None else int((refused.source == number).sum())
             waiting = 0 if held is None else int((held.source == number).sum())
-            account.reject(STRAY_STAMP, strays)
-            account.accepted += account.waiting - waiting - strays
-            account.waiting = waiting
+            rejections.reject(STRAY_STAMP, strays)
+            rejections.accepted += rejections.waiting - waiting - strays
+            rejections.waiting = waiting
         whole = joined(runs)
         if whole is None:
             return None

@@ -258,7 +258,7 @@ def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys
     model = load(out)
     assert model.drive == "loss_model"
     assert {joint.losses.copper.tag for joint in model.joints} == {"identified"}
-    assert replay(bags[0], model).ledger.registers.cabinet("grid_import") > 0
+    assert replay(bags[0], model).account.registers.cabinet("grid_import") > 0
 
 
 def test_the_map_is_written_where_it_is_better(rig_fit):

@@ -38,14 +38,14 @@ def test_bad_message_is_rejected_with_its_reason_and_its_neighbours_stay(bad, re
     ingest = JointStateIngest(NAMES)
     block = take(ingest, [message(1.0), message(1.1, **bad), message(1.2)])
     assert len(block) == 2
-    assert ingest.account.rejected == {reason: 1}
+    assert ingest.rejections.rejected == {reason: 1}
 
 
 def test_stamps_must_be_set_and_newer():
     ingest = JointStateIngest(NAMES)
     block = take(ingest, [message(t) for t in (0.0, 2.0, 2.0, 1.5, 2.1)])
     np.testing.assert_array_equal(block.stamp_ns, [2 * SECOND, 2_100_000_000])
-    assert ingest.account.rejected == {"zero_stamp": 1, "duplicate_stamp": 1, "older_stamp": 1}
+    assert ingest.rejections.rejected == {"zero_stamp": 1, "duplicate_stamp": 1, "older_stamp": 1}
 
 
 def test_missing_velocity_stays_nan_for_the_derivative():
@@ -74,7 +74,7 @@ def test_bag_loop_begins_a_new_epoch():
     ingest = JointStateIngest(NAMES)
     loop = [message(t) for t in np.arange(1, 6, 0.5)]
     block = take(ingest, loop + loop + loop)
-    assert ingest.account.accepted == 30
+    assert ingest.rejections.accepted == 30
     assert ingest.order.jumps == 2
     assert block.segment[-1] == 2
 
@@ -84,7 +84,7 @@ def test_garbage_is_counted_as_malformed():
     good = message(1.0)
     block = take(ingest, [good, b"", b"\x00\x01", good[:-9], b"\xff" * 80, message(2.0)])
     assert len(block) == 2
-    assert ingest.account.rejected["malformed"] == 4
+    assert ingest.rejections.rejected["malformed"] == 4
 
 
 def test_effort_is_matched_by_name_and_its_absence_rejects_nothing():
@@ -107,7 +107,7 @@ def test_effort_is_matched_by_name_and_its_absence_rejects_nothing():
 def test_message_of_strange_joints_only_is_told_from_a_part():
     ingest = JointStateIngest(NAMES)
     assert take(ingest, [message(1.0, ("x", "y"))]) is None
-    assert ingest.account.rejected == {"unknown_joint": 1}
+    assert ingest.rejections.rejected == {"unknown_joint": 1}
     assert ingest.missing_joints == {"a", "b"}
 
 
@@ -127,7 +127,7 @@ def test_arrays_of_any_length_are_used_or_refused_but_never_zero(positions, velo
         assert np.isnan(block.joint_effort).all() == (efforts != 2)
     else:
         assert block is None
-        assert ingest.account.rejected == {"wrong_length": 1}
+        assert ingest.rejections.rejected == {"wrong_length": 1}
 
 
 def test_a_delayed_message_of_the_run_before_a_loop_is_a_stray():
@@ -136,8 +136,8 @@ def test_a_delayed_message_of_the_run_before_a_loop_is_a_stray():
     ingest = JointStateIngest(NAMES)
     block = take(ingest, loop + loop[:200] + [loop[-1]] + loop[200:])
     assert ingest.order.jumps == 1
-    assert ingest.account.accepted == len(block) == 1000
-    assert ingest.account.rejected == {"stray_stamp": 1}
+    assert ingest.rejections.accepted == len(block) == 1000
+    assert ingest.rejections.rejected == {"stray_stamp": 1}
 
 
 def test_one_message_of_the_past_begins_no_epoch():
@@ -145,7 +145,7 @@ def test_one_message_of_the_past_begins_no_epoch():
     ingest = JointStateIngest(NAMES)
     take(ingest, [*run[:200], message(3.0), *run[200:]])
     assert ingest.order.jumps == 0
-    assert ingest.account.rejected == {"stray_stamp": 1}
+    assert ingest.rejections.rejected == {"stray_stamp": 1}
 
 
 def test_forward_jump_is_a_gap_and_the_stamps_go_on_from_there():
@@ -159,7 +159,7 @@ def test_forward_jump_is_a_gap_and_the_stamps_go_on_from_there():
 def test_a_message_that_comes_last_waits_no_longer_than_the_end():
     ingest = JointStateIngest(NAMES)
     assert take(ingest, [message(1.0), message(9.0)], flush=False).stamp_ns.tolist() == [SECOND]
-    assert ingest.account.waiting == 1
+    assert ingest.rejections.waiting == 1
     assert ingest.flush().stamp_ns.tolist() == [9 * SECOND]
 
 
@@ -173,7 +173,7 @@ def test_two_clocks_that_take_turns_are_a_conflict():
     ]
     ingest = JointStateIngest(NAMES)
     block = take(ingest, bursts)
-    assert ingest.account.rejected["conflicting_publisher"] > 300
+    assert ingest.rejections.rejected["conflicting_publisher"] > 300
     assert len(block) < 20
     assert any("contradict" in finding.sentence for finding in ingest.findings())
 
@@ -181,7 +181,7 @@ def test_two_clocks_that_take_turns_are_a_conflict():
 def test_all_zero_stamps_are_a_finding_and_give_nothing():
     ingest = JointStateIngest(NAMES)
     assert take(ingest, [message(0.0)] * 5) is None
-    assert ingest.account.rejected == {"zero_stamp": 5}
+    assert ingest.rejections.rejected == {"zero_stamp": 5}
     (finding,) = ingest.findings()
     assert "all 5 joint states have a zero stamp" in finding.sentence
     assert finding.severe
@@ -198,10 +198,10 @@ def test_order_within_the_window_is_restored_and_beyond_it_dropped():
     ingest = JointStateIngest(NAMES, source=JointStateSource(reorder_window=0.2))
     block = take(ingest, [message(t) for t in late])
     np.testing.assert_allclose(block.stamp_ns / SECOND, sorted(set(late) - {1.15}))
-    assert ingest.account.rejected == {"older_stamp": 1}
+    assert ingest.rejections.rejected == {"older_stamp": 1}
     plain = JointStateIngest(NAMES)
     take(plain, [message(t) for t in late])
-    assert plain.account.rejected == {"older_stamp": 3}
+    assert plain.rejections.rejected == {"older_stamp": 3}
 
 
 @pytest.mark.parametrize("share", [0.01, 0.3, 0.9])
@@ -375,7 +375,7 @@ def test_names_that_never_repeat_do_not_fill_the_memory():
             ingest,
             [message(1 + n / 100, (*NAMES, f"x{n}"), (1.0,) * 3, (1.0,) * 3) for n in numbers],
         )
-    assert ingest.account.received == ingest.account.accepted == 1000
+    assert ingest.rejections.received == ingest.rejections.accepted == 1000
     assert len(ingest.ignored_joints) <= 100
     assert len(ingest._reader._columns) <= 100
 

@@ -73,7 +73,7 @@ def test_a_part_that_stops_is_a_gap_and_not_held():
     (gap,) = np.flatnonzero(np.diff(block.segment))
     assert 0.9 < step[gap] < 1.1
     assert step[np.arange(len(step)) != gap].max() < 0.02
-    assert ingest.account.rejected["missing_joint"] == pytest.approx(100, abs=3)
+    assert ingest.rejections.rejected["missing_joint"] == pytest.approx(100, abs=3)
 
 
 def test_waiting_is_bounded_by_stamps():
@@ -81,7 +81,7 @@ def test_waiting_is_bounded_by_stamps():
     ingest = JointStateIngest(NAMES)
     messages = [part(t, 0) for t in 10 + np.arange(0, 3, 0.01)]
     assert take(ingest, messages, flush=False) is None
-    assert ingest.account.waiting == pytest.approx(101, abs=1)
+    assert ingest.rejections.waiting == pytest.approx(101, abs=1)
     assert ingest.missing_joints == {"b"}
     assert ingest.ages["b"] == np.inf
 
@@ -143,7 +143,7 @@ def test_a_part_that_comes_after_the_wait_is_too_late_however_the_input_is_cut(c
     blocks += [ingest.step(batch(messages[cut:]))] if cut else []
     block = JointBlock.concatenate([found for found in (*blocks, ingest.flush()) if found])
     assert block.stamp_ns[0] / SECOND == pytest.approx(10.5)
-    assert ingest.account.rejected == {"missing_joint": 50}
+    assert ingest.rejections.rejected == {"missing_joint": 50}
 
 
 def test_the_last_whole_message_is_the_first_reading_of_the_parts():
@@ -152,7 +152,7 @@ def test_the_last_whole_message_is_the_first_reading_of_the_parts():
     ingest = JointStateIngest(NAMES)
     block = take(ingest, [*whole, *parts[:1], *parts[2:]])  # without b at 11.00
     assert len(block) == 200
-    assert ingest.account.rejected == {}
+    assert ingest.rejections.rejected == {}
     expected = np.stack([motion(t)[0] for t in block.stamp_ns / SECOND])
     np.testing.assert_allclose(block.joint_position, expected, atol=1e-7)
 
@@ -176,7 +176,7 @@ def test_parts_and_whole_messages_mix():
     ingest = JointStateIngest(NAMES)
     block = take(ingest, early + late + early[-2:])
     assert len(block) == 150
-    assert ingest.account.rejected == {"older_stamp": 2}
+    assert ingest.rejections.rejected == {"older_stamp": 2}
 
 
 def disturbed(seed):
@@ -221,15 +221,15 @@ def test_any_cutting_gives_the_same_samples(seed, cuts, reorder, whole):
         blocks = []
         for start, stop in zip([0, *bounds], [*bounds, len(messages)], strict=True):
             blocks.append(ingest.step(batch(messages[start:stop])))
-            assert ingest.account.balanced
+            assert ingest.rejections.balanced
         blocks.append(ingest.flush())
-        assert ingest.account.balanced
+        assert ingest.rejections.balanced
         found = [block for block in blocks if block is not None]
         return ingest, JointBlock.concatenate(found) if found else None
 
     a, block_a = run([])
     b, block_b = run(sorted(min(cut, len(messages)) for cut in cuts))
-    assert a.account == b.account
+    assert a.rejections == b.rejections
     assert (a.conflicts.count, a.conflicts.last_ns) == (b.conflicts.count, b.conflicts.last_ns)
     assert (a.order.jumps, a.order.gaps, a.samples) == (b.order.jumps, b.order.gaps, b.samples)
     assert a.findings() == b.findings()

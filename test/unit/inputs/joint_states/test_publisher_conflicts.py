@@ -48,9 +48,9 @@ def test_zeros_beside_the_driver_are_refused_until_they_have_ended(offset, rate,
     assert (used > 13.05).sum() >= 90
     (gap,) = np.flatnonzero(np.diff(block.segment))
     assert np.diff(used)[gap] > 1.8
-    assert ingest.account.rejected["conflicting_publisher"] > 100
+    assert ingest.rejections.rejected["conflicting_publisher"] > 100
     if reason:
-        assert ingest.account.rejected[reason] > 40
+        assert ingest.rejections.rejected[reason] > 40
     else:
         assert ingest.conflicting_joints == {"a", "b"}
         (finding,) = ingest.findings()
@@ -62,7 +62,7 @@ def test_the_same_message_from_two_publishers_is_no_conflict():
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, together(driver(), driver()))
     assert len(block) == 400
-    assert ingest.account.rejected == {"duplicate_stamp": 400}
+    assert ingest.rejections.rejected == {"duplicate_stamp": 400}
     assert not ingest.findings()
 
 
@@ -107,7 +107,7 @@ def test_fast_motion_beyond_a_wrong_limit_is_no_conflict():
     block = take(ingest, sent)
     assert len(block) == 400
     assert not ingest.conflicts.count
-    assert ingest.account.rejected == {}
+    assert ingest.rejections.rejected == {}
 
 
 def test_a_continuous_joint_that_wraps_is_no_conflict():

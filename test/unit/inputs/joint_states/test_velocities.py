@@ -25,11 +25,11 @@ def taken(rows, cut=None, **options):
     for start, stop in pairwise(cuts):
         block = ingest.step(batch(rows[start:stop]))
         stamps += [] if block is None else block.stamp_ns.tolist()
-        assert ingest.account.balanced
+        assert ingest.rejections.balanced
     block = ingest.flush()
     stamps += [] if block is None else block.stamp_ns.tolist()
-    assert ingest.account.balanced
-    assert not ingest.account.waiting
+    assert ingest.rejections.balanced
+    assert not ingest.rejections.waiting
     return ingest, stamps
 
 
@@ -39,7 +39,7 @@ def taken(rows, cut=None, **options):
 def test_one_impossible_velocity_is_refused_wherever_it_stands(place, velocity, cut):
     rows = states([(1.0, velocity if index == place else 1.0) for index in range(20)])
     ingest, stamps = taken(rows, cut)
-    assert ingest.account.rejected == {"impossible_velocity": 1}
+    assert ingest.rejections.rejected == {"impossible_velocity": 1}
     assert stamps == [SECOND + index * SECOND // 100 for index in range(20) if index != place]
     assert len(ingest.findings()) == 1
     assert ingest.order.segment == 0  # no gap of its own
@@ -48,9 +48,9 @@ def test_one_impossible_velocity_is_refused_wherever_it_stands(place, velocity, 
 def test_a_lone_message_with_an_impossible_velocity_waits_and_is_refused():
     ingest = JointStateIngest(NAMES, limits=limits(velocity=4.0))
     assert ingest.step(batch(states([(1.0, 99.0)]))) is None
-    assert ingest.account.waiting == 1
+    assert ingest.rejections.waiting == 1
     assert ingest.flush() is None
-    assert ingest.account.rejected == {"impossible_velocity": 1}
+    assert ingest.rejections.rejected == {"impossible_velocity": 1}
 
 
 def test_motion_that_fast_by_its_positions_is_used():
@@ -59,7 +59,7 @@ def test_motion_that_fast_by_its_positions_is_used():
         message(1.0 + index / 100, NAMES, (0.5 * index,) * 2, (50.0, 50.0)) for index in range(20)
     ]
     ingest, stamps = taken(rows)
-    assert not ingest.account.rejected
+    assert not ingest.rejections.rejected
     assert len(stamps) == 20
     assert ingest.findings()
 
@@ -71,13 +71,13 @@ def test_parts_of_the_robot_are_judged_each_by_its_own_positions():
             velocity = 500.0 if (index, name) == (9, "b") else 1.0
             rows.append(message(1.0 + index / 100, (name,), (0.01 * index,), (velocity,)))
     ingest, stamps = taken(rows)
-    assert ingest.account.rejected == {"impossible_velocity": 1}
+    assert ingest.rejections.rejected == {"impossible_velocity": 1}
     assert len(stamps) == 20  # interpolated over the one that is missing
 
 
 def test_the_ratio_is_a_parameter_and_no_limit_refuses_nothing():
     rows = states([(1.0, 13.0 if index == 5 else 1.0) for index in range(10)])
-    assert not taken(rows, source=JointStateSource(max_velocity_ratio=4.0))[0].account.rejected
+    assert not taken(rows, source=JointStateSource(max_velocity_ratio=4.0))[0].rejections.rejected
     ingest = JointStateIngest(NAMES)
     block = ingest.step(batch(rows))
     assert len(block) == 10
@@ -93,5 +93,5 @@ def test_what_was_refused_still_tells_the_unit():
         for index, (q, v) in enumerate(zip(angle, speed, strict=True))
     ]
     ingest, _ = taken(rows)
-    assert ingest.account.rejected["impossible_velocity"] > 100
+    assert ingest.rejections.rejected["impossible_velocity"] > 100
     assert "velocities look like degrees per second" in ingest.findings()[0].sentence

@@ -52,7 +52,7 @@ def test_a_reading_that_is_no_number_is_bridged():
     curve = MeterCurve(2.0)
     (pieces,) = curve.step(block(np.arange(4.0), [100.0, 110.0, np.nan, 130.0]))
     assert energy_of(pieces) == pytest.approx(30.0)
-    assert curve.account.rejected == {"meter_not_finite": 1}
+    assert curve.rejections.rejected == {"meter_not_finite": 1}
 
 
 def test_a_confirmed_fall_is_a_reset_with_its_time_and_nothing_across():
@@ -198,7 +198,7 @@ def test_a_new_epoch_starts_a_new_count():
     pieces = curve.step(block([10.0, 11.0, 5.0, 6.0], [100.0, 110.0, 100.0, 110.0]))
     assert [energy_of(part) for part in pieces] == pytest.approx([10.0, 10.0])
     assert curve.counter.resets == 0
-    assert curve.account.received == curve.account.accepted == 4
+    assert curve.rejections.received == curve.rejections.accepted == 4
 
 
 events = st.lists(
@@ -240,7 +240,7 @@ def test_counting_does_not_depend_on_the_cutting_and_every_reading_is_accounted_
         for start, stop in zip([0, *bounds], [*bounds, len(readings)], strict=True):
             if stop > start:
                 parts += curve.step(readings[slice(start, stop)])
-            assert curve.account.balanced
+            assert curve.rejections.balanced
         pieces = CoveredPieces.empty()
         for part in parts:
             pieces = pieces.join(part)
@@ -252,7 +252,7 @@ def test_counting_does_not_depend_on_the_cutting_and_every_reading_is_accounted_
     for name in ("start_ns", "end_ns", "start_power", "end_power"):
         np.testing.assert_array_equal(getattr(pieces, name), getattr(others, name))
     assert state == other_state
-    assert whole.account == cut.account
+    assert whole.rejections == cut.rejections
     assert (whole.newest_ns, whole.spacing_ns, whole.gaps) == (
         cut.newest_ns,
         cut.spacing_ns,

@@ -83,7 +83,7 @@ def test_a_float_of_power_is_stamped_by_its_receipt():
     assert block.meaning is MeterMeaning.INSTANTANEOUS
     assert block.location is MeterLocation.GRID
     assert compared(block, 5.0) == (pytest.approx(400.0), 2.0)  # trapezoids 150 + 250
-    assert ingest.account.received == ingest.account.accepted == 3
+    assert ingest.rejections.received == ingest.rejections.accepted == 3
 
 
 def test_a_constant_power_for_an_hour_is_what_it_says():
@@ -104,8 +104,8 @@ def test_a_reading_without_a_location_is_not_one_without_a_meaning():
     ingest = MeterIngest()
     block = ingest.step([RawBatch.from_messages("/power_meter", POWER_READING, [SECOND] * 4, rows)])
     assert len(block) == 1
-    assert ingest.account.rejected == {"unknown_location": 1, "unknown_meaning": 2}
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected == {"unknown_location": 1, "unknown_meaning": 2}
+    assert ingest.rejections.balanced
 
 
 def test_float32_is_read_as_well():
@@ -118,8 +118,8 @@ def test_float32_is_read_as_well():
 def test_a_reading_beyond_all_numbers_is_counted_and_compared_with_nothing(source):
     ingest = MeterIngest(MeterSource(**source))
     block = ingest.step([floats("/p", [1.0, 2.0, 3.0], [1e308, 1e308, 1e308])])
-    assert ingest.account.received == 3
-    assert ingest.account.balanced
+    assert ingest.rejections.received == 3
+    assert ingest.rejections.balanced
     assert compared(block, 4.0)[0] == 0.0
 
 
@@ -168,8 +168,8 @@ def test_a_battery_that_discharges_feeds_the_load():
     assert block.power.tolist() == [96.0, 200.0]
     assert block.stamp_ns.tolist() == [SECOND, 3 * SECOND]
     assert block.location is MeterLocation.DC_BUS
-    assert ingest.account.rejected == {"not_finite": 1, "zero_stamp": 1}
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected == {"not_finite": 1, "zero_stamp": 1}
+    assert ingest.rejections.balanced
     charging = ingest.step([batteries([(4.0, 50.0, 1.0)])])
     assert charging.power.tolist() == [-50.0]
 
@@ -192,11 +192,11 @@ def test_voltage_and_current_are_multiplied_where_both_are_fresh():
     # 0.4 has no voltage yet, 2.6 only one of 1.1 s age, and 6.1 waits for a later message
     assert block.stamp_ns.tolist() == [SECOND, 3 * SECOND // 2, 5 * SECOND // 2]
     assert block.power.tolist() == [96.0, 100.0, 150.0]
-    assert ingest.account.rejected == {"unpaired": 2}
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected == {"unpaired": 2}
+    assert ingest.rejections.balanced
     late = ingest.step([floats("/voltage", [7.0], [50.0])])
     assert late.power.tolist() == [52.0]
-    assert (ingest.account.received, ingest.account.accepted) == (10, 8)
+    assert (ingest.rejections.received, ingest.rejections.accepted) == (10, 8)
 
 
 def test_a_pair_refuses_what_is_no_number_and_forgets_when_the_clock_steps_back():
@@ -210,8 +210,8 @@ def test_a_pair_refuses_what_is_no_number_and_forgets_when_the_clock_steps_back(
     )
     assert block.power.tolist() == [48.0]
     assert ingest.step([floats("/current", [50.0, 50.1], [1.0, 1.0])]) is None
-    assert ingest.account.rejected == {"not_finite": 2, "unpaired": 2}
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected == {"not_finite": 2, "unpaired": 2}
+    assert ingest.rejections.balanced
 
 
 OTHER = "acme_msgs/msg/PowerStamped"
@@ -243,8 +243,8 @@ def test_any_stamped_message_with_a_number_is_a_meter():
     assert block.stamp_ns.tolist() == [SECOND * (1 + i) for i in range(6)]
     malformed = ingest.step([RawBatch.from_messages("/p", OTHER, [0], [rows[0][:-9]])])
     assert malformed is None
-    assert ingest.account.rejected == {"malformed": 1}
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected == {"malformed": 1}
+    assert ingest.rejections.balanced
 
 
 @pytest.mark.parametrize(
@@ -271,8 +271,8 @@ def test_elements_of_arrays_are_read_and_added(path, expected):
     block = ingest.step([RawBatch.from_messages("/p", kind, [SECOND, 2 * SECOND], rows)])
     known = [value for value in expected if np.isfinite(value)]
     assert block.power.tolist() == known
-    assert ingest.account.rejected["not_finite"] == 2 - len(known)  # an array that is too short
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected["not_finite"] == 2 - len(known)  # an array that is too short
+    assert ingest.rejections.balanced
 
 
 def test_a_message_without_header_is_stamped_by_its_receipt_or_refused():
@@ -362,10 +362,10 @@ def test_pairing_does_not_depend_on_the_cutting(seed, size, cuts):
                 )
             ]
             block = ingest.step([part for part in parts if len(part)])
-            assert ingest.account.balanced
+            assert ingest.rejections.balanced
             if block is not None:
                 blocks.append(block)
         readings = [(s, p) for b in blocks for s, p in zip(b.stamp_ns, b.power, strict=True)]
-        return readings, ingest.account.received, dict(ingest.account.rejected)
+        return readings, ingest.rejections.received, dict(ingest.rejections.rejected)
 
     assert run([]) == run(sorted(min(cut, size) for cut in cuts))

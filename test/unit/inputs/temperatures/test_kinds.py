@@ -33,8 +33,8 @@ def read(messages, named=(), **settings):
         rows = [says.interface_names(at, names) for at, names in named]
         batches.insert(0, says.batch("/names", INTERFACE_NAMES, rows, [at for at, _ in named]))
     block = ingest.step(batches)
-    assert ingest.account.balanced
-    assert ingest.account.received == len(messages)
+    assert ingest.rejections.balanced
+    assert ingest.rejections.received == len(messages)
     assert ingest.readers[0].keys_account.received == len(named)
     assert ingest.readers[0].keys_account.balanced
     return block, ingest
@@ -82,7 +82,7 @@ def test_a_fault_code_is_not_used_and_its_joints_are_named(code, unit):
     block, ingest = read(messages, unit=unit)
     same(block.motor_temperature_degc, [[NAN, 20.0]])
     assert ingest.doubts == [f"/t reads {code:g} for a, {code:g} for b, {FAULT}"]
-    assert ingest.account.rejected == {"not_finite": 1}
+    assert ingest.rejections.rejected == {"not_finite": 1}
 
 
 def test_a_temperature_that_comes_to_zero_by_steps_is_used_at_any_cutting():
@@ -120,7 +120,7 @@ def test_one_topic_of_temperature_for_one_joint():
     same(block.motor_temperature_degc, [[NAN, 40.0]])
     block, ingest = read([says.temperature(S, 40.0, "flange")], type=TEMPERATURE)
     assert block is None
-    assert ingest.account.rejected == {"unknown_joint": 1}
+    assert ingest.rejections.rejected == {"unknown_joint": 1}
 
 
 def test_frames_that_are_no_joint_names_are_mapped():
@@ -135,7 +135,7 @@ def test_frames_that_are_no_joint_names_are_mapped():
         names=("motor_2", "motor_1"),
     )
     same(block.motor_temperature_degc, [[40.0, NAN], [NAN, 50.0]])
-    assert ingest.account.rejected == {"unknown_joint": 1}
+    assert ingest.rejections.rejected == {"unknown_joint": 1}
     assert ingest.ignored_joints == {"a"}
 
 
@@ -146,7 +146,7 @@ def test_an_array_is_read_in_the_order_of_the_joints_at_the_time_of_receipt():
     )
     same(block.stamp_ns, [S, 3 * S])
     same(block.motor_temperature_degc, [[22, 21], [NAN, 23]])
-    assert ingest.account.rejected == {"wrong_length": 1, "not_finite": 1}
+    assert ingest.rejections.rejected == {"wrong_length": 1, "not_finite": 1}
     assert ingest.ignored_joints == set()
     assert ingest.readers[0].missing_readings == 3
 
@@ -167,7 +167,7 @@ def test_the_interface_of_a_dynamic_joint_state_that_is_a_temperature():
     block, ingest = read(messages, type=DYNAMIC_JOINT_STATE)
     same(block.motor_temperature_degc, [[30.0, 40.0], [NAN, 41.0]])
     same(block.stamp_ns, [S, 2 * S])
-    assert ingest.account.rejected == {
+    assert ingest.rejections.rejected == {
         "no_temperature": 1, "wrong_length": 1, "unknown_joint": 1, "zero_stamp": 1,
     }  # fmt: skip
     assert ingest.ignored_joints == {"x"}
@@ -191,7 +191,7 @@ def test_values_are_read_by_the_keys_in_force_when_they_came():
         named=[(int(1.5 * S), KEYS), (int(3.5 * S), (*KEYS[:3], "a/effort"))],
     )
     same(block.motor_temperature_degc, [[32, 42], [33, 43], [34, NAN]])
-    assert ingest.account.rejected == {"before_names": 1, "wrong_length": 1}
+    assert ingest.rejections.rejected == {"before_names": 1, "wrong_length": 1}
     assert ingest.ignored_joints == {"gpio/b"}
 
 
@@ -205,9 +205,9 @@ def test_keys_stay_from_step_to_step():
         values = says.interface_values(at, [0.0, 30.0, 0.0, 40.0])
         block = ingest.step([says.batch("/t", INTERFACE_VALUES, [values], [at])])
         same(block.motor_temperature_degc, [[30.0, 40.0]])
-    assert ingest.account.accepted == 2
+    assert ingest.rejections.accepted == 2
     assert ingest.readers[0].keys_account.accepted == 1
-    assert ingest.account.balanced
+    assert ingest.rejections.balanced
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_texts_of_diagnostics(text, unit, expected):
     block, ingest = diagnostic([message], unit=unit, names=("drive 1", "drive 2"))
     if expected is None:
         assert block is None
-        assert ingest.account.rejected == {"not_a_number": 1}
+        assert ingest.rejections.rejected == {"not_a_number": 1}
     else:
         np.testing.assert_allclose(block.motor_temperature_degc, [[expected, NAN]])
 
@@ -252,7 +252,7 @@ def test_statuses_and_keys_of_diagnostics():
     ]
     block, ingest = diagnostic(messages, names=("arm*",), keys=("temp_a", "temp_b"))
     same(block.motor_temperature_degc, [[30.0, 40.0], [NAN, 41.0]])
-    assert ingest.account.rejected == {"no_temperature": 1}
+    assert ingest.rejections.rejected == {"no_temperature": 1}
     assert ingest.readers[0].missing_readings == 1
 
 
@@ -276,11 +276,11 @@ def test_several_sources_keep_their_own_accounts():
         ]
     )
     same(block.motor_temperature_degc, [[30.0, NAN], [30.0, NAN]])
-    arm, wrist = (reader.account for reader in ingest.readers)
+    arm, wrist = (reader.rejections for reader in ingest.readers)
     assert (arm.received, arm.accepted) == (2, 2)
     assert wrist.rejected == {"zero_stamp": 1, "malformed": 1}
-    assert ingest.account.received == 4
-    assert ingest.account.balanced
+    assert ingest.rejections.received == 4
+    assert ingest.rejections.balanced
 
 
 def test_a_source_may_use_the_time_of_receipt():
@@ -297,7 +297,7 @@ def test_a_quick_source_counts_ten_times_a_second():
     block = ingest.step([says.batch("/t", MOTOR_TEMPERATURES, messages, stamps.tolist())])
     assert len(block) == 21
     assert ingest.step([says.batch("/t", MOTOR_TEMPERATURES, messages[-1:], [3 * S])]) is None
-    assert ingest.account.accepted == 1001
+    assert ingest.rejections.accepted == 1001
 
 
 def test_a_joint_that_the_model_lacks_is_refused_at_the_start():

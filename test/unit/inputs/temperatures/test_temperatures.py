@@ -52,8 +52,8 @@ def test_topics_of_one_joint_each_are_merged_by_stamp():
         block.motor_temperature_degc,
         [[30, np.nan], [np.nan, 40], [31, np.nan], [np.nan, 41]],
     )
-    assert ingest.account.rejected == {"unknown_joint": 1}
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected == {"unknown_joint": 1}
+    assert ingest.rejections.balanced
 
 
 def test_a_topic_that_says_no_joint_is_named():
@@ -62,7 +62,7 @@ def test_a_topic_that_says_no_joint_is_named():
     (doubt,) = ingest.doubts
     assert "/tb says no joint" in doubt
     assert ingest.ignored_joints == set()
-    assert ingest.account.rejected == {"unknown_joint": 1}
+    assert ingest.rejections.rejected == {"unknown_joint": 1}
 
 
 def test_a_loop_keeps_the_order_of_arrival():
@@ -76,11 +76,11 @@ def test_bad_messages_are_counted_by_reason():
     batch = own("/t", [0.0, 1.0, 2.0], [[1.0, 2.0], [np.nan, np.nan], [3.0, np.nan]])
     block = ingest.step([batch])
     assert len(block) == 1
-    assert ingest.account.rejected == {"zero_stamp": 1, "not_finite": 1}
+    assert ingest.rejections.rejected == {"zero_stamp": 1, "not_finite": 1}
     garbage = RawBatch.from_messages("/t", OWN, np.zeros(1, dtype=np.int64), [b"\x00\x01\x00"])
     assert ingest.step([garbage]) is None
-    assert ingest.account.rejected["malformed"] == 1
-    assert ingest.account.balanced
+    assert ingest.rejections.rejected["malformed"] == 1
+    assert ingest.rejections.balanced
 
 
 def test_messages_of_which_no_reading_is_usable_give_nothing():
@@ -88,5 +88,5 @@ def test_messages_of_which_no_reading_is_usable_give_nothing():
     for batch in (own("/t", [1.0], [[np.nan, np.inf]]), own("/t", [0.0], [[30.0, 30.0]])):
         ingest = ingest_of("/t")
         assert ingest.step([batch]) is None
-        assert (ingest.account.received, ingest.account.accepted) == (1, 0)
-        assert ingest.account.balanced
+        assert (ingest.rejections.received, ingest.rejections.accepted) == (1, 0)
+        assert ingest.rejections.balanced
