@@ -21,12 +21,7 @@ def best_effort(depth: int) -> QoSProfile:
     Args:
         depth: Messages that can wait.
     """
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return _profile(depth, ReliabilityPolicy.BEST_EFFORT)
 
 
 def reliable(depth: int) -> QoSProfile:
@@ -35,12 +30,7 @@ def reliable(depth: int) -> QoSProfile:
     Args:
         depth: Messages that can wait.
     """
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return _profile(depth, ReliabilityPolicy.RELIABLE)
 
 
 def latched(depth: int) -> QoSProfile:
@@ -49,11 +39,19 @@ def latched(depth: int) -> QoSProfile:
     Args:
         depth: Messages that are kept.
     """
+    return _profile(depth, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _profile(
+    depth: int,
+    reliability: ReliabilityPolicy,
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
+) -> QoSProfile:
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        reliability=reliability,
+        durability=durability,
     )
 
 
