@@ -12,6 +12,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from ros2_energy_msgs.msg import JointFriction, JointTorque
 
+POWER_TOPIC = "energy/power"
+REGISTERS_TOPIC = "energy/registers"
+TORQUE_TOPIC = "energy/joint_torque"
+FRICTION_TOPIC = "energy/joint_friction"
 MAX_FINISH = 1.0  # for subscribers to acknowledge the last messages of a node that ends [s]
 
 
@@ -137,7 +141,7 @@ def torque_publisher(node: Node, depth: int) -> RowPublisher:
     Returns:
         The publisher.
     """
-    return RowPublisher(node, JointTorque, "energy/joint_torque", reliable(depth))
+    return RowPublisher(node, JointTorque, TORQUE_TOPIC, reliable(depth))
 
 
 def friction_publisher(node: Node) -> RowPublisher:
@@ -149,7 +153,7 @@ def friction_publisher(node: Node) -> RowPublisher:
     Returns:
         The publisher.
     """
-    return RowPublisher(node, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH))
+    return RowPublisher(node, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
 
 
 FRICTION_DEPTH = 100  # messages; what a late subscriber gets at most
