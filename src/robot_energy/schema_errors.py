@@ -12,12 +12,12 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel, ValidationError
 
 from robot_energy.errors import RobotEnergyError
+from robot_energy.kinds import LIKELY
 from robot_energy.shown_text import shown
 
 MAX_PROBLEMS = 8  # said at once
 MAX_KEYS = 20  # of a schema, listed where an unknown key resembles none
 MAX_WORD = 60  # characters of a key or value that are shown
-LIKELY = 0.6  # likeness of two keys from which one may be a misspelling of the other
 
 # What was expected, by pydantic's type of error; the braces are filled from its context.
 EXPECTED = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robot_energy.results.base import plain
+from robot_energy.results.base import json_value
 from robot_energy_papers.band_coverage import summary
 from robot_energy_papers.certainty import Certainty, LearningResult
 
@@ -20,12 +20,12 @@ def figures(result: Certainty) -> dict[str, Any]:
     return {
         "label": LABEL,
         "seed": result.seed,
-        "intervals": [plain(row) for row in result.coverages],
-        "intervals_hard": [plain(row) for row in result.hard_coverages],
+        "intervals": [json_value(row) for row in result.coverages],
+        "intervals_hard": [json_value(row) for row in result.hard_coverages],
         "bands": summary(result.bands) if result.bands else {},
-        "bands_by_run": [plain(row) for row in result.bands],
-        "thermal": [plain(row) for row in result.thermal],
-        "wear": [plain(row) for row in result.wear],
+        "bands_by_run": [json_value(row) for row in result.bands],
+        "thermal": [json_value(row) for row in result.thermal],
+        "wear": [json_value(row) for row in result.wear],
         "learning": [_learning(row) for row in result.learning],
     }
 

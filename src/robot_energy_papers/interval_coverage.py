@@ -31,8 +31,8 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy.rig.record import DRIVE_POWER, record
+from robot_energy.uncertainty.band import Z95
 
-QUANTILE = 1.96  # standard deviations of half a 95 % interval
 BEYOND_MODEL = ("stribeck", "load_friction", "demagnetisation", "rectifier", "inverter", "warming")
 """Effects of the rig that the model file has no term for; off within its form."""
 SENSORS = Sensors(meter_class=0.01, torque_constant_error=0.02, temperature_offset=1.0)
@@ -72,7 +72,7 @@ class Judged:
     @property
     def held(self) -> bool:
         """Whether the 95 % interval holds the truth."""
-        return abs(self.deviations) <= QUANTILE
+        return abs(self.deviations) <= Z95
 
 
 @dataclass(frozen=True)
@@ -336,7 +336,7 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
             continue
         errors = np.array([entry.deviations for entry in figures])
         known = errors[np.isfinite(errors)]
-        widths = [QUANTILE * entry.std / abs(entry.truth) for entry in figures if entry.truth]
+        widths = [Z95 * entry.std / abs(entry.truth) for entry in figures if entry.truth]
         rows.append(
             IntervalCoverage(
                 group,

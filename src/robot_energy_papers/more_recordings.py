@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from robot_energy.identify.run_all import identify_everything
+from robot_energy.uncertainty.band import Z95
 from robot_energy_papers.interval_coverage import (
-    QUANTILE,
     Judged,
     given_model,
     judged,
@@ -77,6 +77,6 @@ def disjoint(fewer: Sequence[Judged], more: Sequence[Judged]) -> tuple[int, tupl
     apart = [
         f"{one.group} {one.name}"
         for one, other in pairs
-        if abs(one.value - other.value) > QUANTILE * (one.std + other.std)
+        if abs(one.value - other.value) > Z95 * (one.std + other.std)
     ]
     return len(pairs), tuple(apart)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robot_energy.results.base import plain
+from robot_energy.results.base import json_value
 from robot_energy.results.identification import FrictionReport
 from robot_energy_papers.calibration import Calibration
 from robot_energy_papers.drawn_plants import error_spreads
@@ -55,7 +55,7 @@ def figures(result: PaperA) -> Figures:
         ],
         "greatest_rise_in_a_set": max(entry.rise for entry in (*result.train, *result.test)),
         "peak_power": max(entry.recording.peak_power for entry in (*result.train, *result.test)),
-        "friction": plain(FrictionReport("motor_torque", tuple(found.fits), ())),
+        "friction": json_value(FrictionReport("motor_torque", tuple(found.fits), ())),
         "friction_against_truth": [
             {"motor_degc": degc.tolist(), "error": error.tolist()}
             for degc, error in result.friction_errors
@@ -68,7 +68,7 @@ def figures(result: PaperA) -> Figures:
             }
             for entry in found.sets
         ],
-        "cabinet": plain(found.cabinet),
+        "cabinet": json_value(found.cabinet),
         "notes": list(found.notes),
         "shaft_power": [
             {
@@ -92,7 +92,7 @@ def figures(result: PaperA) -> Figures:
             {"plant_seed": row.plant_seed, "error": row.errors, "refused": row.refused}
             for row in result.plants
         ],
-        "plants_error": plain(error_spreads(result.plants)),
+        "plants_error": json_value(error_spreads(result.plants)),
         "effects_degc": list(result.scale.rigs.test_degc),
         "sensitivity": {name: table.to_dict() for name, table in result.open.items()},
         "calibration": _calibration(result.calibration),

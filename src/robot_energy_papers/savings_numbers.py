@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.results.base import plain
+from robot_energy.results.base import json_value
 from robot_energy_papers.judged_savings import UNCHANGED, JudgedSaving
 from robot_energy_papers.savings import OVERRIDES, Savings
 
@@ -46,9 +46,9 @@ def figures(result: Savings) -> dict[str, Any]:
         },
         "limits": {"programs": result.checked, "exceeded": result.exceeded},
         "overrides": OVERRIDES.tolist(),
-        "curves": [{**plain(curve), "best": curve.best} for curve in result.curves],
-        "savings": [plain(row) for row in rows],
-        "choices": [plain(choice) for choice in result.choices],
+        "curves": [{**json_value(curve), "best": curve.best} for curve in result.curves],
+        "savings": [json_value(row) for row in rows],
+        "choices": [json_value(choice) for choice in result.choices],
     }
 
 

@@ -32,6 +32,7 @@ from robot_energy.physics.friction import FrictionModel
 from robot_energy.rig import PlantProfile, RigConfig
 from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, REFERENCE_DEGC, PlantFriction
 from robot_energy.rig.thermal import ThermalNetwork
+from robot_energy.units import DAY
 from robot_energy_papers.learning_study import work
 from robot_energy_papers.wear_cycle import RATE, CycleSums, cycle_sums
 
@@ -43,7 +44,6 @@ JOB_LOADS = 4  # the same of a program that is drawn later
 KNOWN_JOB = 0.5  # probability that the next program ran before
 MOVES, ZONES, OVERRIDES = (6, 40), (0.25, 0.8), (0.3, 1.0)  # of these; share of ranges, of speed
 COLD, HOT = (15.0, 22.0), (52.0, 60.0)  # of the hall, night and day, drawn for each day [degC]
-DAY = 86_400.0  # s
 HOTTEST = (
     125.0  # of a motor on the hottest day; a cell that gets hotter waits between cycles [degC]
 )
@@ -52,6 +52,7 @@ MAX_STEP = 40.0  # s of the thermal network at once
 COLLIDE_EVERY = 14_400.0  # s of work between two collisions of an axis, mean
 COLLISION = 3.0  # greatest impulse of one, over that of the model's friction in a part
 READINGS = 5  # of the temperature sensors that a part averages
+DAY_HOURS = 24  # h
 START_NS = 1_700_000_000_000_000_000
 
 

@@ -18,8 +18,8 @@ from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+from robot_energy_papers.wear_rows import DAY_HOURS
 
-DAY = 24  # h
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]
 CHANGE_EVERY = 30  # min between two payloads
@@ -82,7 +82,7 @@ class Shift:
             stuck: Axis whose thermometer stands still; None for none.
         """
         for _ in range(minutes):
-            swing = np.sin(2 * np.pi * self._minute / (60 * DAY))
+            swing = np.sin(2 * np.pi * self._minute / (60 * DAY_HOURS))
             ambient = (COLD + HOT) / 2 + (HOT - COLD) / 2 * swing
             self._rig.change(ambient_degc=float(ambient), wear=wear)
             if self._minute % CHANGE_EVERY == 0:

@@ -24,9 +24,8 @@ from robot_energy.condition.wear import WearMonitor
 from robot_energy.condition.wear_records import MotionGatherer, WearRecord
 from robot_energy.rig import PlantProfile
 from robot_energy.units import HOUR_NS
-from robot_energy_papers.wear_rows import START_NS, WearRows
+from robot_energy_papers.wear_rows import DAY_HOURS, START_NS, WearRows
 
-DAY = 24  # h
 METER_PART = 5.0  # s of a window of the meter
 
 
@@ -245,7 +244,7 @@ def meter_only(
     found: list[float] = []
     rows = WearRows(profile, seed, METER_PART)
     for day in rows.meter_days(days, wear):
-        done += DAY
+        done += DAY_HOURS
         for row in day:
             known = len(monitor.robot.changes)
             monitor.step_meter(*row)

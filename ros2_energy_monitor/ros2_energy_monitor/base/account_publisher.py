@@ -11,7 +11,13 @@ from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.model import RobotModel
 from ros2_energy_monitor.base.checkpoints import CLOSING, Checkpoints, folder_of
 from ros2_energy_monitor.base.node_parameters import AccountParameters
-from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, reliable
+from ros2_energy_monitor.base.publishers import (
+    POWER_TOPIC,
+    REGISTERS_TOPIC,
+    PacedPublisher,
+    RowPublisher,
+    reliable,
+)
 from ros2_energy_monitor.services.registers import RegisterServices
 
 
@@ -54,11 +60,9 @@ class AccountPublisher:
         Raises:
             RegisterError: If the state files cannot be used.
         """
-        power = RowPublisher(self._node, PowerState, "energy/power", reliable(100))
+        power = RowPublisher(self._node, PowerState, POWER_TOPIC, reliable(100))
         self._power = PacedPublisher(power, self._ticks)
-        self._registers = RowPublisher(
-            self._node, EnergyRegisters, "energy/registers", reliable(10)
-        )
+        self._registers = RowPublisher(self._node, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
         self.checkpoints.open()
         RegisterServices(self._node, self._account, self.checkpoints, self._joint_names).open()
 

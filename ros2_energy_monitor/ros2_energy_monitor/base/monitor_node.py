@@ -33,11 +33,10 @@ from ros2_energy_monitor.base.parameters import declare, parameter_lines, reread
 from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch
-from ros2_energy_monitor.diagnostics.reporter import Reporter, Source, StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, Reporter, Source, StatusBuilder
 
 P = TypeVar("P", bound=Common)
 ROBOT_DESCRIPTION = "robot_description"
-REPORT_PERIOD = 1.0  # [s]
 
 
 class MonitorNode(ManagedNode, Generic[P]):

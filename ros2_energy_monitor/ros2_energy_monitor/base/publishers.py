@@ -12,6 +12,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from ros2_energy_msgs.msg import JointFriction, JointTorque
 
+POWER_TOPIC = "energy/power"
+REGISTERS_TOPIC = "energy/registers"
+TORQUE_TOPIC = "energy/joint_torque"
+FRICTION_TOPIC = "energy/joint_friction"
 MAX_FINISH = 1.0  # for subscribers to acknowledge the last messages of a node that ends [s]
 
 
@@ -21,12 +25,7 @@ def best_effort(depth: int) -> QoSProfile:
     Args:
         depth: Messages that can wait.
     """
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return _profile(depth, ReliabilityPolicy.BEST_EFFORT)
 
 
 def reliable(depth: int) -> QoSProfile:
@@ -35,12 +34,7 @@ def reliable(depth: int) -> QoSProfile:
     Args:
         depth: Messages that can wait.
     """
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return _profile(depth, ReliabilityPolicy.RELIABLE)
 
 
 def latched(depth: int) -> QoSProfile:
@@ -49,11 +43,19 @@ def latched(depth: int) -> QoSProfile:
     Args:
         depth: Messages that are kept.
     """
+    return _profile(depth, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _profile(
+    depth: int,
+    reliability: ReliabilityPolicy,
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
+) -> QoSProfile:
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        reliability=reliability,
+        durability=durability,
     )
 
 
@@ -139,7 +141,7 @@ def torque_publisher(node: Node, depth: int) -> RowPublisher:
     Returns:
         The publisher.
     """
-    return RowPublisher(node, JointTorque, "energy/joint_torque", reliable(depth))
+    return RowPublisher(node, JointTorque, TORQUE_TOPIC, reliable(depth))
 
 
 def friction_publisher(node: Node) -> RowPublisher:
@@ -151,7 +153,7 @@ def friction_publisher(node: Node) -> RowPublisher:
     Returns:
         The publisher.
     """
-    return RowPublisher(node, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH))
+    return RowPublisher(node, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
 
 
 FRICTION_DEPTH = 100  # messages; what a late subscriber gets at most

@@ -24,7 +24,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import ReportError, RobotEnergyError
-from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.demo.processes import NodeProcesses
@@ -133,7 +133,7 @@ class _Seen:
     def __init__(self, node: Node) -> None:
         self.registers: Any = None
         self._publishers: dict[tuple[str, str], float] = {}
-        node.create_subscription(EnergyRegisters, "energy/registers", self._take, reliable(100))
+        node.create_subscription(EnergyRegisters, REGISTERS_TOPIC, self._take, reliable(100))
         node.create_subscription(DiagnosticArray, "/diagnostics", self._look, reliable(100))
 
     def met(self) -> bool:

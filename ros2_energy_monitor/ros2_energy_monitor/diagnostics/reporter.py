@@ -26,6 +26,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.ERROR,
     DiagnosticStatus.STALE,
 )
+REPORT_PERIOD = 1.0  # [s]
 MAX_REMARKS = 100  # kept, so that a topic of ever new names cannot fill the memory
 ALL_IS_WELL = "all is well"
 SEVERITY = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}

@@ -17,7 +17,13 @@ from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 
 from ros2_energy_monitor.base.node_parameters import ConsoleParameters
 from ros2_energy_monitor.base.parameters import declare
-from ros2_energy_monitor.base.publishers import best_effort, latched
+from ros2_energy_monitor.base.publishers import (
+    FRICTION_TOPIC,
+    POWER_TOPIC,
+    REGISTERS_TOPIC,
+    best_effort,
+    latched,
+)
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.demo.console_view import ConsoleView
 
@@ -40,13 +46,11 @@ class Console(Node):
         parameters = declare(self, ConsoleParameters)
         self.board = ConsoleView()
         self._write = write or _print
-        self.create_subscription(PowerState, "energy/power", self._take_power, best_effort(50))
+        self.create_subscription(PowerState, POWER_TOPIC, self._take_power, best_effort(50))
         self.create_subscription(
-            EnergyRegisters, "energy/registers", self._take_registers, best_effort(10)
+            EnergyRegisters, REGISTERS_TOPIC, self._take_registers, best_effort(10)
         )
-        self.create_subscription(
-            JointFriction, "energy/joint_friction", self._take_friction, latched(1)
-        )
+        self.create_subscription(JointFriction, FRICTION_TOPIC, self._take_friction, latched(1))
         self.create_subscription(
             DiagnosticArray, "/diagnostics", self.board.take_diagnostics, best_effort(50)
         )

@@ -20,9 +20,9 @@ from robot_energy.page.web_server import PageServer
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import DashboardParameters
 from ros2_energy_monitor.base.parameters import declare
-from ros2_energy_monitor.base.publishers import best_effort
+from ros2_energy_monitor.base.publishers import POWER_TOPIC, best_effort
 from ros2_energy_monitor.base.run_node import run
-from ros2_energy_monitor.web.robot_feed import POWER_TOPIC, RobotFeed
+from ros2_energy_monitor.web.robot_feed import RobotFeed
 
 LOOK_PERIOD = 1.0  # between two looks for robots, services and job intervals [s]
 POWER_TYPE = "ros2_energy_msgs/msg/PowerState"

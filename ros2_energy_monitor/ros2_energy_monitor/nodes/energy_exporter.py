@@ -15,16 +15,15 @@ from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 from robot_energy.errors import ParameterError
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
-from ros2_energy_monitor.base.publishers import best_effort
+from ros2_energy_monitor.base.publishers import POWER_TOPIC, REGISTERS_TOPIC, best_effort
 from ros2_energy_monitor.base.run_node import run
-from ros2_energy_monitor.diagnostics.reporter import WARN, Reporter, StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, WARN, Reporter, StatusBuilder
 from ros2_energy_monitor.exporters.exporter import Exporter, Newest
 from ros2_energy_monitor.exporters.kinds import EXPORTERS
 from ros2_energy_monitor.exporters.parameters import exporter_parameters
 from ros2_energy_monitor.exporters.values import Topic
 
 TICK_PERIOD = 0.1  # [s]
-REPORT_PERIOD = 1.0  # [s]
 
 
 class EnergyExporter(Node):
@@ -55,11 +54,11 @@ class EnergyExporter(Node):
             raise
         self.newest = Newest(self.parameters.stale_after)
         self.create_subscription(
-            PowerState, "energy/power", partial(self._take, Topic.POWER), best_effort(10)
+            PowerState, POWER_TOPIC, partial(self._take, Topic.POWER), best_effort(10)
         )
         self.create_subscription(
             EnergyRegisters,
-            "energy/registers",
+            REGISTERS_TOPIC,
             partial(self._take, Topic.REGISTERS),
             best_effort(10),
         )

@@ -23,7 +23,11 @@ from ros2_energy_monitor.base.inputs import (
 )
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import EnergyParameters
-from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
+from ros2_energy_monitor.base.publishers import (
+    REGISTERS_TOPIC,
+    friction_publisher,
+    torque_publisher,
+)
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
 from ros2_energy_monitor.diagnostics.auxiliary import auxiliary_sources
@@ -51,7 +55,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     """
 
     NAME = "energy_monitor"
-    UNIQUE_TOPIC = "energy/registers"
+    UNIQUE_TOPIC = REGISTERS_TOPIC
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, EnergyParameters, **options)

@@ -28,7 +28,7 @@ from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.meter_driver import MeterDriverSource
-from ros2_energy_monitor.diagnostics.reporter import Reporter, StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, Reporter, StatusBuilder
 from ros2_energy_monitor.meters.kinds import MeterLinkKind, load_profile
 from ros2_energy_monitor.meters.link import Endpoint
 from ros2_energy_monitor.meters.parameters import MeterDriverParameters
@@ -37,7 +37,6 @@ from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import NetworkReading, Quantity, ReadingFilter
 
 TICK_PERIOD = 0.05  # [s]
-REPORT_PERIOD = 1.0  # [s]
 
 
 class MeterDriver(Node):

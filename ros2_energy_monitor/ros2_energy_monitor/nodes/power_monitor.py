@@ -21,7 +21,14 @@ from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import messages_in, meter_input
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import PowerParameters
-from ros2_energy_monitor.base.publishers import FRICTION_DEPTH, latched, reliable
+from ros2_energy_monitor.base.publishers import (
+    FRICTION_DEPTH,
+    FRICTION_TOPIC,
+    REGISTERS_TOPIC,
+    TORQUE_TOPIC,
+    latched,
+    reliable,
+)
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
 from ros2_energy_monitor.diagnostics.auxiliary import auxiliary_sources
@@ -46,7 +53,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
     """
 
     NAME = "power_monitor"
-    UNIQUE_TOPIC = "energy/registers"
+    UNIQUE_TOPIC = REGISTERS_TOPIC
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, PowerParameters, **options)
@@ -70,12 +77,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._condition.open()
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
-        self.torques = Inbox(
-            self, JointTorque, "energy/joint_torque", reliable(depth), renew_after=renew
-        )
-        self.frictions = Inbox(
-            self, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH)
-        )
+        self.torques = Inbox(self, JointTorque, TORQUE_TOPIC, reliable(depth), renew_after=renew)
+        self.frictions = Inbox(self, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
         self._meter, self.readings = meter_input(
             self, self.parameters, self.parameters.resubscribe_after
         )

@@ -17,9 +17,14 @@ from robot_energy.page.alarms import PageFinding
 from robot_energy.page.robot_state import RobotState
 from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.publishers import best_effort, latched
+from ros2_energy_monitor.base.publishers import (
+    FRICTION_TOPIC,
+    POWER_TOPIC,
+    REGISTERS_TOPIC,
+    best_effort,
+    latched,
+)
 
-POWER_TOPIC = "energy/power"
 SERVICES: dict[str, Any] = {
     "list_intervals": ListIntervals,
     "open_interval": OpenInterval,
@@ -47,10 +52,8 @@ class RobotFeed:
         self.namespace = namespace.strip("/")
         self._prefix = f"/{self.namespace}/" if self.namespace else "/"
         self._power = self._inbox(PowerState, POWER_TOPIC, best_effort(200))
-        self._registers = self._inbox(EnergyRegisters, "energy/registers", best_effort(10))
-        self._friction = Inbox(
-            node, JointFriction, f"{self._prefix}energy/joint_friction", latched(10)
-        )
+        self._registers = self._inbox(EnergyRegisters, REGISTERS_TOPIC, best_effort(10))
+        self._friction = Inbox(node, JointFriction, f"{self._prefix}{FRICTION_TOPIC}", latched(10))
         self._clients: dict[str, Client] = {}
         self._listing: Any = None  # the answer that is awaited
         self._asked = 0.0  # when, steady time [s]

@@ -22,7 +22,7 @@ from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import ExactSum, SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
-from robot_energy.accounting.plain_text import MAX_REASON, plain
+from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
 from robot_energy.accounting.record import AccountRecord, EnergyInterval, Identity, TraceEntry
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
@@ -294,7 +294,7 @@ class EnergyAccount:
         before = self.totals()
         if not reason.strip():
             raise RegisterError("a reset without a reason", "a few words that say why")
-        plain("a reason", reason.strip(), MAX_REASON, RegisterError)
+        require_plain_text("a reason", reason.strip(), MAX_REASON, RegisterError)
         if self.end_ns is None:
             raise RegisterError("no sample has been counted yet", "registers that have counted")
         self.trace.add(

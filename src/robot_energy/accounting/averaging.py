@@ -9,6 +9,7 @@ import numpy as np
 from robot_energy.accounting.integration import SampleIntervals
 from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.accounting.settings import HOLD_NS
 from robot_energy.blocks import (
     NANOSECOND,
     Bits,
@@ -21,9 +22,6 @@ from robot_energy.blocks import (
 )
 from robot_energy.timeline.pieces import Compared
 from robot_energy.uncertainty.band import Z90, BandKind, power_std
-
-# A comparison older than this, and than twice the time it covers, is no longer shown.
-HOLD_NS = 2_000_000_000
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.accounting.plain_text import MAX_NAME, plain
+from robot_energy.accounting.plain_text import MAX_NAME, require_plain_text
 from robot_energy.accounting.record import EnergyInterval, OpenInterval
 from robot_energy.accounting.totals import Totals
 from robot_energy.errors import RegisterError
@@ -59,7 +59,7 @@ class JobIntervals:
             RegisterError: If the name does not fit or is taken, if too many are open, or
                 if no sample was counted yet.
         """
-        plain("an interval name", name, MAX_NAME, RegisterError)
+        require_plain_text("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self._open.values()):
             raise RegisterError(
                 f"an interval '{name}' is open already", "another name", "close it first"

@@ -7,6 +7,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.accounting.settings import HOLD_NS
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.inputs.meter.power_curve import MeterCurve, MeterLimits
 from robot_energy.model.auxiliary import AuxiliaryLoad
@@ -14,7 +15,6 @@ from robot_energy.timeline.pieces import CoveredPieces
 
 PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet
 STATE_WAIT_NS = 1_000_000_000  # for a state that was set but has not arrived
-HOLD_NS = 2_000_000_000  # a reading counts as the newest so long, or twice what it stands for
 UNKNOWN = -1  # number of a state that nobody has said
 MAX_KEPT = 100_000  # pieces and changes that wait for the robot
 COLUMNS = ("state", "remarks", "model_power", "measured_power", "measurement_age", "power")

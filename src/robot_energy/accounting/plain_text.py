@@ -11,7 +11,7 @@ MAX_LINK = 200  # characters of the name of a link
 MAX_TEXT = 500  # characters of an entry of the trace
 
 
-def plain(what: str, text: str, limit: int, error: type[RobotEnergyError]) -> str:
+def require_plain_text(what: str, text: str, limit: int, error: type[RobotEnergyError]) -> str:
     """Return a text that can be kept, published and logged as it is.
 
     Args:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from robot_energy.inputs.meter.power_curve import MAX_POWER
 
+HOLD_NS = 2_000_000_000
+"""A reading counts as the newest for so long, or for twice the time it covers."""
+
 
 @dataclass(frozen=True)
 class AccountSettings:

@@ -24,9 +24,8 @@ from robot_energy.report.formats import percent
 from robot_energy.report.repeats import given_once, overlaps
 from robot_energy.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy.results.model import model_used
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.units import DAY, JOULE_PER_KWH
 
-DAY = 86_400.0  # s
 MIN_SAVING = 5e-4  # of the energy from the grid; what is less is not listed [-]
 WORKING_DAYS = 250.0  # a year, assumed where the recordings do not say
 LABELS = {

@@ -22,6 +22,7 @@ from robot_energy.condition.wear_records import (
     degc_shares,
     features_of,
 )
+from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
 LONGEST = 3600.0  # of a record; the slope of one that is no surer by then is dropped [s]
 MAX_STD = 0.1  # of the slope [-]
@@ -74,7 +75,7 @@ class MeterGatherer:
             near = np.minimum(1.0, HUBER * noise / np.maximum(np.abs(off), 1e-9))
             weight = duration * near
             slope, off = _line(friction, residual, weight)
-            noise = max(1.4826 * float(np.median(np.abs(off))), MIN_NOISE)
+            noise = max(MEDIAN_TO_STD * float(np.median(np.abs(off))), MIN_NOISE)
         spread = float(weight @ (friction - weight @ friction / weight.sum()) ** 2)
         variance = noise**2 * float(np.mean(duration)) / max(spread, 1e-9)
         if not variance < MAX_STD**2:

@@ -21,6 +21,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
 RECORD_TIME = 300.0  # motion of a record [s]
 MIN_DIRECTION = 60.0  # of it in each direction [s]
@@ -241,7 +242,7 @@ def _one_way(model: Float, measured: Float, load: Float, degc: Float) -> _Way:
     ratio = measured / amount
     middle = _median(ratio, amount)
     off = np.abs(ratio - middle)
-    scatter = 1.4826 * _median(off, amount) + 1e-6
+    scatter = MEDIAN_TO_STD * _median(off, amount) + 1e-6
     weight = np.minimum(1.0, HUBER * scatter / np.maximum(off, 1e-12))
     total = float(weight @ amount)
     return _Way(

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float, Int
+from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
 MIN_SISTERS = 5  # robots with a figure, below which none is compared
 MIN_BAGS = 3  # of a robot with a figure
@@ -33,7 +34,6 @@ MAX_FALSE = 0.01  # probability of anything false in a whole report
 HUBER = 2.0  # standard deviations, beyond which a bag weighs less
 ROUNDS = 12
 TINY = 1e-12  # against a division by 0
-MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
 PRIOR_BAGS = 5.0  # that the usual scatter of a bag counts for, in addition to a robot's own
 RIDGE = 1e-3  # of one bag, on every coefficient: a share that does not vary has none
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from robot_energy.condition.drift_test import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear_records import WearRecord
+from robot_energy.uncertainty.band import MEDIAN_TO_STD
 from robot_energy.units import HOUR_NS
 
 MIN_RECORDS = MIN_BEFORE + MIN_AFTER  # without which no change is seen
 MIN_HOURS = BAGS.min_hours  # of motion that they span, likewise [h]
 MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
-MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
 
 
 def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:

@@ -17,7 +17,7 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.presets import ROBOTS, RobotPreset
 
 MAX_BYTES = 1024 * 1024
-LIKELY = 0.85  # likeness of two names above which one is a misspelling of the other
+MISSPELT = 0.85  # likeness of two names above which one is a misspelling of the other
 ROS_PARAMETERS = "ros__parameters"
 
 
@@ -101,7 +101,7 @@ def _misspelt(given: Mapping[str, Any], asked: list[str], owner: str) -> Iterato
     for name in given:
         if name in asked:
             continue
-        near = difflib.get_close_matches(name, asked, n=1, cutoff=LIKELY)
+        near = difflib.get_close_matches(name, asked, n=1, cutoff=MISSPELT)
         if near:
             yield f"{owner}: no input has '{name}'; did you mean '{near[0]}'?"
         elif name.partition(".")[0] in groups:

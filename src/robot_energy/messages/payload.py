@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.accounting.plain_text import MAX_LINK, plain
+from robot_energy.accounting.plain_text import MAX_LINK, require_plain_text
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Encoder, Run, stamp_columns
 from robot_energy.cdr.types import typestore as default_typestore
@@ -203,4 +203,4 @@ class PayloadReader:
 def _check_link(link: str) -> None:
     """Refuse what no link is called; an unknown one is refused by the robot."""
     if link:
-        plain("a name of a link", link, MAX_LINK, PayloadError)
+        require_plain_text("a name of a link", link, MAX_LINK, PayloadError)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robot_energy.blocks import NANOSECOND
-from robot_energy.page.json_numbers import plain
+from robot_energy.page.json_numbers import json_number
 from robot_energy.shown_text import shown
 
 MAX_INTERVALS = 20  # shown, the newest first
@@ -35,8 +35,8 @@ def last_job(intervals: Sequence[Fields]) -> dict[str, Any] | None:
     same = [one["predicted_import_energy"] for one in closed if one["name"] == last["name"]]
     return {
         "name": shown(last["name"]),
-        "energy": plain(last["predicted_import_energy"]),
-        "mean": plain(math.fsum(same) / len(same)),
+        "energy": json_number(last["predicted_import_energy"]),
+        "mean": json_number(math.fsum(same) / len(same)),
         "count": len(same),
     }
 
@@ -53,8 +53,8 @@ def job_rows(intervals: Sequence[Fields]) -> list[dict[str, Any]]:
             "name": shown(one["name"]),
             "is_open": bool(one["is_open"]),
             "start": one["start_ns"] * NANOSECOND,
-            "seconds": plain(one["observed_time"] + one["gap_time"]),
-            **{name: plain(one[name]) for name in FIGURES},
+            "seconds": json_number(one["observed_time"] + one["gap_time"]),
+            **{name: json_number(one[name]) for name in FIGURES},
         }
         for one in intervals[-MAX_INTERVALS:][::-1]
     ]

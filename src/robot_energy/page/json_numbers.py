@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 
-def plain(value: float | None, digits: int | None = None) -> float | None:
+def json_number(value: float | None, digits: int | None = None) -> float | None:
     """Return a number that JSON has: None for NaN and infinity, rounded to some digits.
 
     Args:

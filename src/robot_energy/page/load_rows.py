@@ -9,7 +9,7 @@ from typing import Any, cast
 from robot_energy.accounting.load_curve import Remark
 from robot_energy.cdr import Run
 from robot_energy.page.alarms import PageFinding
-from robot_energy.page.json_numbers import plain
+from robot_energy.page.json_numbers import json_number
 from robot_energy.shown_text import shown
 
 LOAD_POWERS = ("state", "remarks", "power", "model_power", "measured_power")
@@ -69,8 +69,8 @@ def load_rows(newest: Sequence[Load], counted: Sequence[Load], live: bool) -> li
             {
                 "name": shown(name),
                 "state": shown(now["state"]) if now.get("state") else None,
-                **{key: plain(now.get(key), 5) for key in ("power", "measured_power")},
-                **{key: plain(energy.get(key)) for key in LOAD_ENERGIES},
+                **{key: json_number(now.get(key), 5) for key in ("power", "measured_power")},
+                **{key: json_number(energy.get(key)) for key in LOAD_ENERGIES},
             }
         )
     return rows

@@ -15,7 +15,7 @@ from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
 from robot_energy.page.energy_flow import FlowParts, flow_picture, registers_picture
 from robot_energy.page.history import HistoryRing
 from robot_energy.page.job_rows import job_rows, last_job
-from robot_energy.page.json_numbers import plain
+from robot_energy.page.json_numbers import json_number
 from robot_energy.page.load_rows import load_alarms, load_rows, newest_loads
 from robot_energy.page.messages import (
     ENERGIES,
@@ -168,7 +168,7 @@ class RobotState:
         stale = self.stale(now)
         if newest is None:
             return {"stale": stale, "time": None}
-        shown_now = {name: None if stale else plain(newest[name], 5) for name in POWERS}
+        shown_now = {name: None if stale else json_number(newest[name], 5) for name in POWERS}
         return {
             "stale": stale,
             "time": newest["stamp_ns"] * NANOSECOND,
@@ -196,11 +196,11 @@ class RobotState:
             "meter": location.name,
             "age": None if self._received is None or not self._live else now - self._received,
             "power": self.power(now),
-            **{name: plain(newest[name], 4) if newest and seen else None for name in STATE},
+            **{name: json_number(newest[name], 4) if newest and seen else None for name in STATE},
             "means": self._means() if seen else None,
             "joints": self._joints(now),
             "auxiliary": self._loads(seen),
-            "outlet_power": plain(newest["outlet_power"], 5) if newest and seen else None,
+            "outlet_power": json_number(newest["outlet_power"], 5) if newest and seen else None,
             "flow": self._power_flow() if seen else None,
             "energy_flow": self._energy_flow(),
             "phases": [
@@ -216,8 +216,8 @@ class RobotState:
             "headline": self._headline(),
             "spans": {
                 name: {
-                    "energy": plain(float(ring.energy()[0])),
-                    "seconds": plain(float(ring.seconds()[0])),
+                    "energy": json_number(float(ring.energy()[0])),
+                    "seconds": json_number(float(ring.seconds()[0])),
                 }
                 for name, ring in self.rings.items()
             },
@@ -288,7 +288,7 @@ class RobotState:
         if mean is None:
             return None
         return {
-            name: plain(float(value), 5)
+            name: json_number(float(value), 5)
             for name, value in zip(TOTALS + POWERS, mean[3 * len(self._joint_names) :], strict=True)
         }
 
@@ -339,9 +339,11 @@ class RobotState:
                 newest["motor_temperature_degc"][place]
             ):
                 source = TemperatureOrigin.ESTIMATED.name  # the power monitor has a temperature
-            values = {key: plain(newest[key][place], 4) if live else None for key in JOINT_STATE}
+            values = {
+                key: json_number(newest[key][place], 4) if live else None for key in JOINT_STATE
+            }
             powers = {
-                key: plain(mean[n * row + place], 4) if live and mean is not None else None
+                key: json_number(mean[n * row + place], 4) if live and mean is not None else None
                 for row, key in enumerate(JOINT_POWERS)
             }
             rows.append(
@@ -350,8 +352,8 @@ class RobotState:
                     **values,
                     **powers,
                     "temperature_source": source if live else TemperatureOrigin.UNKNOWN.name,
-                    "temperature_age": plain(old, 3) if live else None,
-                    "viscous_std": plain(friction.get("viscous_std"), 3) if live else None,
+                    "temperature_age": json_number(old, 3) if live else None,
+                    "viscous_std": json_number(friction.get("viscous_std"), 3) if live else None,
                 }
             )
         return rows
@@ -364,11 +366,11 @@ class RobotState:
             "time": found["stamp_ns"] * NANOSECOND,
             "energy_start": found["start_ns"] * NANOSECOND,
             "persisted": found["persisted"],
-            **{name: plain(found[name]) for name in ENERGIES + TIMES + OUTLET},
+            **{name: json_number(found[name]) for name in ENERGIES + TIMES + OUTLET},
             "joints": [
                 {
                     "name": shown(joint["name"]),
-                    **{name: plain(joint[name]) for name in JOINT_ENERGIES},
+                    **{name: json_number(joint[name]) for name in JOINT_ENERGIES},
                 }
                 for joint in found["joints"]
             ],
@@ -381,12 +383,12 @@ class RobotState:
         factor = self._settings.co2_kg_per_kwh
         since = self._cost.since_ns
         return {
-            "energy": plain(energy),
+            "energy": json_number(energy),
             "cost": self._cost.cost,
             "cost_since": None if since is None else since * NANOSECOND,
             "price": self._cost.price,
             "currency": self._settings.currency,
-            "co2": None if factor is None else plain(energy / JOULE_PER_KWH * factor),
+            "co2": None if factor is None else json_number(energy / JOULE_PER_KWH * factor),
             "co2_factor": factor,
             "co2_source": self._settings.co2_source,
             "job": last_job(self._intervals or ()),

@@ -13,8 +13,8 @@ from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import viscous_law
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import significant
+from robot_energy.uncertainty.band import Z95
 
-WIDE = 1.96  # standard deviations of a 95 % interval
 SHOWN_DEGC = (20.0, 40.0, 60.0)
 
 
@@ -42,7 +42,7 @@ class Change:
     @property
     def weak(self) -> bool:
         """Whether the 95 % interval is wider than the value itself."""
-        return self.after.std is not None and WIDE * self.after.std > abs(self.after.value)
+        return self.after.std is not None and Z95 * self.after.std > abs(self.after.value)
 
 
 def changes(before: RobotModel, after: RobotModel) -> list[Change]:

@@ -43,10 +43,10 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of the command."""
         header = {"result": self.NAME, "schema_version": SCHEMA_VERSION}
-        return {**(header | {"tool_version": __version__} if self.NAME else {}), **plain(self)}
+        return {**(header | {"tool_version": __version__} if self.NAME else {}), **json_value(self)}
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Return a value as JSON can hold it.
 
     Args:
@@ -58,23 +58,23 @@ def plain(value: Any) -> Any:
         Plain values; None for a number that is not finite.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        return {e.name: plain(getattr(value, e.name)) for e in fields(value) if e.repr}
+        return {e.name: json_value(getattr(value, e.name)) for e in fields(value) if e.repr}
     match value:
         case float():
             return known(value)
         case RobotModel():
             return value.model_id
         case BaseModel():
-            return plain(value.model_dump(mode="json", exclude_none=True))
+            return json_value(value.model_dump(mode="json", exclude_none=True))
         case StrEnum() | Path():
             return str(value)
         case Enum():
             return value.name.lower()
         case np.ndarray() | np.generic():
-            return plain(cast("Any", value).tolist())
+            return json_value(cast("Any", value).tolist())
         case Mapping():
-            return {str(key): plain(item) for key, item in cast("Any", value).items()}
+            return {str(key): json_value(item) for key, item in cast("Any", value).items()}
         case list() | tuple():
-            return [plain(item) for item in cast("Any", value)]
+            return [json_value(item) for item in cast("Any", value)]
         case _:
             return value

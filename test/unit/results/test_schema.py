@@ -14,7 +14,7 @@ from places import ROOT
 from robot_energy.blocks import EffortMeaning, MeterLocation
 from robot_energy.cli.main import main
 from robot_energy.errors import ReportError
-from robot_energy.results.base import SCHEMA_VERSION, plain
+from robot_energy.results.base import SCHEMA_VERSION, json_value
 from robot_energy.results.schema import READABLE, RESULTS, read_result, schema_of
 from terminal_tables import TERMINALS, lost_figures, recorded_documents
 
@@ -226,7 +226,7 @@ def test_plain_values():
         "d": EffortMeaning.MOTOR_TORQUE, 5: np.bool_(True),
     }  # fmt: skip
     expected = {"a": [1.0, None], "b": [3, None], "c": "dc_bus", "d": "motor_torque", "5": True}
-    assert json.loads(json.dumps(plain(value), allow_nan=False)) == expected
+    assert json.loads(json.dumps(json_value(value), allow_nan=False)) == expected
 
 
 def test_a_number_that_is_not_finite_is_not_known():

@@ -45,13 +45,13 @@ from robot_energy.identify.stats.systematic import total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
+from robot_energy.uncertainty.band import Z95
 
 NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
 CHOPPER_VOLTAGE = 700.0  # V: the same
 MIN_EVENTS = 5  # times that the link must have been full
 SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
-QUANTILE = 1.96  # standard deviations of half a 95 % interval
 MAX_HALF_WIDTH = 0.5  # of the energy: half width of a 95 % interval that still counts as told
 Voltages = tuple[float, float]
 
@@ -159,7 +159,7 @@ def fit_link(
     moves = energy_moves(metered, best, energies, data, changes)
     parts = {SCATTER: scatter, **by_cause(errors, moves)}
     std = total(parts)
-    half = QUANTILE * std
+    half = Z95 * std
     spacing = float(np.median(data.duration))
     events, emptying = use_of(metered, best)
     braking = braking_time(metered, cabinet.loss_dc.value)

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError, check_shape
+from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
 Method = Literal["ols", "wls", "irls"]
 HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
-MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
 MAX_ROUNDS = 30  # of the Huber weights
 SETTLED = 1e-6  # relative change of what is fitted at which the weights have settled
