@@ -38,8 +38,11 @@ PYTHON_PACKAGES = {
     "ros2_energy_monitor": ROOT / "ros2_energy_monitor",
 }
 # Files of a Python package that colcon must see again when they change; modules are
-# linked into the installation and need no rebuild.
-PACKAGING = ("package.xml", "setup.py", "setup.cfg", "resource/*", "bin/*", "launch/*", "config/*")
+# linked into the installation and need no rebuild. Kernels are compiled.
+PACKAGING = (
+    *("package.xml", "setup.py", "setup.cfg", "resource/*", "bin/*", "launch/*", "config/*"),
+    "robot_energy/kernels/*.[ch]",
+)
 SMOKE_TEST = (
     "import rclpy, std_msgs.msg, pinocchio, mcap.reader, lz4.frame, zstandard, rosbags.highlevel, "
     "scipy.optimize, pydantic, matplotlib.figure, rich.console, yaml, hypothesis, pytest"

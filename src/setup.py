@@ -4,7 +4,7 @@ import re
 import sys
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 NAME = "robot_energy"
 HERE = Path(__file__).parent
@@ -40,6 +40,19 @@ WORKSPACE = [
     ("bin", ["bin/robot-energy"]),
 ]
 
+# Without a compiler the library is installed all the same, see robot_energy/kernels. The stable
+# ABI of Python 3.11 serves all later versions; no instruction may be fused, so that all
+# processors give the same bits.
+KERNELS = Extension(
+    f"{NAME}.kernels._compiled",
+    sorted(str(path.relative_to(HERE)) for path in HERE.glob(f"{NAME}/kernels/*.c")),
+    depends=[f"{NAME}/kernels/kernels.h"],
+    define_macros=[("Py_LIMITED_API", "0x030b0000")],
+    extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-Wno-psabi"],
+    py_limited_api=True,
+    optional=True,
+)
+
 setup(
     name=NAME,
     version=VERSION,
@@ -59,6 +72,8 @@ setup(
         ],
         "robot_energy_papers": ["templates/*.j2"],
     },
+    ext_modules=[KERNELS],
+    options={"bdist_wheel": {"py_limited_api": "cp311"}},
     data_files=[] if "bdist_wheel" in sys.argv else WORKSPACE,
     entry_points={
         "console_scripts": ["robot-energy = robot_energy.cli:main"],

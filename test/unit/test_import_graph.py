@@ -202,7 +202,7 @@ MODULES = {
 }
 # From the ground up; each line may import from itself and from the lines above it.
 LAYERS = (
-    ("errors", "units", "kinds", "held_rows", "blocks", "shown_text", "freed_memory"),
+    ("errors", "units", "kinds", "held_rows", "blocks", "shown_text", "freed_memory", "kernels"),
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from robot_energy import kernels
 from robot_energy.blocks import Float, Int
 from robot_energy.physics.equations import CACHED
 from robot_energy.units import MAX_COUNTER
@@ -109,6 +110,10 @@ class ExactSum:
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
             more, remainder = np.zeros_like(self._microjoule), self._remainder.copy()
+            if kernels.compiled is not None:
+                kernels.compiled.add_exactly(part, more[begin:end], remainder[begin:end])
+                self._carry(more, remainder, full)
+                continue
             size = max(1, CACHED // len(part))
             for first in range(begin, end, size):
                 columns = slice(first, min(first + size, end))

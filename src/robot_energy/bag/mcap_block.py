@@ -10,6 +10,7 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy import kernels
 from robot_energy.bag.mcap_records import CHANNEL, FRAME, MESSAGE, MESSAGE_FIXED, SCHEMA
 
 _MESSAGE_FRAME = np.dtype(
@@ -18,6 +19,7 @@ _MESSAGE_FRAME = np.dtype(
 )  # fmt: skip
 _HEAD = _MESSAGE_FRAME.itemsize
 _MESSAGE_HEAD = Struct("<HIQ")
+MAX_DEFINITIONS = 1000  # schemas and channels in a block that the kernel takes
 
 OnRecord = Callable[[int, memoryview], None]
 """Called with opcode and content of each Schema and Channel record on the way."""
@@ -142,6 +144,10 @@ def walked_block(
         Message, or is beyond the limit.
     """
     view = memoryview(data)
+    if kernels.compiled is not None:
+        block = _compiled_walk(view, on_record, len(view) if limit is None else limit)
+        if block is not None:
+            return block
     found: dict[int, array[int]] = {}  # time, place and length of each message, flat
     pos, count = 0, 0
     while len(view) - pos >= FRAME.size and (limit is None or count < limit):
@@ -165,4 +171,23 @@ def walked_block(
     for channel, flat in found.items():
         columns = np.frombuffer(flat, dtype=np.uint64).reshape(-1, 3).T.astype(np.int64)
         block.messages[channel] = Messages(*columns)
+    return block
+
+
+def _compiled_walk(view: memoryview, on_record: OnRecord, limit: int) -> McapChunk | None:
+    """Do the same with the kernel; None where the block has more definitions than it takes."""
+    assert kernels.compiled is not None
+    table = np.empty((4, min(limit, len(view) // _HEAD)), dtype=np.int64)
+    others = np.empty(MAX_DEFINITIONS, dtype=np.int64)
+    count, met, end = kernels.compiled.messages(view, table, others, limit)
+    if met == MAX_DEFINITIONS:
+        return None
+    for pos in others[:met].tolist():
+        opcode, length = FRAME.unpack_from(view, pos)
+        on_record(opcode, view[pos + FRAME.size : pos + FRAME.size + length])
+    block = McapChunk(np.frombuffer(view, dtype=np.uint8), end=end, count=count)
+    owner, places = table[0, :count], table[1:, :count]
+    for channel in np.flatnonzero(np.bincount(owner)).tolist():
+        mine = owner == channel
+        block.messages[channel] = Messages(*(places if mine.all() else places[:, mine]))
     return block

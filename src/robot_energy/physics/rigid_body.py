@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from robot_energy import kernels
 from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, check_shape
 from robot_energy.model.payload import Payload
@@ -79,6 +80,7 @@ class Robot:
             self._model.gravity.linear = self._unloaded.gravity.linear
         self._pool = pin.ModelPool(self._model, 1)
         self._scratch = self._model.createData()
+        self._table = _table_of(self._model) if kernels.compiled is not None else None
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
@@ -149,6 +151,9 @@ class Robot:
         shape = self._check(joint_position, joint_velocity, joint_acceleration)
         if shape[0] == 0:
             return np.empty(shape)
+        if kernels.compiled is not None and self._table is not None:
+            motion = joint_position, joint_velocity, joint_acceleration
+            return self._compiled_torque(kernels.compiled, self._table, *motion)
         columns = [
             (values if self._same_order else values[:, self._to_model]).T
             for values in (joint_position, joint_velocity, joint_acceleration)
@@ -158,6 +163,16 @@ class Robot:
         if not self._same_order:
             torque = torque[self._from_model]
         return np.ascontiguousarray(torque).T
+
+    def _compiled_torque(self, compiled: kernels.Compiled, table: Float, *motion: Float) -> Float:
+        """Return the joint torque by the kernel, from position, velocity and acceleration."""
+        torque = np.empty((self.n_joints, len(motion[0]))).T
+        if not self._same_order:
+            motion = tuple(values[:, self._to_model] for values in motion)
+        position, velocity, acceleration = motion
+        gravity = np.array(self._model.gravity.linear)
+        compiled.inverse_dynamics(table, gravity, position, velocity, acceleration, torque)
+        return torque if self._same_order else torque[:, self._from_model]
 
     @property
     def link_parameters(self) -> Float:
@@ -329,6 +344,52 @@ def _reduce(full: pin.Model, locked_joints: Sequence[str]) -> pin.Model:
         raise RobotDescriptionError(
             f"the URDF is not accepted: {error}", "a URDF that Pinocchio reads"
         ) from error
+
+
+def _table_of(model: pin.Model) -> Float | None:
+    """Return the joints and bodies as the kernel takes them; None where it cannot.
+
+    The kernel has the z axis of each frame along the axis of its joint, so frames are turned.
+    """
+    if model.njoints - 1 > kernels.MAX_JOINTS:
+        return None
+    turns: list[Float] = [np.eye(3)]  # of each frame of the kernel in that of Pinocchio
+    rows: list[list[float]] = []
+    for body in range(1, model.njoints):
+        joint = model.joints[body]
+        if (joint.nq, joint.nv) != (1, 1):
+            return None
+        data = joint.createData()
+        joint.calc(data, np.zeros(1))
+        linear, angular = np.asarray(data.S, dtype=np.float64).reshape(2, 3)
+        prismatic = bool(linear.any())
+        parent, place = int(model.parents[body]), model.jointPlacements[body]
+        inertia = model.inertias[body]
+        above, turn = turns[parent].T, _onto_z(linear if prismatic else angular)
+        rotation = above @ np.asarray(place.rotation) @ turn
+        tensor = turn.T @ np.asarray(inertia.matrix())[3:, 3:] @ turn  # about the origin
+        rows.append(
+            [
+                float(parent),
+                float(prismatic),
+                *rotation.flat,
+                *(above @ np.asarray(place.translation)),
+                float(inertia.mass),
+                *(turn.T @ (inertia.mass * np.asarray(inertia.lever))),
+                *tensor.flat,
+            ]
+        )
+        turns.append(turn)
+    return np.array(rows)
+
+
+def _onto_z(axis: Float) -> Float:
+    """Return a rotation that turns z onto a unit vector."""
+    first = np.zeros(3)
+    first[int(np.argmin(np.abs(axis)))] = 1.0
+    first -= axis * (axis @ first)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first), axis], axis=1)
 
 
 def _check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[float]) -> None:

@@ -1,0 +1,342 @@
+"""The compiled kernels, against the numpy and Pinocchio forms that they stand for."""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import robots
+from places import ROOT
+from robot_energy import kernels
+from robot_energy.accounting.exact_sum import ExactSum
+from robot_energy.bag.mcap_block import walked_block
+from robot_energy.model import load, shipped_models
+from robot_energy.physics.derivative import Derivative
+from robot_energy.physics.rigid_body import Robot
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """Give a function that runs another one without the kernels."""
+
+    def run(function, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(kernels, "compiled", None)
+            return function(*arguments)
+
+    return run
+
+
+def in_numpy(function, *arguments):
+    """Run a function without the kernels, in tests with many examples."""
+    compiled, kernels.compiled = kernels.compiled, None
+    try:
+        return function(*arguments)
+    finally:
+        kernels.compiled = compiled
+
+
+def test_the_set_up_has_compiled_them():
+    assert kernels.compiled is not None
+
+
+def test_they_can_be_switched_off():
+    code = "from robot_energy import kernels; print(kernels.compiled)"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command,
+        env=os.environ | {kernels.SWITCH: "off"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "None"
+
+
+# Rigid-body torque
+
+
+def motion(rng, rows, joints):
+    scale = np.array([3.0, 2.0, 20.0])[:, None, None]
+    return rng.normal(size=(3, rows, joints)) * scale
+
+
+def close(torque, expected):
+    """Whether torques agree to the last digits of the greatest one."""
+    return np.abs(torque - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", shipped_models())
+def test_torque_of_each_shipped_robot_is_that_of_pinocchio(name, without):
+    robot = Robot.from_model(load(name))
+    moved = motion(np.random.default_rng(1), 1001, robot.n_joints)
+    assert close(robot.joint_torque(*moved), without(robot.joint_torque, *moved))
+
+
+def tree(rng, size):
+    """A URDF with any axes, offsets and inertias, and the names of its joints."""
+    text = ['<robot name="r"><link name="l0"/>']
+    names = rng.permutation(size).tolist()  # not in the order of the tree
+    for link in range(1, size + 1):
+        axis = rng.normal(size=3) if rng.random() < 0.6 else np.eye(3)[rng.integers(3)]
+        kind = rng.choice(["continuous", "prismatic", "revolute"])
+        words = [" ".join(map(repr, values.tolist())) for values in rng.normal(size=(3, 3))]
+        ixx, iyy = rng.uniform(1.0, 2.0, 2).tolist()
+        limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        text.append(
+            f'<joint name="j{names[link - 1]}" type="{kind}"><parent link="l{rng.integers(link)}"/>'
+            f'<child link="l{link}"/><origin xyz="{words[0]}" rpy="{words[1]}"/>'
+            f'<axis xyz="{" ".join(map(repr, axis.tolist()))}"/>'
+            f"{'' if kind == 'continuous' else limit}</joint>"
+            f'<link name="l{link}"><inertial><origin xyz="{words[2]}" rpy="0.1 0.2 0.3"/>'
+            f'<mass value="{rng.uniform(0.5, 9.0)}"/><inertia ixx="{ixx}" iyy="{iyy}" izz="1.5" '
+            'ixy="0.1" ixz="-0.2" iyz="0.05"/></inertial></link>'
+        )
+    return "".join([*text, "</robot>"]), tuple(f"j{number}" for number in range(size))
+
+
+@given(seeds, st.integers(1, 9), st.integers(1, 40))
+def test_torque_of_any_tree_is_that_of_pinocchio(seed, size, rows):
+    rng = np.random.default_rng(seed)
+    robot = Robot(*tree(rng, size), gravity=rng.normal(size=3) * 10)
+    moved = motion(rng, rows, size)
+    if rng.random() < 0.5:
+        moved = [np.asfortranarray(values) for values in moved]
+    assert close(robot.joint_torque(*moved), in_numpy(robot.joint_torque, *moved))
+
+
+@given(seeds, st.lists(st.integers(0, 60), max_size=6))
+def test_torque_has_the_same_bits_in_every_block(seed, cuts):
+    robot = Robot.from_model(load("kr16"))
+    moved = motion(np.random.default_rng(seed), 60, 6)
+    whole = robot.joint_torque(*moved)
+    parts = np.split(moved, sorted(cuts), axis=1)
+    np.testing.assert_array_equal(np.concatenate([robot.joint_torque(*p) for p in parts]), whole)
+
+
+@pytest.mark.parametrize("turns", [0.0, 1e5, 1.6e5, 1e9, 1e15])
+def test_angles_of_any_size(turns, without):
+    robot = Robot.from_model(robots.two_link())
+    angle = turns * 2 * np.pi + np.linspace(-np.pi, np.pi, 33)[:, None] * np.ones(2)
+    still = np.zeros_like(angle)
+    expected = without(robot.joint_torque, angle, still, still)
+    np.testing.assert_allclose(
+        robot.joint_torque(angle, still, still), expected, atol=1e-13 * np.abs(expected).max()
+    )
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_none_spoils_its_own_sample(which, joint, bad):
+    robot = Robot.from_model(load("kr16"))
+    moved = motion(np.random.default_rng(3), 24, 6)
+    expected = robot.joint_torque(*moved)
+    moved[which, 11, joint] = bad
+    torque = robot.joint_torque(*moved)
+    assert not np.isfinite(torque[11]).any()
+    rest = np.arange(24) != 11
+    np.testing.assert_array_equal(torque[rest], expected[rest])
+
+
+def test_a_payload_reaches_the_kernel(without):
+    robot = Robot.from_model(load("kr16")).with_payload(())
+    moved = motion(np.random.default_rng(4), 9, 6)
+    light, heavy = robot, Robot.from_model(load("kr16"))
+    assert not close(light.joint_torque(*moved), heavy.joint_torque(*moved))
+    assert close(light.joint_torque(*moved), without(light.joint_torque, *moved))
+
+
+# Slopes
+
+
+@given(
+    seeds,
+    st.integers(1, 70),
+    st.sampled_from([0.0, 0.01, 0.02]),
+    st.sampled_from([0.0005, 0.001, 0.002, 0.005]) | st.floats(2e-4, 0.02),
+    st.booleans(),
+)
+def test_slopes_have_the_bits_of_numpy(seed, rows, lag, period, even):
+    rng = np.random.default_rng(seed)
+    steps = np.full(rows, period) if even else rng.uniform(0.2, 3.0, rows) * period
+    velocity = rng.normal(size=(rows, 3))
+    block = robots.joint_block(100.0 + np.cumsum(steps), velocity, velocity)
+    cut = int(rng.integers(rows + 1))
+
+    def acceleration():
+        stage = Derivative(lag=lag)
+        parts = [slice(0, cut), slice(cut, None)]
+        out = [*(p for part in parts for p in stage.step(block[part])), *stage.flush()]
+        return np.concatenate([part.joint_acceleration for part in out])
+
+    found, expected = acceleration(), in_numpy(acceleration)
+    np.testing.assert_array_equal(found.view(np.int64), expected.view(np.int64))
+
+
+def test_a_window_of_more_samples_than_the_kernel_takes(without):
+    stamp = np.arange(2000) * 2e-5  # 1000 in a window of 20 ms
+    velocity = np.sin(50 * stamp)[:, None]
+    block = robots.joint_block(stamp, velocity, velocity)
+
+    def acceleration():
+        stage = Derivative()
+        return np.concatenate([p.joint_acceleration for p in [*stage.step(block), *stage.flush()]])
+
+    np.testing.assert_array_equal(acceleration(), without(acceleration))
+
+
+# Exact sums
+
+
+@given(
+    seeds,
+    st.sampled_from([1, 7, 8, 9, 4095, 4096, 4097, 30_000]),
+    st.sampled_from(["C", "F"]),
+    st.sampled_from([1e-12, 1e-3, 1.0, 1.9e6]),
+)
+def test_sums_have_the_bits_of_numpy_and_are_exact(seed, rows, order, greatest):
+    rng = np.random.default_rng(seed)
+    energy = rng.uniform(-greatest, greatest, (rows, 3))
+    energy[:, 1] = np.abs(energy[:, 1])  # sums beyond 2^53 microjoules
+    energy = np.asarray(energy, order=order)
+
+    def sums():
+        total = ExactSum(5)
+        total.add(energy, 1)
+        return total.microjoule.tolist(), total.remainder.tolist()
+
+    found = sums()
+    assert found == in_numpy(sums)
+    microjoule, remainder = found
+    for column in range(3):
+        exact = sum(map(Fraction, (energy[:, column] * 1e6).tolist()))
+        counted = microjoule[1 + column] + Fraction(remainder[1 + column], 2**40)
+        assert abs(counted - exact) <= rows * Fraction(1, 2**41)
+    assert (microjoule[0], microjoule[4], remainder[0], remainder[4]) == (0, 0, 0, 0)
+
+
+# Messages of a bag
+
+
+def record(kind, body):
+    return struct.pack("<BQ", kind, len(body)) + body
+
+
+@st.composite
+def blocks(draw):
+    """Records of a chunk, whole or cut off."""
+    parts = []
+    for _ in range(draw(st.integers(0, 30))):
+        kind = draw(st.sampled_from([5, 5, 5, 5, 3, 4, 7, 2]))
+        size = draw(st.integers(0, 40))
+        body = struct.pack(
+            "<HIQQ", draw(st.integers(0, 3)), 0, draw(st.integers(0, 2**64 - 1)), 0
+        ) + bytes(size)
+        parts.append(record(kind, body[: draw(st.integers(0, 22))] if size == 0 else body))
+    data = b"".join(parts)
+    return data[: draw(st.integers(0, len(data)))] if draw(st.booleans()) else data
+
+
+def described(block):
+    found = {
+        channel: [each.tolist() for each in (m.log_time_ns, m.offset, m.length)]
+        for channel, m in block.messages.items()
+    }
+    return found, block.end, block.count
+
+
+@given(blocks(), st.none() | st.integers(0, 10))
+def test_messages_are_those_of_the_walk(data, limit):
+    def walk():
+        met = []
+        block = walked_block(data, lambda kind, body: met.append((kind, bytes(body))), limit)
+        return described(block), met
+
+    assert walk() == in_numpy(walk)
+
+
+def test_more_definitions_than_the_kernel_takes():
+    message = record(5, struct.pack("<HIQQ", 1, 0, 9, 9) + b"x")
+    met = []
+    block = walked_block(record(3, b"s") * 1500 + message, lambda *one: met.append(one))
+    assert (len(met), block.count) == (1500, 1)
+
+
+def test_a_length_beyond_all_numbers_ends_the_walk():
+    data = (
+        record(5, struct.pack("<HIQQ", 1, 0, 9, 9)) + struct.pack("<BQ", 5, 2**64 - 1) + b"x" * 40
+    )
+    assert walked_block(data, lambda *_: None).count == 1
+
+
+# Arrays that do not fit
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "error"),
+    [
+        ("add_exactly", (np.zeros((2, 1), int), np.zeros(1, int), np.zeros(1, int)), TypeError),
+        ("add_exactly", (np.zeros((2, 2)), np.zeros(1, int), np.zeros(2, int)), ValueError),
+        ("add_exactly", (np.zeros(2), np.zeros(2, int), np.zeros(2, int)), TypeError),
+        ("add_exactly", (object(), np.zeros(2, int), np.zeros(2, int)), TypeError),
+        ("messages", (b"", np.zeros((3, 5), int), np.zeros(5, int), 1), ValueError),
+        ("messages", (b"", np.zeros((4, 10), int)[:, ::2], np.zeros(5, int), 1), ValueError),
+        ("slopes", (np.zeros(3, int), np.zeros((3, 2)), np.zeros((3, 2)), *[0] * 5, 1.0),
+         ValueError),
+        ("slopes", (np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 1)), 1, *[0] * 4, 1.0),
+         ValueError),
+        ("inverse_dynamics", (np.ones((1, 27)), np.zeros(3), *[np.zeros((2, 1))] * 4), ValueError),
+        ("inverse_dynamics", (np.zeros((65, 27)), np.zeros(3), *[np.zeros((2, 65))] * 4),
+         ValueError),
+        ("inverse_dynamics", (np.zeros((1, 27)), np.zeros(3), *[np.zeros((2, 2))] * 4), ValueError),
+    ],
+)  # fmt: skip
+def test_arrays_that_do_not_fit_are_refused(name, arguments, error):
+    with pytest.raises(error):
+        getattr(kernels.compiled, name)(*arguments)
+
+
+def test_an_array_that_may_not_be_written_to_is_refused():
+    locked = np.zeros(1, int)
+    locked.flags.writeable = False
+    with pytest.raises((ValueError, BufferError)):
+        kernels.compiled.add_exactly(np.zeros((2, 1)), locked, np.zeros(1, int))
+
+
+# The whole
+
+
+def test_a_replay_without_them_counts_the_same():
+    code = (
+        "import json, robot_energy as re;"
+        "found = re.replay('bags/kr16_cold', model='kr16').to_dict();"
+        "print(json.dumps([found[key] for key in ('energy', 'joints', 'comparison')]))"
+    )
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=ROOT, env=os.environ | {kernels.SWITCH: state}, capture_output=True, text=True,
+            check=True,
+        ).stdout
+        for state in ("on", "off")
+    ]  # fmt: skip
+    with_them, without_them = (flat(json.loads(one)) for one in found)
+    assert len(with_them) > 50
+    assert with_them == pytest.approx(without_them, rel=1e-9, abs=2e-6)
+
+
+def flat(value):
+    """All numbers of nested lists and dictionaries."""
+    if isinstance(value, dict | list):
+        return [n for v in (value.values() if isinstance(value, dict) else value) for n in flat(v)]
+    return [value] if isinstance(value, float) else []
