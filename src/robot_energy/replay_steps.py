@@ -31,8 +31,8 @@ from robot_energy.units import SECOND_NS
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-ROWS = 8192  # samples in one step at most
-MESSAGES = 8192  # of parts that are read together, at most
+ROWS = 10240  # samples in one step at most
+MESSAGES = 10240  # of parts that are read together, at most; three chunks of most recorders
 
 
 LoadReadings = tuple[MeterBlock | None, MeterBlock | None]
@@ -176,11 +176,14 @@ def read_steps(
             payload=part[topics.payload].copy() if topics.payload in part else None,
         )
         joints = inputs.joint_states.step(batches) if batches else None
+        newest = int(batches[0].log_time_ns[-1]) if batches else None
+        del part, readings, metering, batches  # while what came of them goes on
         *steps, last = _cut(joints, by_second, jobs, first)
-        yield from steps
-        if batches and start is not None and end is not None:
-            done = (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)
-            last.share = min(1.0, done)
+        del joints, first
+        while steps:
+            yield steps.pop(0)
+        if newest is not None and start is not None and end is not None:
+            last.share = min(1.0, (newest - start) / max(end - start, 1))
         yield last
     yield BagStep(
         temperatures=inputs.temperatures.flush(),
@@ -229,8 +232,8 @@ def _joined(parts: Iterator[dict[str, RawBatch]]) -> Iterator[dict[str, RawBatch
             for t, batch in part.items()
         )
         if held and (messages + count > MESSAGES or falls):
-            yield RawBatch.joined(held)
-            held, messages = [], 0
+            whole, held, messages = RawBatch.joined(held), list[dict[str, RawBatch]](), 0
+            yield whole
         held.append(part)
         messages += count
     if held:

@@ -9,9 +9,9 @@ reading is that of a time some tenths of a second ago, so the greatest ``|p - y|
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left, bisect_right
 from collections import deque
+from math import exp
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class LateMeter:
         self._constants = self._constants[-1:]
         self._slot = -1
         self._waiting: list[tuple[int, float]] = []
-        self._power = self._shown = 0.0  # at the newest slot
+        self._power = self._behind = 0.0  # at the newest slot, and what the meter shows beyond it
         self._recent: deque[tuple[int, int]] = deque()  # |p - y| that none exceeds later [nW]
         self._stamps: list[int] = []
         self._sums: list[int] = [0]  # of what counts, before each stamp and after the last [nW]
@@ -78,16 +78,22 @@ class LateMeter:
 
     def follow(self) -> None:
         """Let the meter show what was taken, as all time constants until then are known."""
-        recent, stamps, sums = self._recent, self._stamps, self._sums
+        if not self._waiting:
+            return
+        recent, stamps, sums, since = self._recent, self._stamps, self._sums, self._since
         before, total = stamps[-1] if stamps else 0, sums[-1]
+        last, behind = self._power, self._behind
+        constant = self._constants[-1]
+        changing = since and since[-1] > self._waiting[0][0]
         for stamp, power in self._waiting:
-            constant = self._constants[bisect_right(self._since, stamp)]
-            behind = 0.0
+            if changing:
+                constant = self._constants[bisect_right(since, stamp)]
             if constant > 0.0 and stamps:
                 passed = (stamp - before) * NANOSECOND
-                behind = (self._shown - self._power) * math.exp(-passed / constant)
-                behind += self._power - power
-            self._power, self._shown, before = power, power + behind, stamp
+                behind = behind * exp(-passed / constant) + (last - power)
+            else:
+                behind = 0.0
+            last, before = power, stamp
             late = round(abs(behind) * NANOWATT)
             while recent and recent[-1][1] <= late:
                 recent.pop()
@@ -97,6 +103,7 @@ class LateMeter:
             total += recent[0][1]
             stamps.append(stamp)
             sums.append(total)
+        self._power, self._behind = last, behind
         self._waiting.clear()
 
     def of_readings(self, end_ns: Int, duration_ns: Int) -> Float:

@@ -22,7 +22,7 @@ SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wron
 READINGS = 3  # that must have arrived meanwhile
 MIN_RETURNED = 0.02  # of the measured energy drawn, fed back without prediction, worth a sentence
 REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sentence
-MAX_WAITING = 50  # steps whose sums are made together
+MAX_WAITING = 4096  # intervals whose sums are made together
 
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
@@ -52,7 +52,7 @@ class MeterDiagnostics:
         if not len(compared):
             return
         self._waiting.append(compared)
-        if len(self._waiting) >= MAX_WAITING:
+        if sum(map(len, self._waiting)) >= MAX_WAITING:
             self._settle()
 
     @property

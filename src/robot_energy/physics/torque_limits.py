@@ -42,12 +42,19 @@ class TorqueLimitWatch:
         Args:
             block: One or more samples; those without a full derivative window do not count.
         """
-        torque = np.abs(self._drivetrain.joint_torque_from_motor(block.motor_torque_rigid))
-        known = ((block.quality & np.uint32(DOUBTFUL)) == 0) & np.isfinite(torque).all(axis=1)
-        use = torque[known] / self._limits.effort
-        self._samples += len(use)
-        self._beyond += (use > 1.0).sum(axis=0)
-        self.most = np.maximum(self.most, use.max(axis=0, initial=0.0))
+        torque = self._drivetrain.joint_torque_from_motor(block.motor_torque_rigid)
+        use = np.maximum(torque.max(axis=0), -torque.min(axis=0)) / self._limits.effort
+        doubtful = (block.quality & np.uint32(DOUBTFUL)) != 0
+        if np.isfinite(use.sum()) and bool((use <= 1.0).all()) and not doubtful.any():
+            self._samples += len(torque)  # nearly always: no sample is beyond a limit
+            self.most = np.maximum(self.most, use)
+            return
+        torque = np.abs(torque)
+        known = ~doubtful & np.isfinite(torque).all(axis=1)
+        shares = torque[known] / self._limits.effort
+        self._samples += len(shares)
+        self._beyond += (shares > 1.0).sum(axis=0)
+        self.most = np.maximum(self.most, shares.max(axis=0, initial=0.0))
 
     def sentences(self) -> dict[str, str]:
         """Return what each joint needs too often, by its name; empty where none does."""
