@@ -86,9 +86,9 @@ INLINE void sine_cosine(lanes x, lanes *sine, lanes *cosine) {
     c = z * c + 4.16666666666666019037e-02;
     lanes half = 0.5 * z, one = 1.0 - half;
     c = one + (((1.0 - one) - half) + z * (z * c));
-    whole odd = (quadrant & 1) != 0;
-    whole first = ((quadrant & 2) != 0) & INT64_MIN;
-    whole second = (((quadrant + 1) & 2) != 0) & INT64_MIN;
+    whole odd = -(quadrant & 1);
+    whole first = (quadrant & 2) << 62; /* the bit of the sign */
+    whole second = ((quadrant + 1) & 2) << 62;
     whole sine_bits = ((whole)s & ~odd) | ((whole)c & odd);
     whole cosine_bits = ((whole)c & ~odd) | ((whole)s & odd);
     *sine = (lanes)(sine_bits ^ first);
@@ -96,12 +96,13 @@ INLINE void sine_cosine(lanes x, lanes *sine, lanes *cosine) {
 }
 
 /* Where the reduction is not exact enough, and where x is not finite, the C library decides. */
-INLINE void beyond(lanes x, lanes *sine, lanes *cosine) {
-    whole near = (x <= 1e6) & (x >= -1e6);
-    int64_t all = -1;
-    for (int lane = 0; lane < LANES; lane++) all &= near[lane];
-    for (int lane = 0; lane < LANES && !all; lane++)
-        if (!near[lane]) {
+INLINE void mend(lanes x, lanes *sine, lanes *cosine) {
+    const lanes limit = (lanes){0} + 1e6;
+    whole beyond = negative((whole)limit - ((whole)x & INT64_MAX)); /* bits rise with the amount */
+    int64_t any = 0;
+    for (int lane = 0; lane < LANES; lane++) any |= beyond[lane];
+    for (int lane = 0; lane < LANES && any; lane++)
+        if (beyond[lane]) {
             (*sine)[lane] = sin(x[lane]);
             (*cosine)[lane] = cos(x[lane]);
         }
@@ -140,7 +141,7 @@ CLONES void inverse_dynamics_lanes(const chain *tree, const double *q, const dou
         } else {
             lanes s, c;
             sine_cosine(position, &s, &c);
-            beyond(position, &s, &c);
+            mend(position, &s, &c);
             a = add(up->a, add(cross_of(up->e, b->place),
                                cross(up->w, cross_of(up->w, b->place))));
             w = spun_back(c, s, turned_back(b->turn, up->w));

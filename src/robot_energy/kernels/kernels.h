@@ -26,6 +26,9 @@ typedef int64_t whole __attribute__((vector_size(8 * LANES)));
 
 #define INLINE static inline __attribute__((always_inline))
 
+/* All bits where a number is negative, else none; compilers take comparisons of vectors apart. */
+INLINE whole negative(whole number) { return number >> 63; }
+
 /* A joint with the body that it moves. */
 typedef struct {
     int parent;    /* 0 for the base, else the number of the joint before it from 1 on */

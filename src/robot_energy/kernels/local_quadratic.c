@@ -18,19 +18,16 @@ INLINE lanes values_at(const double *column, const int64_t *row, const whole *in
     return found;
 }
 
+/* Eight rows from the first on, the last one repeated for those beyond; the windows reach from low to
+   high, which count from each row. */
 CLONES void slopes_of_rows(const slopes *task, int64_t first, const int64_t *low,
-                           const int64_t *high) {
-    int64_t row[LANES], behind = 0, ahead = 0;
+                           const int64_t *high, int64_t behind, int64_t ahead) {
+    int64_t row[LANES];
     int count = task->stop - first < LANES ? (int)(task->stop - first) : LANES;
     whole lows, highs;
-    for (int lane = 0; lane < LANES; lane++) {
-        int known = lane < count ? lane : count - 1;
-        row[lane] = first + known;
-        lows[lane] = low[known] - row[lane];
-        highs[lane] = high[known] - row[lane];
-        behind = lows[lane] < behind ? lows[lane] : behind;
-        ahead = highs[lane] > ahead ? highs[lane] : ahead;
-    }
+    __builtin_memcpy(&lows, low, sizeof lows);
+    __builtin_memcpy(&highs, high, sizeof highs);
+    for (int lane = 0; lane < LANES; lane++) row[lane] = first + (lane < count ? lane : count - 1);
     int plain = count == LANES && first + behind >= 0 && first + LANES + ahead <= task->rows;
     lanes now, u[MAX_WINDOW];
     for (int lane = 0; lane < LANES; lane++) now[lane] = task->time[row[lane]];
@@ -39,7 +36,7 @@ CLONES void slopes_of_rows(const slopes *task, int64_t first, const int64_t *low
     const double unit = 1e-9 / task->scale;
     for (int64_t offset = behind; offset <= ahead; offset++) {
         int64_t index = offset - behind;
-        inside[index] = (lows <= offset) & (highs >= offset);
+        inside[index] = ~negative((offset - lows) | (highs - offset));
         lanes time = values_at(task->time, row, &inside[index], offset, plain) - now;
         lanes one = (lanes)((whole)(time * unit) & inside[index]), two = one * one;
         u[index] = one;
@@ -49,8 +46,7 @@ CLONES void slopes_of_rows(const slopes *task, int64_t first, const int64_t *low
         s4 += two * two;
     }
     whole counts = highs - lows + 1;
-    lanes s0;
-    for (int lane = 0; lane < LANES; lane++) s0[lane] = (double)counts[lane];
+    lanes s0 = __builtin_convertvector(counts, lanes);
     lanes a = s2 * s4 - s3 * s3, b = s1 * s4 - s2 * s3, c = s1 * s3 - s2 * s2;
     lanes determinant = s0 * a - s1 * b + s2 * c;
     lanes d = s0 * s4 - s2 * s2, e = s0 * s3 - s1 * s2, f = s0 * s2 - s1 * s1;
@@ -81,22 +77,26 @@ CLONES void slopes_of_rows(const slopes *task, int64_t first, const int64_t *low
 int local_slopes(const slopes *task) {
     int64_t low = 0, high = 0, lows[LANES], highs[LANES];
     for (int64_t first = task->start; first < task->stop; first += LANES) {
-        int64_t least = first, most = first;
-        for (int64_t row = first; row < first + LANES && row < task->stop; row++) {
-            int64_t now = task->stamp[row], begin, end;
-            while (task->stamp[low] < now - task->behind_ns) low++;
-            while (high < task->rows && task->stamp[high] <= now + task->ahead_ns) high++;
-            begin = row - task->least_behind < low ? row - task->least_behind : low;
-            end = row + task->least_ahead > high - 1 ? row + task->least_ahead : high - 1;
-            begin = begin < 0 ? 0 : begin;
-            end = end > task->rows - 1 ? task->rows - 1 : end;
-            lows[row - first] = begin;
-            highs[row - first] = end;
-            least = begin < least ? begin : least;
-            most = end > most ? end : most;
+        int64_t behind = 0, ahead = 0;
+        for (int lane = 0; lane < LANES; lane++) {
+            int64_t row = first + lane;
+            if (row < task->stop) {
+                int64_t now = task->stamp[row], begin, end;
+                while (task->stamp[low] < now - task->behind_ns) low++;
+                while (high < task->rows && task->stamp[high] <= now + task->ahead_ns) high++;
+                begin = row - task->least_behind < low ? row - task->least_behind : low;
+                end = row + task->least_ahead > high - 1 ? row + task->least_ahead : high - 1;
+                lows[lane] = (begin < 0 ? 0 : begin) - row;
+                highs[lane] = (end > task->rows - 1 ? task->rows - 1 : end) - row;
+            } else {
+                lows[lane] = lows[lane - 1];
+                highs[lane] = highs[lane - 1];
+            }
+            behind = lows[lane] < behind ? lows[lane] : behind;
+            ahead = highs[lane] > ahead ? highs[lane] : ahead;
         }
-        if (most - least + LANES >= MAX_WINDOW) return 1;
-        slopes_of_rows(task, first, lows, highs);
+        if (ahead - behind >= MAX_WINDOW) return 1;
+        slopes_of_rows(task, first, lows, highs, behind, ahead);
     }
     return 0;
 }
