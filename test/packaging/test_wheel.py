@@ -41,6 +41,8 @@ def test_the_wheel_holds_library_models_and_messages_and_no_workspace(wheel):
     assert any(name.endswith("msg/PowerState.msg") for name in names)
     assert "robot_energy_papers/templates/paper_a.md.j2" in names
     assert not any(".data/" in name for name in names)
+    assert "robot_energy/kernels/_compiled.abi3.so" in names
+    assert "-cp311-abi3-" in wheel.name  # one for all later versions of Python
 
 
 def test_source_distribution_has_what_the_wheel_is_built_from(wheel):
@@ -48,6 +50,21 @@ def test_source_distribution_has_what_the_wheel_is_built_from(wheel):
     assert "package.xml" in listing
     assert "msg/PowerState.msg" in listing
     assert "templates/paper_b.md.j2" in listing
+    assert "kernels/inverse_dynamics.c" in listing
+    assert "kernels/kernels.h" in listing
+
+
+def test_without_a_compiler_the_library_has_no_kernels(wheel, tmp_path):
+    (tmp_path / "source").mkdir()
+    run("tar", "xzf", next(wheel.parent.glob("*.tar.gz")), "-C", tmp_path / "source")
+    source = next((tmp_path / "source").iterdir())
+    run(
+        "env", "CC=/bin/false", sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps",
+        "--no-build-isolation", "--wheel-dir", tmp_path, source,
+    )  # fmt: skip
+    names = zipfile.ZipFile(next(tmp_path.glob("*.whl"))).namelist()
+    assert "robot_energy/kernels/__init__.py" in names
+    assert not any(name.endswith(".so") for name in names)
 
 
 def test_the_wheel_replays_a_bag_in_an_empty_environment(wheel, tmp_path):
