@@ -283,23 +283,26 @@ class BandCalibration:
 
     def _follow(self, scored: list[_Scored], done: int, until_ns: int | None) -> int:
         """Take scores up to a stamp; return how many are taken in all."""
-        while done < len(scored) and (until_ns is None or scored[done].counts_ns <= until_ns):
-            _, phase, score, plain = scored[done]
-            done += 1
+        log_scale, count = self._log_scale, self._count
+        for place in range(done, len(scored)):
+            counts_ns, phase, score, plain = scored[place]
+            if until_ns is not None and counts_ns > until_ns:
+                return place
             if score != score:
                 continue
             self.readings += 1
             self.inside += score <= (self._scale(phase) or Z90)
             self.inside_parametric += plain <= Z90
-            if not self._count[phase]:
-                self._log_scale[phase] = self._log_scale[POOLED]
-            for place in {POOLED, phase}:
-                step = max(MIN_STEP, FIRST_STEP / math.sqrt(self._count[place] + 1))
-                above = score > math.exp(self._log_scale[place])
-                moved = self._log_scale[place] + step * (above - (1.0 - COVERED))
-                self._log_scale[place] = max(-MAX_LOG_SCALE, min(moved, MAX_LOG_SCALE))
-                self._count[place] = min(self._count[place] + 1, MAX_COUNTER)
-        return done
+            if not count[phase]:
+                log_scale[phase] = log_scale[POOLED]
+            for kept in (POOLED, phase) if phase != POOLED else (POOLED,):
+                met = count[kept]
+                step = max(MIN_STEP, FIRST_STEP / math.sqrt(met + 1))
+                above = score > math.exp(log_scale[kept])
+                moved = log_scale[kept] + step * (above - (1.0 - COVERED))
+                log_scale[kept] = max(-MAX_LOG_SCALE, min(moved, MAX_LOG_SCALE))
+                count[kept] = min(met + 1, MAX_COUNTER)
+        return len(scored)
 
     def _scale(self, phase: int) -> float | None:
         """Half width of the band of power over the deviation; None if too little was read."""

@@ -131,10 +131,10 @@ class LateMeter:
         return self._late(end_ns - np.rint(duration / NANOSECOND).astype(np.int64), end_ns)
 
     def _late(self, begin_ns: Int, end_ns: Int) -> Float:
-        late = np.zeros(len(end_ns))
-        for row, (begin, end) in enumerate(zip(begin_ns.tolist(), end_ns.tolist(), strict=True)):
-            high = bisect_left(self._stamps, end)
-            low = min(bisect_left(self._stamps, begin), high - 1)
-            if low >= 0:
-                late[row] = (self._sums[high] - self._sums[low]) / ((high - low) * NANOWATT)
-        return late
+        stamps, sums, late = self._stamps, self._sums, list[float]()
+        for begin, end in zip(begin_ns.tolist(), end_ns.tolist(), strict=True):
+            high = bisect_left(stamps, end)
+            low = min(bisect_left(stamps, begin), high - 1)
+            known = (sums[high] - sums[low]) / ((high - low) * NANOWATT) if low >= 0 else 0.0
+            late.append(known)
+        return np.array(late)
