@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -78,9 +79,18 @@ class Robot:
                 _attach(loaded, body)
             self._model = _reduce(loaded, self.inventory.locked_joints)
             self._model.gravity.linear = self._unloaded.gravity.linear
+        self._begin()
+        self._table = _table_of(self._model) if kernels.compiled is not None else None
+
+    def _begin(self) -> None:
+        """Make room of its own to compute in; models of Pinocchio are only read."""
         self._pool = pin.ModelPool(self._model, 1)
         self._scratch = self._model.createData()
-        self._table = _table_of(self._model) if kernels.compiled is not None else None
+
+    def _copy(self) -> Robot:
+        robot = object.__new__(type(self))
+        robot.__dict__.update(self.__dict__)
+        return robot
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
@@ -96,9 +106,12 @@ class Robot:
             RobotDescriptionError: If the URDF cannot be used.
             UnknownJointError: If the URDF lacks a joint of the model.
         """
-        return cls(
-            model.urdf_xml, model.joint_names, model.gravity, model.payload, model.massless_links
-        )
+        robot = _robot_of(
+            model.urdf_xml, tuple(model.joint_names), tuple(model.gravity), tuple(model.payload),
+            tuple(model.massless_links),
+        )._copy()  # fmt: skip
+        robot._begin()
+        return robot
 
     def __reduce__(self) -> tuple[type[Robot], tuple[Any, ...]]:
         """Pickle what it was built from: Pinocchio's own objects cannot be."""
@@ -114,8 +127,7 @@ class Robot:
         Raises:
             RobotDescriptionError: If the URDF lacks one of the links.
         """
-        robot = object.__new__(type(self))  # not read again: what it carries is all that differs
-        robot.__dict__.update(self.__dict__)
+        robot = self._copy()  # not read again: what it carries is all that differs
         robot._load(payload)
         return robot
 
@@ -315,6 +327,18 @@ class Robot:
         frame = int(self._model.getFrameId(_frame_of(link), pin.FrameType.BODY))
         pin.updateFramePlacement(self._model, data, frame)
         return data, frame
+
+
+@lru_cache(maxsize=16)
+def _robot_of(
+    urdf_xml: str,
+    joint_names: tuple[str, ...],
+    gravity: tuple[float, ...],
+    payload: tuple[Payload, ...],
+    massless_links: tuple[str, ...],
+) -> Robot:
+    """Read a URDF once for many bags of one robot."""
+    return Robot(urdf_xml, joint_names, gravity, payload, massless_links)
 
 
 def _build(urdf_xml: str) -> pin.Model:

@@ -187,3 +187,13 @@ def test_link_parameters_are_mass_moment_and_inertia_about_the_joint():
     np.testing.assert_allclose(
         parameters[:10], [m, m * c, 0, 0, 0.001, 0, about_joint, 0, 0, about_joint], atol=1e-15
     )
+
+
+def test_robots_of_one_model_do_not_share_what_they_carry():
+    first, second = Robot.from_model(load("kr16")), Robot.from_model(load("kr16"))
+    q = np.full((1, 6), 0.4)
+    before = second.joint_torque(q, q, q)
+    empty = first.with_payload(())
+    assert not np.allclose(empty.joint_torque(q, q, q), before)
+    np.testing.assert_array_equal(second.joint_torque(q, q, q), before)
+    np.testing.assert_array_equal(Robot.from_model(load("kr16")).joint_torque(q, q, q), before)
