@@ -1,7 +1,11 @@
-"""What all results share: their documented fields are their JSON."""
+"""What all results share: their fields are their JSON.
+
+The annotation of a field says what it is: ``Annotated[float, "Drawn from the grid. [J]"]``.
+"""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -33,6 +37,14 @@ class Result:
     """Base of the results. A number that is not finite becomes None: it is not known."""
 
     NAME: ClassVar[str] = ""  # of the JSON document; empty for a part of one
+
+    def __init_subclass__(cls) -> None:
+        """Add what the fields are to the docstring, for help, documentation and schema."""
+        known = inspect.get_annotations(cls)
+        texts = {name: getattr(kind, "__metadata__", ("",))[0] for name, kind in known.items()}
+        fields_ = "".join(f"\n    {name}: {text}" for name, text in texts.items() if text)
+        if fields_ and cls.__doc__:
+            cls.__doc__ += f"\n\nAttributes:{fields_}"
 
     def __post_init__(self) -> None:
         for entry in fields(self):

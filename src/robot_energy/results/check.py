@@ -1,9 +1,7 @@
 """Whether recordings fit a model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from robot_energy.check import CheckResult
 from robot_energy.results.base import Result
@@ -11,12 +9,8 @@ from robot_energy.results.base import Result
 
 @dataclass(frozen=True)
 class CheckReport(Result):
-    """Findings of recordings with one model.
-
-    Attributes:
-        recordings: One for each.
-    """
+    """Findings of recordings with one model."""
 
     NAME: ClassVar[str] = "check"
 
-    recordings: tuple[CheckResult, ...]
+    recordings: Annotated[tuple[CheckResult, ...], "One for each."]

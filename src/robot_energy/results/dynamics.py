@@ -1,9 +1,7 @@
 """Identified dynamics: bodies, rotors and friction."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.leave_one_out import LeaveOneOut
@@ -14,51 +12,34 @@ from robot_energy.results.base import Number, Result
 
 @dataclass(frozen=True)
 class BaseParameter(Result):
-    """One group of inertial, rotor and friction parameters.
+    """One group of inertial, rotor and friction parameters."""
 
-    Attributes:
-        name: Of the standard parameter that stands for the group.
-        sum: The group.
-        value: In the unit of that parameter.
-        std: Standard deviation.
-        interval_95: Half width of the 95 % interval.
-        weakly_excited: Whether the interval is wider than the value.
-        told_less_than_urdf: Whether the recording tells less of it than the URDF.
-        parts: Of the standard deviation, by cause.
-    """
-
-    name: str
-    sum: str
-    value: float
-    std: Number
-    interval_95: Number
-    weakly_excited: bool
-    told_less_than_urdf: bool
-    parts: dict[str, float]
+    name: Annotated[str, "Of the standard parameter that stands for the group."]
+    sum: Annotated[str, "The group."]
+    value: Annotated[float, "In the unit of that parameter."]
+    std: Annotated[Number, "Standard deviation."]
+    interval_95: Annotated[Number, "Half width of the 95 % interval."]
+    weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
+    told_less_than_urdf: Annotated[bool, "Whether the recording tells less of it than the URDF."]
+    parts: Annotated[dict[str, float], "Of the standard deviation, by cause."]
 
 
 @dataclass(frozen=True)
 class DynamicsReport(Result):
-    """Bodies, rotors and friction.
-
-    Attributes:
-        base_parameters: Groups of parameters that torque tells.
-        torque_error: By ``held_out`` (least squares) and ``held_out_model_file`` (bodies that
-            can exist); ``held_out_given_bodies`` where it was compared.
-        delay: Of the torque behind the positions.
-        across: Recordings held out whole; None for a single one.
-        notes: What the user should know, one sentence each.
-        result: The identification behind it.
-    """
+    """Bodies, rotors and friction."""
 
     NAME: ClassVar[str] = "dynamics"
 
-    base_parameters: tuple[BaseParameter, ...]
-    torque_error: dict[str, TorqueError]
-    delay: Delay
-    across: LeaveOneOut | None
-    notes: tuple[str, ...]
-    result: Dynamics = field(repr=False)
+    base_parameters: Annotated[tuple[BaseParameter, ...], "Groups of parameters that torque tells."]
+    torque_error: Annotated[
+        dict[str, TorqueError],
+        "By ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can exist); "
+        "``held_out_given_bodies`` where it was compared.",
+    ]
+    delay: Annotated[Delay, "Of the torque behind the positions."]
+    across: Annotated[LeaveOneOut | None, "Recordings held out whole; None for a single one."]
+    notes: Annotated[tuple[str, ...], "What the user should know, one sentence each."]
+    result: Annotated[Dynamics, "The identification behind it."] = field(repr=False)
 
 
 def dynamics_report(

@@ -1,9 +1,7 @@
 """An excitation motion: what it tells, and what it uses of the limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -17,48 +15,31 @@ KINDS = ("position", "velocity", "acceleration", "torque")
 
 @dataclass(frozen=True)
 class ExcitedJoint(Result):
-    """One joint of the motion.
+    """One joint of the motion."""
 
-    Attributes:
-        name: Of the joint.
-        start: Position at the start. [rad] or [m]
-        use: Of each limit, by kind; None without a limit. [-]
-    """
-
-    name: str
-    start: float
-    use: dict[str, Number]
+    name: Annotated[str, "Of the joint."]
+    start: Annotated[float, "Position at the start. [rad] or [m]"]
+    use: Annotated[dict[str, Number], "Of each limit, by kind; None without a limit. [-]"]
 
 
 @dataclass(frozen=True)
 class ExcitationReport(Result):
-    """A motion for the identification of the dynamics.
-
-    Attributes:
-        settings: Of the search.
-        before: How well the best random start tells the base parameters.
-        after: How well the optimised motion does.
-        base_parameters: All that a motion can tell: sum of each group by its name.
-        without_effect: Parameters that no torque depends on.
-        margin: Share of every limit that was allowed. [-]
-        acceleration_assumed: Whether the limits of the acceleration were not given.
-        joints: In model order.
-        floor: Height that a link keeps; None without one.
-        least_height: That it reaches; None without a floor. [m]
-    """
+    """A motion for the identification of the dynamics."""
 
     NAME: ClassVar[str] = "excitation"
 
-    settings: ExcitationSettings
-    before: ExcitationScore
-    after: ExcitationScore
-    base_parameters: dict[str, str]
-    without_effect: tuple[str, ...]
-    margin: float
-    acceleration_assumed: bool
-    joints: tuple[ExcitedJoint, ...]
-    floor: Floor | None
-    least_height: Number
+    settings: Annotated[ExcitationSettings, "Of the search."]
+    before: Annotated[ExcitationScore, "How well the best random start tells the base parameters."]
+    after: Annotated[ExcitationScore, "How well the optimised motion does."]
+    base_parameters: Annotated[
+        dict[str, str], "All that a motion can tell: sum of each group by its name."
+    ]
+    without_effect: Annotated[tuple[str, ...], "Parameters that no torque depends on."]
+    margin: Annotated[float, "Share of every limit that was allowed. [-]"]
+    acceleration_assumed: Annotated[bool, "Whether the limits of the acceleration were not given."]
+    joints: Annotated[tuple[ExcitedJoint, ...], "In model order."]
+    floor: Annotated[Floor | None, "Height that a link keeps; None without one."]
+    least_height: Annotated[Number, "That it reaches; None without a floor. [m]"]
 
 
 def excitation_report(found: Excitation) -> ExcitationReport:

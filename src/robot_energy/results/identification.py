@@ -1,10 +1,8 @@
 """What identification found; the fits of `identify` are parts of it as they are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -29,19 +27,15 @@ from robot_energy.results.thermal import ThermalReport
 
 @dataclass(frozen=True)
 class FrictionReport(Result):
-    """Friction over motor temperature.
-
-    Attributes:
-        effort: What the torque was measured as; ``log`` for relative figures of a log.
-        axes: One per axis that could be identified.
-        refused: Why the others could not, one sentence each.
-    """
+    """Friction over motor temperature."""
 
     NAME: ClassVar[str] = "friction"
 
-    effort: str
-    axes: tuple[FrictionFit, ...]
-    refused: tuple[str, ...]
+    effort: Annotated[
+        str, "What the torque was measured as; ``log`` for relative figures of a log."
+    ]
+    axes: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
+    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
 
     @property
     def torque_unit(self) -> str:
@@ -51,36 +45,25 @@ class FrictionReport(Result):
 
 @dataclass(frozen=True)
 class AxisStudy(Result):
-    """Laws of one axis, tested on temperatures that their fits have not seen.
+    """Laws of one axis, tested on temperatures that their fits have not seen."""
 
-    Attributes:
-        name: Of the axis.
-        study: The test.
-        gain: RMS of the exponential law over that of the constant; None without such a law. [-]
-        shuffles: How often the temperatures were shuffled between the runs.
-        median_gain: The same ratio then: its median. [-]
-        least_gain: Its least value. [-]
-    """
-
-    name: str
-    study: Study
-    gain: Number
-    shuffles: int
-    median_gain: Number
-    least_gain: Number
+    name: Annotated[str, "Of the axis."]
+    study: Annotated[Study, "The test."]
+    gain: Annotated[
+        Number, "RMS of the exponential law over that of the constant; None without such a law. [-]"
+    ]
+    shuffles: Annotated[int, "How often the temperatures were shuffled between the runs."]
+    median_gain: Annotated[Number, "The same ratio then: its median. [-]"]
+    least_gain: Annotated[Number, "Its least value. [-]"]
 
 
 @dataclass(frozen=True)
 class FrictionStudyReport(Result):
-    """Friction at temperatures that were not seen.
-
-    Attributes:
-        studies: One per axis.
-    """
+    """Friction at temperatures that were not seen."""
 
     NAME: ClassVar[str] = "friction_study"
 
-    studies: tuple[AxisStudy, ...]
+    studies: Annotated[tuple[AxisStudy, ...], "One per axis."]
 
 
 def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
@@ -109,27 +92,19 @@ def exponential_gain(study: Study) -> float | None:
 
 @dataclass(frozen=True)
 class CabinetReport(Result):
-    """Constant losses of the cabinet, and energy of the DC link.
-
-    Attributes:
-        losses: Constant losses.
-        meter_delay: Of the meter behind the joint states; None where it cannot be told.
-        meter_time_constant: Of a low pass in the meter; likewise.
-        link: Energy of the DC link; None where it was not told.
-        link_taken: Whether the model has it.
-        link_reason: Why not; empty if it has.
-        link_note: What was taken for its voltages; empty if it has it not.
-    """
+    """Constant losses of the cabinet, and energy of the DC link."""
 
     NAME: ClassVar[str] = "cabinet"
 
-    losses: CabinetFit
-    meter_delay: Delay | None
-    meter_time_constant: Delay | None
-    link: LinkFit | None
-    link_taken: bool
-    link_reason: str
-    link_note: str
+    losses: Annotated[CabinetFit, "Constant losses."]
+    meter_delay: Annotated[
+        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+    ]
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not told."]
+    link_taken: Annotated[bool, "Whether the model has it."]
+    link_reason: Annotated[str, "Why not; empty if it has."]
+    link_note: Annotated[str, "What was taken for its voltages; empty if it has it not."]
 
 
 def cabinet_report(found: SupplyFound) -> CabinetReport:
@@ -155,54 +130,41 @@ StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFi
 
 @dataclass(frozen=True)
 class StepReport(Result):
-    """One step of the whole.
+    """One step of the whole."""
 
-    Attributes:
-        subject: What it is about.
-        taken: Whether the model has what was found.
-        reason: Why it was left out, or not taken; empty otherwise.
-        notes: What was decided without data, one sentence each.
-        found: What the recordings tell; None if the step was left out.
-        step: The step behind it.
-    """
-
-    subject: str
-    taken: bool
-    reason: str
-    notes: tuple[str, ...]
-    found: StepFound | None
-    step: Step = field(repr=False)
+    subject: Annotated[str, "What it is about."]
+    taken: Annotated[bool, "Whether the model has what was found."]
+    reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
+    notes: Annotated[tuple[str, ...], "What was decided without data, one sentence each."]
+    found: Annotated[StepFound | None, "What the recordings tell; None if the step was left out."]
+    step: Annotated[Step, "The step behind it."] = field(repr=False)
 
 
 @dataclass(frozen=True)
 class IdentificationReport(Result):
-    """All that was identified, and the test on what was held out.
-
-    Attributes:
-        model: As it is written, with its provenance; in JSON its identity.
-        given: As it was before; likewise.
-        recordings: Bags of the fit.
-        tests: Bags of the test alone.
-        steps: In the order in which they were done.
-        meter_delay: Of the meter behind the joint states; None where it cannot be told.
-        meter_time_constant: Of a low pass in the meter; likewise.
-        energy: Energy on what was held out; None if there was no test.
-        mean_error: Mean size of its error at the meter, by stage; empty without a meter. [-]
-        notes: What does not fit the model as given, one sentence each.
-    """
+    """All that was identified, and the test on what was held out."""
 
     NAME: ClassVar[str] = "identification"
 
-    model: RobotModel
-    given: RobotModel
-    recordings: tuple[BagFacts, ...]
-    tests: tuple[BagFacts, ...]
-    steps: tuple[StepReport, ...]
-    meter_delay: Delay | None
-    meter_time_constant: Delay | None
-    energy: HeldOutEnergy | None
-    mean_error: dict[str, float]
-    notes: tuple[str, ...] = ()
+    model: Annotated[RobotModel, "As it is written, with its provenance; in JSON its identity."]
+    given: Annotated[RobotModel, "As it was before; likewise."]
+    recordings: Annotated[tuple[BagFacts, ...], "Bags of the fit."]
+    tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
+    steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
+    meter_delay: Annotated[
+        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+    ]
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    energy: Annotated[
+        HeldOutEnergy | None, "Energy on what was held out; None if there was no test."
+    ]
+    mean_error: Annotated[
+        dict[str, float],
+        "Mean size of its error at the meter, by stage; empty without a meter. [-]",
+    ]
+    notes: Annotated[
+        tuple[str, ...], "What does not fit the model as given, one sentence each."
+    ] = ()
 
     def taken(self, subject: str) -> bool:
         """Whether the model has new figures of a subject.

@@ -1,9 +1,7 @@
 """Powers of the states of auxiliary loads, as they were identified."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from robot_energy.identify.auxiliary.states import LoadsFit
 from robot_energy.results.base import Result
@@ -11,15 +9,13 @@ from robot_energy.results.base import Result
 
 @dataclass(frozen=True)
 class LoadStatesReport(Result):
-    """Powers of the states of auxiliary loads.
-
-    Attributes:
-        fits: One for each load with a meter of its own; one for all others together where the
-            recordings have a meter of the outlet.
-        refused: Why others could not be identified, one sentence each.
-    """
+    """Powers of the states of auxiliary loads."""
 
     NAME: ClassVar[str] = "auxiliary"
 
-    fits: tuple[LoadsFit, ...]
-    refused: tuple[str, ...]
+    fits: Annotated[
+        tuple[LoadsFit, ...],
+        "One for each load with a meter of its own; one for all others together where the "
+        "recordings have a meter of the outlet.",
+    ]
+    refused: Annotated[tuple[str, ...], "Why others could not be identified, one sentence each."]

@@ -1,9 +1,8 @@
 """How sure a predicted energy is, and what makes it unsure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.results.base import Number, Result
@@ -13,45 +12,34 @@ from robot_energy.uncertainty.deviation import names_of
 
 @dataclass(frozen=True)
 class Contribution(Result):
-    """What one figure of the model, or several of one kind, add to the uncertainty.
+    """What one figure of the model, or several of one kind, add to the uncertainty."""
 
-    Attributes:
-        name: Of the figures.
-        std: Standard deviation of the energy that they alone cause. [J]
-        share: Of the variance. [-]
-    """
-
-    name: str
-    std: float
-    share: Number
+    name: Annotated[str, "Of the figures."]
+    std: Annotated[float, "Standard deviation of the energy that they alone cause. [J]"]
+    share: Annotated[Number, "Of the variance. [-]"]
 
 
 @dataclass(frozen=True)
 class EnergyUncertainty(Result):
-    """How sure the predicted net energy from the grid is.
+    """How sure the predicted net energy from the grid is."""
 
-    Attributes:
-        std: Standard deviation from the figures of the model. [J]
-        band: ``parametric``: from that alone; ``calibrated``: scaled by the errors that a
-            meter showed in windows of 5 s.
-        lower: Of the 90 % band. [J]
-        upper: Of the 90 % band. [J]
-        half_relative: Half width over the energy. [-]
-        readings: Of the meter that were compared with the band of power.
-        inside: Share of them that lay within it. [-]
-        inside_parametric: The same of a band from the standard deviation alone. [-]
-        contributions: What adds how much, the largest first: what to measure next.
-    """
-
-    std: float
-    band: str
-    lower: float
-    upper: float
-    half_relative: Number
-    readings: int
-    inside: Number
-    inside_parametric: Number
-    contributions: tuple[Contribution, ...]
+    std: Annotated[float, "Standard deviation from the figures of the model. [J]"]
+    band: Annotated[
+        str,
+        "``parametric``: from that alone; ``calibrated``: scaled by the errors that a meter "
+        "showed in windows of 5 s.",
+    ]
+    lower: Annotated[float, "Of the 90 % band. [J]"]
+    upper: Annotated[float, "Of the 90 % band. [J]"]
+    half_relative: Annotated[Number, "Half width over the energy. [-]"]
+    readings: Annotated[int, "Of the meter that were compared with the band of power."]
+    inside: Annotated[Number, "Share of them that lay within it. [-]"]
+    inside_parametric: Annotated[
+        Number, "The same of a band from the standard deviation alone. [-]"
+    ]
+    contributions: Annotated[
+        tuple[Contribution, ...], "What adds how much, the largest first: what to measure next."
+    ]
 
 
 def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> EnergyUncertainty:
