@@ -47,12 +47,11 @@ MODULES = {
         unseen
     """,
     "robot_energy.cli": """
-        advise check completion export fleet fleet_identify fleet_report fleet_run help_text
-        identify identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
+        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_thermal import_logs info
-        kinds layouts main models monitoring numbers optimize page predict replay replay_options
-        report robots schema
-        simulate stopping terminal test tool_options
+        layouts listings main models monitoring numbers optimize page predict replay
+        replay_options report robots simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
         baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from typing import Any
+from argparse import ArgumentParser, Namespace
 
+from robot_energy.cli.command import Command, add_option
 from robot_energy.cli.identify_inputs import add_results, add_sensors, check_results, sensor_limits
-from robot_energy.cli.terminal import add_command, present
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify one model of friction over temperature from all bags of a fleet, through the sums that
@@ -20,37 +20,19 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of the command above.
-    """
-    text = "one friction model from all bags"
-    parser = add_command(commands, "identify", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("dataset", help="folder that `fleet run` wrote")
-    parser.add_argument(
-        "--model",
+    add_option(
+        parser,
+        "--model FILE|NAME",
+        "model file or shipped model with which the bags were run",
         required=True,
-        metavar="FILE|NAME",
-        help="model file or shipped model with which the bags were run",
     )
     add_sensors(parser)
     add_results(parser, "this friction", "write the laws over temperature as a figure")
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0.
-
-    Raises:
-        RobotEnergyError: If dataset or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.fleet.dataset import read_tables
     from robot_energy.fleet.identify import identify_fleet
     from robot_energy.model import load
@@ -69,3 +51,8 @@ def run(args: Namespace) -> int:
 
     present(args, found, page, plot=plot, model=model)
     return 0
+
+
+COMMAND = Command(
+    "identify", "one friction model from all bags", _run, _options, DESCRIPTION, EPILOG
+)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from typing import Any
+from argparse import ArgumentParser, Namespace
 
+from robot_energy.cli.command import Command, add_option
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
@@ -13,7 +13,7 @@ from robot_energy.cli.identify_inputs import (
     sensor_limits,
     source_of,
 )
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import present, progress
 
 DESCRIPTION = """\
 Identify what pump, extruder and other loads outside of the cabinet draw in each of their
@@ -30,37 +30,19 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-commands of `identify`.
-    """
-    text = "power of the states of loads outside of the cabinet"
-    parser = add_command(commands, "auxiliary", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     add_bags(parser, effort="")
-    parser.add_argument(
+    add_option(
+        parser,
         "--outlet-meter",
-        action="store_true",
-        help="the power meter of the recordings sits at the outlet of the cell: it sees the "
+        "the power meter of the recordings sits at the outlet of the cell: it sees the "
         "cabinet and all loads",
     )
     add_sensors(parser)
     add_results(parser, "these powers")
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        RobotEnergyError: If recordings or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_auxiliary
     from robot_energy.report.document import Document
     from robot_energy.report.load_states import states_document
@@ -81,3 +63,13 @@ def run(args: Namespace) -> int:
     states_document(result.found, page)
     present(args, result.found, page, model=result.model)
     return 0
+
+
+COMMAND = Command(
+    "auxiliary",
+    "power of the states of loads outside of the cabinet",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

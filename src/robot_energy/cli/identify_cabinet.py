@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from typing import Any
+from argparse import ArgumentParser, Namespace
 
+from robot_energy.cli.command import Command, add_options
 from robot_energy.cli.identify_inputs import (
+    LINK_VOLTAGES,
     add_bags,
-    add_link_voltages,
     add_results,
     add_sensors,
     check_results,
@@ -15,7 +15,7 @@ from robot_energy.cli.identify_inputs import (
     sensor_limits,
     source_of,
 )
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import present, progress
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -35,32 +35,14 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "constant losses of the grid side and the DC side, energy of the DC link"
-    parser = add_command(commands, "cabinet", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     add_bags(parser, effort="")
-    add_link_voltages(parser)
+    add_options(parser, LINK_VOLTAGES)
     add_sensors(parser)
     add_results(parser, "these figures")
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If recordings or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_cabinet
     from robot_energy.report.document import Document
     from robot_energy.report.identification import cabinet_document
@@ -81,3 +63,13 @@ def run(args: Namespace) -> int:
     cabinet_document(result.found, page)
     present(args, result.found, page, model=result.model)
     return 0
+
+
+COMMAND = Command(
+    "cabinet",
+    "constant losses of the grid side and the DC side, energy of the DC link",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import Command, add_option, add_options
 from robot_energy.cli.identify_inputs import (
+    DRIVE_POWER,
+    LOG,
     add_bags,
-    add_drive_power,
     add_results,
     add_sensors,
     bags_of,
@@ -18,7 +20,7 @@ from robot_energy.cli.identify_inputs import (
     drive_power_topics,
 )
 from robot_energy.cli.numbers import frequency
-from robot_energy.cli.terminal import add_command, present
+from robot_energy.cli.terminal import present
 from robot_energy.errors import ModelFileError
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.log_formats import LOG_FORMATS
@@ -50,21 +52,14 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "electrical power of the drives from torque and speed"
-    parser = add_command(commands, "drives", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     add_bags(
         parser,
         required=False,
         effort="what the effort in the joint states means; without it the model's own torque "
         "is used, rigid bodies and friction",
     )
-    add_drive_power(parser)
+    add_options(parser, DRIVE_POWER)
     for kind in LOG_FORMATS.values():
         if kind.recording is not None:
             parser.add_argument(
@@ -74,33 +69,20 @@ def add_parser(commands: Any) -> None:
                 const=kind.name,
                 help=f"the recordings are files of {kind.label}",
             )
-    parser.add_argument(
-        "--cutoff",
+    add_option(
+        parser,
+        "--cutoff HZ",
+        "of the low-pass of the maps (default 5 Hz)",
         type=frequency,
         default=5.0,
-        metavar="HZ",
-        help="of the low-pass of the maps (default 5 Hz)",
     )
     add_sensors(parser)
     add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
     log = parser.add_argument_group("from logs with torque, without a model")
-    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
-    log.add_argument("--mapping", metavar="FILE", help="what their columns mean")
+    add_options(log, {**LOG, "--mapping FILE": "what their columns mean"})
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command, with bags or logs.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If recordings, logs or model cannot be used, or nothing can be
-            identified.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.identify.drives.all_drives import find_drives
     from robot_energy.identify.plausibility import check_drives, check_total
     from robot_energy.identify.provenance import hashed, identified_from
@@ -193,3 +175,13 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         refuse_torque([torque_evidence(part, effort) for part in recordings])
     refuse_meter(recordings, effort)
     return drive_data(recordings, powers, measured), model, effort.value if measured else "model"
+
+
+COMMAND = Command(
+    "drives",
+    "electrical power of the drives from torque and speed",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import resource
 import time
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import LIST, Command, add_options
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
@@ -18,8 +19,7 @@ from robot_energy.cli.identify_inputs import (
     check_source,
     sensor_limits,
 )
-from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import add_command, present
+from robot_energy.cli.terminal import present
 
 if TYPE_CHECKING:
     from robot_energy.identify.data.signals import Channels
@@ -48,76 +48,32 @@ examples:
 """
 
 
-def add_parser(subjects: Any) -> None:
-    """Add the subject.
+OPTIONS = {
+    "--log LOG": ("instead of bags: tables (CSV, plain or .gz, Parquet) or their folder", LIST),
+    "--mapping FILE": "what the columns mean",
+    "--data FOLDER": "without --mapping: --log is the mapping, and this the folder of the tables "
+    "(default: that of the mapping)",
+    "--method": (
+        "ordinary, weighted by joint (default), or robust against outliers",
+        {"choices": ("ols", "wls", "irls"), "default": "wls"},
+    ),
+    "--stribeck V": "add a Stribeck term with this speed [rad/s]",
+    "--smooth V": "speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
+    "--cutoff HZ": "low-pass on both sides of the equation (default: 10)",
+    "--delay MS": "look for delays of the torque up to this (default: 5; 0: do not)",
+    "--details": "print every base parameter",
+}
 
-    Args:
-        subjects: Sub-parsers of ``identify``.
-    """
-    text = "inertias, rotors and friction from positions and motor torque"
-    parser = add_command(subjects, "dynamics", run, text, DESCRIPTION, EPILOG)
+
+def _options(parser: ArgumentParser) -> None:
     add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
-    parser.add_argument(
-        "--log",
-        nargs="+",
-        metavar="LOG",
-        help="instead of bags: tables (CSV, plain or .gz, Parquet) or their folder",
-    )
-    parser.add_argument("--mapping", metavar="FILE", help="what the columns mean")
-    parser.add_argument(
-        "--data",
-        metavar="FOLDER",
-        help="without --mapping: --log is the mapping, and this the folder of the tables "
-        "(default: that of the mapping)",
-    )
-    parser.add_argument(
-        "--method",
-        choices=("ols", "wls", "irls"),
-        default="wls",
-        help="ordinary, weighted by joint (default), or robust against outliers",
-    )
-    parser.add_argument(
-        "--stribeck", type=number, metavar="V", help="add a Stribeck term with this speed [rad/s]"
-    )
-    parser.add_argument(
-        "--smooth",
-        type=number,
-        default=0.01,
-        metavar="V",
-        help="speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
-    )
-    parser.add_argument(
-        "--cutoff",
-        type=number,
-        default=10.0,
-        metavar="HZ",
-        help="low-pass on both sides of the equation (default: 10)",
-    )
-    parser.add_argument(
-        "--delay",
-        type=number,
-        default=5.0,
-        metavar="MS",
-        help="look for delays of the torque up to this (default: 5; 0: do not)",
-    )
-    parser.add_argument("--details", action="store_true", help="print every base parameter")
+    add_options(parser, OPTIONS)
     add_sensors(parser)
     add_results(parser, "these dynamics")
+    parser.set_defaults(smooth=0.01, cutoff=10.0, delay=5.0)
 
 
-def run(args: Namespace) -> int:
-    """Identify bodies, rotors and friction, test them on held-out data and report.
-
-    Args:
-        args: Of the command, with bags or a log.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If mapping, files or recording cannot be used, or what they give
-            is implausible.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.identify.causes import cause_named, evidence_of_rows
     from robot_energy.identify.dynamics.dynamics import identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
@@ -206,3 +162,13 @@ def _settings(args: Namespace) -> DynamicsSettings:
         delay_span=args.delay * 1e-3,
         sensors=sensor_limits(args),
     )
+
+
+COMMAND = Command(
+    "dynamics",
+    "inertias, rotors and friction from positions and motor torque",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robot_energy.cli.command import LIST, Options, add_option, add_options, name_of
 from robot_energy.cli.numbers import number
-from robot_energy.cli.robots import INPUTS, add_robot
-from robot_energy.cli.terminal import add_json, check_outputs, progress
+from robot_energy.cli.robots import INPUTS, ROBOT
+from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, progress
 from robot_energy.errors import ModelFileError
 from robot_energy.units import DQ_FACTORS
 
@@ -17,22 +18,49 @@ if TYPE_CHECKING:
     from robot_energy.api.inputs import BagSource
     from robot_energy.identify.drives.drive_power import DrivePowerTopics
     from robot_energy.identify.stats.systematic import SensorLimits
+    from robot_energy.logs.recording import LogBlock
 
-SENSORS = (
-    ("meter-class", "PERCENT", 1.0, "gain of the power meter: its class"),
-    ("torque-tolerance", "PERCENT", 5.0, "torque constant of each motor, or gain of the torque"),
-    ("thermometer-tolerance", "K", 2.0, "motor temperatures"),
-    ("body-tolerance", "PERCENT", 5.0, "torque of bodies that are not identified"),
-    ("drive-power-class", "PERCENT", 2.0, "gain of the power that each drive reports"),
-)
-LIMIT_OF = dict(
-    zip(
-        (name for name, *_ in SENSORS),
-        ("meter", "torque", "thermometer", "bodies", "drive_power"),
-        strict=True,
-    )
-)
+SENSORS = (  # option, its unit, field of `SensorLimits`, default, what it limits
+    ("meter-class", "PERCENT", "meter", 1.0, "gain of the power meter: its class"),
+    ("torque-tolerance", "PERCENT", "torque", 5.0,
+     "torque constant of each motor, or gain of the torque"),
+    ("thermometer-tolerance", "K", "thermometer", 2.0, "motor temperatures"),
+    ("body-tolerance", "PERCENT", "bodies", 5.0, "torque of bodies that are not identified"),
+    ("drive-power-class", "PERCENT", "drive_power", 2.0,
+     "gain of the power that each drive reports"),
+)  # fmt: skip
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
+DRIVE_POWER: Options = {
+    "--drive-power TOPIC": (
+        "array with the power of each drive [W]; or four arrays, from which the power is "
+        "computed: currents d and q [A], voltages d and q [V]",
+        LIST,
+    ),
+    "--drive-joints JOINT": (
+        "joints in the order of these arrays (default: of the model)",
+        LIST,
+    ),
+    "--dq-scaling": (
+        "what the four are: peak or RMS values of a phase, or those of the power-invariant "
+        "transformation (default: peak)",
+        {"choices": tuple(DQ_FACTORS), "default": "peak"},
+    ),
+}
+LINK_VOLTAGES: Options = {  # which a grid meter cannot determine
+    "--link-voltages": (
+        "of the DC link: rectified mains, and where the brake chopper starts [V] (default: "
+        "those of the model file, else 566 and 700, assumed)",
+        {"nargs": 2, "type": number, "metavar": ("MAINS", "CHOPPER")},
+    )
+}
+SHARE_SHAPE: Options = {
+    "--share-shape": "axes whose range of temperature or speed is too small take the temperature "
+    "shape of the others; only its size is fitted"
+}
+LOG: Options = {
+    "--log LOG": ("tables: CSV, plain or .gz, Parquet", LIST),
+    "--mapping FILE": "what its columns mean",
+}
 
 
 def add_bags(
@@ -53,44 +81,12 @@ def add_bags(
         "bags", nargs="+" if required else "*", metavar="BAG", help="recordings of one robot"
     )
     if robot:
-        add_robot(parser)
+        add_options(parser, ROBOT)
     else:
-        parser.add_argument(
-            "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
-        )
+        add_option(parser, "--model FILE|NAME", "model file to begin with", required=required)
     if effort:
-        parser.add_argument(
-            "--effort", choices=EFFORTS, metavar="MEANING", help=f"%(choices)s: {effort}"
-        )
-    parser.add_argument("--inputs", **INPUTS)
-
-
-def add_drive_power(parser: ArgumentParser) -> None:
-    """Add where the bags have the power of each drive.
-
-    Args:
-        parser: Of the command.
-    """
-    parser.add_argument(
-        "--drive-power",
-        nargs="+",
-        metavar="TOPIC",
-        help="array with the power of each drive [W]; or four arrays, from which the power is "
-        "computed: currents d and q [A], voltages d and q [V]",
-    )
-    parser.add_argument(
-        "--drive-joints",
-        nargs="+",
-        metavar="JOINT",
-        help="joints in the order of these arrays (default: of the model)",
-    )
-    parser.add_argument(
-        "--dq-scaling",
-        choices=tuple(DQ_FACTORS),
-        default="peak",
-        help="what the four are: peak or RMS values of a phase, or those of the power-invariant "
-        "transformation (default: peak)",
-    )
+        add_option(parser, "--effort MEANING", f"%(choices)s: {effort}", choices=EFFORTS)
+    add_options(parser, INPUTS)
 
 
 def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
@@ -118,29 +114,10 @@ def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
         what: Content of the model file.
         plot: Help of ``--plot``; empty for a command without a figure.
     """
-    parser.add_argument("--out", metavar="FILE", help=f"write the model with {what}")
-    add_json(parser)
-    parser.add_argument(
-        "--report", metavar="FILE", help="write tables and figures as one HTML file"
-    )
+    add_option(parser, "--out FILE", f"write the model with {what}")
+    add_options(parser, TABLE_OUTPUTS)
     if plot:
-        parser.add_argument("--plot", metavar="FILE", help=plot)
-
-
-def add_link_voltages(parser: ArgumentParser) -> None:
-    """Add the voltages of the DC link, which a grid meter cannot determine.
-
-    Args:
-        parser: Of the command.
-    """
-    parser.add_argument(
-        "--link-voltages",
-        nargs=2,
-        type=number,
-        metavar=("MAINS", "CHOPPER"),
-        help="of the DC link: rectified mains, and where the brake chopper starts [V] (default: "
-        "those of the model file, else 566 and 700, assumed)",
-    )
+        add_option(parser, "--plot FILE", plot)
 
 
 def add_sensors(parser: ArgumentParser) -> None:
@@ -150,13 +127,9 @@ def add_sensors(parser: ArgumentParser) -> None:
         parser: Of the command.
     """
     group = parser.add_argument_group("limits of constant errors, from data sheets, +-")
-    for name, unit, default, what in SENSORS:
-        group.add_argument(
-            f"--{name}",
-            type=number,
-            metavar=unit,
-            help=f"{what} [{'%%' if unit == 'PERCENT' else unit}] (default: {default:g})",
-        )
+    for name, unit, _, default, what in SENSORS:
+        shown = "%%" if unit == "PERCENT" else unit
+        add_option(group, f"--{name} {unit}", f"{what} [{shown}] (default: {default:g})")
 
 
 def sensor_limits(args: Namespace) -> SensorLimits:
@@ -171,33 +144,18 @@ def sensor_limits(args: Namespace) -> SensorLimits:
     from robot_energy.identify.stats.systematic import SensorLimits
 
     given: dict[str, float] = {}
-    for name, unit, *_ in SENSORS:
-        value = getattr(args, name.replace("-", "_"))
+    for name, unit, field, *_ in SENSORS:
+        value = getattr(args, name_of(name))
         if value is not None:
-            field = LIMIT_OF[name]
             given[field] = value / 100.0 if unit == "PERCENT" else value
     return SensorLimits(**given)
-
-
-def add_share_shape(parser: ArgumentParser) -> None:
-    """Add the loan of a temperature shape.
-
-    Args:
-        parser: Of the command.
-    """
-    parser.add_argument(
-        "--share-shape",
-        action="store_true",
-        help="axes whose range of temperature or speed is too small take the temperature shape of "
-        "the others; only its size is fitted",
-    )
 
 
 def link_voltages(args: Namespace) -> tuple[float, float] | None:
     """Return the voltages of the DC link, None if they were not given.
 
     Args:
-        args: Of the command, with those of `add_link_voltages`.
+        args: Of the command, with that of `LINK_VOLTAGES`.
 
     Returns:
         Rectified mains, and the voltage at which the brake chopper starts. [V]
@@ -232,12 +190,13 @@ def check_results(args: Namespace) -> None:
     check_outputs(args, [one for one in inputs if isinstance(one, str)], args.out)
 
 
-def check_source(args: Namespace, needs_effort: bool = False) -> None:
+def check_source(args: Namespace, needs_effort: bool = False, relative: str = "") -> None:
     """Refuse bags together with logs, without what they need, or one recording twice.
 
     Args:
         args: Of the command, with bags and a log.
         needs_effort: Whether the command uses the effort in the joint states of bags.
+        relative: Why a log, which needs its mapping, makes no model file; empty where it does.
 
     Raises:
         ModelFileError: Saying which options belong together.
@@ -257,6 +216,23 @@ def check_source(args: Namespace, needs_effort: bool = False) -> None:
         if args.model is None:
             raise ModelFileError("bags need --model", "a model file")
     require_distinct([Path(name) for name in args.bags or args.log])
+    if args.log and relative:
+        if args.mapping is None:
+            raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
+        if args.out is not None:
+            raise ModelFileError(relative, "bags with --model", "import the log to a bag")
+
+
+def columns_of_log(args: Namespace) -> tuple[list[LogBlock], list[str]]:
+    """Return the columns of the tables, one entry for each, and the names of the joints.
+
+    Args:
+        args: Of the command, with a log and its mapping.
+    """
+    from robot_energy.logs import load_mapping, open_logs
+
+    mapping = load_mapping(args.mapping)
+    return [log.whole() for log in open_logs(args.log, mapping)], mapping.joints.names
 
 
 def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSource:

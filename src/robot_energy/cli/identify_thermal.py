@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import Any
 
+from robot_energy.cli.command import Command, add_option, add_options
 from robot_energy.cli.identify_inputs import (
+    LOG,
     add_bags,
     add_results,
     bags_of,
     check_results,
     check_source,
+    columns_of_log,
     source_of,
 )
 from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import add_command, present
-from robot_energy.errors import ModelFileError
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify the heat capacity and the time constants of every motor from recordings with motor
@@ -34,26 +36,18 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "motor temperatures from losses"
-    parser = add_command(commands, "thermal", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     add_bags(parser, required=False, effort="")
-    parser.add_argument(
-        "--ambient",
-        type=_degc,
-        metavar="DEGC",
-        help="temperature of the air around the robot [degC] (default: the coldest first reading "
+    add_option(
+        parser,
+        "--ambient DEGC",
+        "temperature of the air around the robot [degC] (default: the coldest first reading "
         "of all motors)",
+        type=_degc,
     )
     add_results(parser, "these networks")
     log = parser.add_argument_group("from a log with motor currents, without a model")
-    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
-    log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
+    add_options(log, LOG)
 
 
 def _degc(text: str) -> float:
@@ -63,35 +57,15 @@ def _degc(text: str) -> float:
     return value
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        ModelFileError: If options do not fit together, or the model cannot be used.
-        RobotEnergyError: If recordings or log cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.thermal import thermal_document
     from robot_energy.results.thermal import ThermalReport
 
     check_results(args)
-    check_source(args)
+    check_source(args, relative="the heat of a log is relative and makes no model file")
     model = None
     if args.log:
-        if args.mapping is None:
-            raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
-        if args.out is not None:
-            raise ModelFileError(
-                "the heat of a log is relative and makes no model file",
-                "bags with --model",
-                "import the log to a bag",
-            )
         report = _of_log(args)
     else:
         from robot_energy.api.identify import identify_thermal
@@ -108,12 +82,12 @@ def run(args: Namespace) -> int:
 def _of_log(args: Namespace) -> Any:
     from robot_energy.identify.thermal.network import fit_networks
     from robot_energy.identify.thermal.windows import runs_of_log
-    from robot_energy.logs import load_mapping, open_logs
     from robot_energy.results.thermal import ThermalReport
 
-    mapping = load_mapping(args.mapping)
-    parts = [log.whole() for log in open_logs(args.log, mapping)]
-    names = mapping.joints.names
+    parts, names = columns_of_log(args)
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]
     ambient, fits, refused = fit_networks(names, runs, args.ambient)
     return ThermalReport("squared_current", ambient, tuple(fits), tuple(refused))
+
+
+COMMAND = Command("thermal", "motor temperatures from losses", _run, _options, DESCRIPTION, EPILOG)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.terminal import add_command, console
+from robot_energy.cli.command import Command
+from robot_energy.cli.terminal import console
 
 if TYPE_CHECKING:
     from robot_energy.bag import BagReader
@@ -14,30 +15,11 @@ if TYPE_CHECKING:
 DAMAGED = 3
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "topics, types, counts and time span of a bag"
-    description = "Print the topics of a bag and what replay can use them for."
-    parser = add_command(commands, "info", run, text, description)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
 
 
-def run(args: Namespace) -> int:
-    """Print what a bag holds.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if the bag is damaged.
-
-    Raises:
-        BagError: If it cannot be read.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.bag import BagReader
     from robot_energy.report.document import Document
     from robot_energy.report.model import bag_document
@@ -88,3 +70,12 @@ def _read(
             start = low if start is None else min(start, low)
             end = high if end is None else max(end, high)
     return found, start, end
+
+
+COMMAND = Command(
+    "info",
+    "topics, types, counts and time span of a bag",
+    _run,
+    _options,
+    "Print the topics of a bag and what replay can use them for.",
+)

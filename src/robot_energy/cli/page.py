@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import Options
 from robot_energy.cli.numbers import number_type
 from robot_energy.errors import PageError
 
@@ -19,29 +20,12 @@ if TYPE_CHECKING:
 _port = number_type("port (0 to 65535)", 0.0, 65535.0)
 
 
-def add_page(parser: ArgumentParser) -> None:
-    """Add the options of the page.
-
-    Args:
-        parser: Of a command that replays one bag.
-    """
-    group = parser.add_argument_group("energy page")
-    group.add_argument(
-        "--serve", action="store_true", help="show the energy page in a browser until Ctrl-C"
-    )
-    group.add_argument(
-        "--port", type=_port, metavar="N", help="port of --serve on this computer (default: any)"
-    )
-    add_page_settings(group)
-
-
-def add_page_settings(parser: Any) -> None:
-    """Add the option for prices and emissions.
-
-    Args:
-        parser: Or group of options.
-    """
-    parser.add_argument("--page-settings", metavar="FILE", help="prices and emission factor (YAML)")
+PAGE_SETTINGS: Options = {"--page-settings FILE": "prices and emission factor (YAML)"}
+PAGE: Options = {
+    "--serve": "show the energy page in a browser until Ctrl-C",
+    "--port N": ("port of --serve on this computer (default: any)", {"type": _port}),
+    **PAGE_SETTINGS,
+}
 
 
 def page_settings(args: Namespace) -> PageSettings:

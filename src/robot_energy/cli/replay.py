@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.page import add_page, page_settings, recorded_page, serve_page
+from robot_energy.cli.command import Command, add_options
+from robot_energy.cli.page import PAGE, page_settings, recorded_page, serve_page
 from robot_energy.cli.replay_options import (
     BAG,
     DAMAGED,
+    JOBS,
     PROCESSES,
-    add_jobs,
     add_replay,
     options_of,
 )
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
-    add_command,
-    add_json,
+    JSON_OPTION,
     check_bag,
     check_outputs,
     present,
@@ -57,32 +57,22 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
+OUTPUTS = {
+    "--out BAG": "write the energy topics (/energy/...) into a new bag",
+    "--overwrite": "replace the bag of --out",
+    **JSON_OPTION,
+    "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
+    "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium is "
+    "installed",
+}
 
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "where the energy of a recorded bag went"
-    parser = add_command(commands, "replay", run, text, DESCRIPTION, EPILOG)
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", help=BAG)
-    parser.add_argument("--processes", **PROCESSES)
-    outputs = parser.add_argument_group("outputs")
-    outputs.add_argument(
-        "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"
-    )
-    outputs.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-    add_json(outputs)
-    outputs.add_argument(
-        "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
-    )
-    outputs.add_argument(
-        "--report",
-        metavar="FILE",
-        help="write tables and figures as one file: .html, or .pdf where a Chromium is installed",
-    )
-    add_page(parser)
-    add_jobs(parser)
+    add_options(parser, PROCESSES)
+    add_options(parser.add_argument_group("outputs"), OUTPUTS)
+    add_options(parser.add_argument_group("energy page"), PAGE)
+    add_options(parser, JOBS)
     add_replay(
         parser,
         "averaging period of /energy/power (default 0.02 s)",
@@ -91,18 +81,7 @@ def add_parser(commands: Any) -> None:
     )
 
 
-def run(args: Namespace) -> int:
-    """Replay and report.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if the bag is damaged and was read in part.
-
-    Raises:
-        RobotEnergyError: If model, bag or outputs cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.replay import fixed_friction
     from robot_energy.files.placement import all_or_none
     from robot_energy.model import load
@@ -190,3 +169,8 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     if first.origin:
         title = f"{title}\n{first.origin}"
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
+
+
+COMMAND = Command(
+    "replay", "where the energy of a recorded bag went", _run, _options, DESCRIPTION, EPILOG
+)

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
-from typing import Any
+from argparse import Namespace
 
+from robot_energy.cli.command import Options
 from robot_energy.errors import ModelFileError
 
-INPUTS: dict[str, Any] = {
-    "metavar": "FILE|NAME",
-    "help": "parameter file of a monitor node: read the bag as that node reads its topics; or "
-    "name of a robot whose driver is known (see: robot-energy kinds)",
+INPUTS: Options = {
+    "--inputs FILE|NAME": "parameter file of a monitor node: read the bag as that node reads its "
+    "topics; or name of a robot whose driver is known (see: robot-energy kinds)"
 }
-
-
-def add_robot(parser: ArgumentParser) -> None:
-    """Add the options that name the robot: its model, and its driver.
-
-    Args:
-        parser: Of a command that replays a bag.
-    """
-    parser.add_argument(
-        "--model",
-        metavar="FILE|NAME",
-        help="model file, or name of a shipped model (see: robot-energy models); needed unless "
-        "--robot has one",
-    )
-    parser.add_argument(
-        "--robot",
-        metavar="NAME",
-        help="robot whose driver is known (see: robot-energy kinds): read the topics of its driver "
-        "and use the shipped model; --model and --inputs override it",
-    )
+ROBOT: Options = {
+    "--model FILE|NAME": "model file, or name of a shipped model (see: robot-energy models); "
+    "needed unless --robot has one",
+    "--robot NAME": "robot whose driver is known (see: robot-energy kinds): read the topics of its "
+    "driver and use the shipped model; --model and --inputs override it",
+}
 
 
 def model_named(args: Namespace) -> str:
