@@ -159,16 +159,16 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        advice auxiliary canvas condition document drives dynamics efficiency_figure energy
+        advice auxiliary canvas condition document drives dynamics energy
         energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout load_states model optimization
-        optimization_figure parameters power_figure prediction prediction_figure printing recordings
-        repeats replay series temperature_figure thermal torque_figure trend_figure
+        held_out html identification identify_all jobs kinds layout model optimization
+        parameters power_figure prediction prediction_figure printing recordings
+        repeats replay series temperature_figure 
     """,
     "robot_energy.results": """
         advice auxiliary base check condition drives dynamics energy evaluation excitation fleet
-        identification load_states model optimization optimization_figures prediction replay schema
-        thermal uncertainty
+        identification model optimization optimization_figures prediction replay schema
+        uncertainty
     """,
     "robot_energy.rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply thermal

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from robot_energy.results.identification import (
         CabinetReport,
         FrictionReport,
+        LoadStatesReport,
+        ThermalReport,
     )
-    from robot_energy.results.load_states import LoadStatesReport
-    from robot_energy.results.thermal import ThermalReport
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
@@ -136,7 +136,7 @@ def identify_thermal(
     """
     from robot_energy.identify.thermal.network import fit_networks, with_networks
     from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
-    from robot_energy.results.thermal import ThermalReport
+    from robot_energy.results.identification import ThermalReport
 
     used, paths = model_of(model), _fitted(bags.bags if isinstance(bags, BagSource) else bags)
     read = (
@@ -228,7 +228,7 @@ def identify_auxiliary(
     )
     from robot_energy.identify.auxiliary.states import fit_outlet, fit_own, with_states
     from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
-    from robot_energy.results.load_states import LoadStatesReport
+    from robot_energy.results.identification import LoadStatesReport
 
     used, paths = model_of(model), _fitted(bags)
     loads = used.auxiliary or ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from robot_energy.cli.numbers import number, whole
@@ -23,10 +23,6 @@ Options = Mapping[str, str | tuple[str, dict[str, Any]]]
 Run = Callable[[Namespace], int]
 
 
-def _no_options(parser: ArgumentParser) -> None:
-    del parser
-
-
 @dataclass(frozen=True)
 class Command:
     """A sub-command.
@@ -36,7 +32,7 @@ class Command:
         text: What it does, in the list of commands.
         run: Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and
             was read in part. What it refuses is a `RobotEnergyError`.
-        options: Adds its arguments and options.
+        options: Its arguments and options, or what adds them.
         description: What it does, in its own help; empty for that of the list.
         epilog: Examples.
     """
@@ -44,7 +40,7 @@ class Command:
     name: str
     text: str
     run: Run
-    options: Callable[[ArgumentParser], None] = _no_options
+    options: Options | Callable[[ArgumentParser], None] = field(default_factory=dict[str, str])
     description: str = ""
     epilog: str = ""
 
@@ -62,7 +58,10 @@ class Command:
         )
         add_option(parser, "--debug", "show the traceback of an error")
         parser.set_defaults(run=self.run)
-        self.options(parser)
+        if callable(self.options):
+            self.options(parser)
+        else:
+            add_options(parser, self.options)
 
 
 @dataclass(frozen=True)
@@ -120,17 +119,18 @@ def add_options(group: Any, options: Options) -> None:
 
 
 def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
-    """Add an option.
+    """Add an option or argument.
 
     Args:
         group: Of options, or a parser.
         spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
-            unit says, and ``--details`` nothing, unless further words say more.
+            unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
+            ``bags BAG`` are arguments.
         text: What it is or does.
         **words: Further ones of `ArgumentParser.add_argument`.
     """
     name, _, metavar = spelled.partition(" ")
-    if not metavar and not words:
+    if name.startswith("--") and not metavar and not words:
         words["action"] = "store_true"
     elif metavar in UNITS:
         words = {"type": whole if metavar == COUNT else number, "metavar": metavar, **words}

@@ -45,7 +45,7 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_auxiliary
     from robot_energy.report.document import Document
-    from robot_energy.report.load_states import states_document
+    from robot_energy.report.identification import states_document
 
     check_results(args)
     result = identify_auxiliary(

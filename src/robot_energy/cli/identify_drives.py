@@ -87,8 +87,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.identify.plausibility import check_drives, check_total
     from robot_energy.identify.provenance import hashed, identified_from
     from robot_energy.report.document import Document
-    from robot_energy.report.drives import drives_document, mapped
-    from robot_energy.report.efficiency_figure import efficiency_maps
+    from robot_energy.report.drives import drives_document, efficiency_maps, mapped
     from robot_energy.results.drives import drives_report
 
     check_results(args)

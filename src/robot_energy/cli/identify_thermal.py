@@ -59,8 +59,8 @@ def _degc(text: str) -> float:
 
 def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
-    from robot_energy.report.thermal import thermal_document
-    from robot_energy.results.thermal import ThermalReport
+    from robot_energy.report.identification import thermal_document
+    from robot_energy.results.identification import ThermalReport
 
     check_results(args)
     check_source(args, relative="the heat of a log is relative and makes no model file")
@@ -82,7 +82,7 @@ def _run(args: Namespace) -> int:
 def _of_log(args: Namespace) -> Any:
     from robot_energy.identify.thermal.network import fit_networks
     from robot_energy.identify.thermal.windows import runs_of_log
-    from robot_energy.results.thermal import ThermalReport
+    from robot_energy.results.identification import ThermalReport
 
     parts, names = columns_of_log(args)
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -13,10 +13,6 @@ if TYPE_CHECKING:
     from robot_energy.bag import BagReader
 
 DAMAGED = 3
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
 
 
 def _run(args: Namespace) -> int:
@@ -76,6 +72,6 @@ COMMAND = Command(
     "info",
     "topics, types, counts and time span of a bag",
     _run,
-    _options,
+    {"bag": "MCAP file, or rosbag2 folder"},
     "Print the topics of a bag and what replay can use them for.",
 )

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
-from robot_energy.cli.command import Command, add_option
+from robot_energy.cli.command import REQUIRED, Command, Options
 
 DESCRIPTION = """\
 Write layouts that show every number of the energy topics: for Foxglove, Lichtblick,
 PlotJuggler 3 and rqt. They are made from the message definitions and the joints of the model.
 """
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_option(parser, "--out FOLDER", "folder for the files", required=True)
-    add_option(parser, "--model FILE|NAME", "whose joints are shown (%(default)s)", default="kr16")
+OPTIONS: Options = {
+    "--out FOLDER": ("folder for the files", REQUIRED),
+    "--model FILE|NAME": ("whose joints are shown (%(default)s)", {"default": "kr16"}),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -30,6 +29,6 @@ COMMAND = Command(
     "layouts",
     "write layouts for Foxglove, Lichtblick, PlotJuggler, rqt",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
 )

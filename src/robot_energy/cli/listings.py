@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
 from robot_energy.cli.command import Command
 
@@ -17,19 +17,11 @@ def _print_kinds(args: Namespace) -> int:
     return 0
 
 
-def _schema_options(parser: ArgumentParser) -> None:
-    parser.add_argument("name", nargs="?", metavar="RESULT", help="one result (default: all)")
-
-
 def _print_schema(args: Namespace) -> int:
     from robot_energy.results.schema import schema_of
 
     print(json.dumps(schema_of(args.name), indent=1))
     return 0
-
-
-def _completion_options(parser: ArgumentParser) -> None:
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
 
 
 def _print_completion(args: Namespace) -> int:
@@ -53,7 +45,7 @@ SCHEMA = Command(
     "schema",
     "print the JSON Schema of results",
     _print_schema,
-    _schema_options,
+    {"name RESULT": ("one result (default: all)", {"nargs": "?"})},
     """\
 Print the JSON Schema of what a command writes with --json, by the value of its key "result":
 replay, prediction, optimization, advice, friction, friction_study, thermal, cabinet,
@@ -65,7 +57,7 @@ COMPLETION = Command(
     "completion",
     "print the completion script of a shell",
     _print_completion,
-    _completion_options,
+    {"shell": ("the shell", {"choices": ("bash", "zsh", "tcsh")})},
     "Print a script that completes commands, options and files.",
     """\
 bash: add  eval "$(robot-energy completion bash)"  to ~/.bashrc

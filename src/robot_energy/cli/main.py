@@ -150,10 +150,6 @@ def build_parser() -> ArgumentParser:
     return parser
 
 
-def _help_options(parser: ArgumentParser) -> None:
-    parser.add_argument("words", nargs="*", metavar="COMMAND", help="and its subject, if any")
-
-
 def _run_help(args: Namespace) -> int:
     """Show the help of a command, or of the whole."""
     try:
@@ -163,7 +159,12 @@ def _run_help(args: Namespace) -> int:
     return DONE
 
 
-HELP = Command("help", "show the help of a command", _run_help, _help_options)
+HELP = Command(
+    "help",
+    "show the help of a command",
+    _run_help,
+    {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
+)
 
 
 def _further() -> list[Any]:

@@ -4,40 +4,23 @@ from __future__ import annotations
 
 import os
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import Command, Group, add_option, add_options
+from robot_energy.cli.command import REQUIRED, Command, Group, Options
 from robot_energy.cli.terminal import JSON_OPTION, check_outputs, console, present, wrote
 
-
-def _check_options(parser: ArgumentParser) -> None:
-    parser.add_argument("model", metavar="FILE|NAME", help="model file, or name of a shipped one")
-    add_options(parser, JSON_OPTION)
-
-
-def _schema_options(parser: ArgumentParser) -> None:
-    add_option(parser, "--markdown", "print the reference page instead")
-
-
-def _init_options(parser: ArgumentParser) -> None:
-    parser.add_argument("source", metavar="URDF|XACRO|BAG", help="file or bag with the URDF")
-    parser.add_argument(
-        "arguments", metavar="NAME:=VALUE", nargs="*", help="arguments of the xacro file"
-    )
-    add_option(parser, "--out FILE", "model file to write; it must not exist", required=True)
-    parser.add_argument(
-        "--class",
-        dest="robot_class",
-        choices=("cobot", "industrial"),
-        help="priors to take (default: by peak power and mass)",
-    )
-    add_option(
-        parser,
-        "--joints NAMES",
-        "joints to model, separated by commas (default: all that move, without gripper; "
-        "of a bag, those in its joint states)",
-    )
+INIT: Options = {
+    "source URDF|XACRO|BAG": "file or bag with the URDF",
+    "arguments NAME:=VALUE": ("arguments of the xacro file", {"nargs": "*"}),
+    "--out FILE": ("model file to write; it must not exist", REQUIRED),
+    "--class": (
+        "priors to take (default: by peak power and mass)",
+        {"dest": "robot_class", "choices": ("cobot", "industrial")},
+    ),
+    "--joints NAMES": "joints to model, separated by commas (default: all that move, without "
+    "gripper; of a bag, those in its joint states)",
+}
 
 
 def _run_list(args: Namespace) -> int:
@@ -142,7 +125,7 @@ ACTIONS = (
         "check",
         "validate a model file and print what it models",
         _run_check,
-        _check_options,
+        {"model FILE|NAME": "model file, or name of a shipped one", **JSON_OPTION},
         "Validate a model file with its URDF and print what is modelled, and how "
         "many of its figures are published, identified, derived or assumed.",
     ),
@@ -150,7 +133,7 @@ ACTIONS = (
         "schema",
         "print the JSON schema of model files",
         _run_schema,
-        _schema_options,
+        {"--markdown": "print the reference page instead"},
         "Print the JSON schema of model files, for editors that complete and check "
         "YAML, or the same as a page of Markdown.",
     ),
@@ -158,7 +141,7 @@ ACTIONS = (
         "init",
         "begin a model file from a URDF, a xacro file or a bag",
         _run_init,
-        _init_options,
+        INIT,
         "Write a complete model file of a robot nobody has measured: gears, rotors, "
         "friction, drives and cabinet are assumed, scaled from the limits in its URDF.",
     ),

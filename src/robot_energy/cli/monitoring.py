@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import REQUIRED, Command, add_options
+from robot_energy.cli.command import REQUIRED, Command, Options
 from robot_energy.errors import PageError
 from robot_energy.files.output_files import JSON, TEXT, check_file, json_bytes, write_file
 from robot_energy.files.placement import all_or_none
@@ -23,16 +23,11 @@ examples:
 """
 
 
-OPTIONS = {
+OPTIONS: Options = {
     "--out FOLDER": ("folder for the three files", REQUIRED),
     "--target HOST:PORT": "the energy page",
-    "--token-file FILE": "file with its token, for Prometheus",
+    "--token-file FILE": ("file with its token, for Prometheus", {"default": ""}),
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_options(parser, OPTIONS)
-    parser.set_defaults(token_file="")
 
 
 def _run(args: Namespace) -> int:
@@ -62,5 +57,5 @@ def _run(args: Namespace) -> int:
 
 
 COMMAND = Command(
-    "monitoring", "files for Prometheus and Grafana", _run, _options, DESCRIPTION, EPILOG
+    "monitoring", "files for Prometheus and Grafana", _run, OPTIONS, DESCRIPTION, EPILOG
 )

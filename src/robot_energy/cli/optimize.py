@@ -75,8 +75,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.motion.load_motion import joint_list
     from robot_energy.optimization.rest_states import read_rest_states
     from robot_energy.report.document import Document
-    from robot_energy.report.optimization import optimization_document
-    from robot_energy.report.optimization_figure import measures_and_front
+    from robot_energy.report.optimization import measures_and_front, optimization_document
 
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)

@@ -12,13 +12,9 @@ from robot_energy.report.auxiliary import auxiliary_section, flow_labels
 from robot_energy.report.condition import condition_section
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
+    EnergySections,
     add_flow,
-    energy_table,
-    joint_table,
-    phase_table,
-    quality_table,
     scale_of,
-    uncertainty_table,
 )
 from robot_energy.report.formats import (
     EnergyFormat,
@@ -174,7 +170,8 @@ def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> Non
             "The same with friction at measured and at one temperature.",
         )
     over = seconds(report.time.observed_ns)
-    energy_table(page, f"Where the energy went, predicted, over {over}", report, scale, second)
+    sections = EnergySections(page, report)
+    sections.energy(f"Where the energy went, predicted, over {over}", second)
     if energy.grid_return:
         page.paragraph(
             f"  drawn {scale.joule(energy.grid_import)} {scale.unit}, "
@@ -237,19 +234,10 @@ def _compared(page: Document, report: ReplayReport) -> None:
     )
 
 
-def _certainty(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
-    uncertainty_table(page, report, scale_of([report.energy]))
-
-
 def _joints(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
-    scale = scale_of([report.energy])
-    joint_table(page, report.joints, scale)
+    EnergySections(page, report).joints()
     if report.shaft is not None:
-        _shaft(page, report.shaft, scale)
-
-
-def _phases(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
-    phase_table(page, report, scale_of([report.energy]))
+        _shaft(page, report.shaft, scale_of([report.energy]))
 
 
 def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
@@ -319,7 +307,7 @@ def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> No
     with page.only("page"):
         page.pairs(_recording(report))
     _inputs(page, report)
-    quality_table(page, report)
+    EnergySections(page, report).quality()
 
 
 def _inputs(page: Document, report: ReplayReport) -> None:
@@ -347,11 +335,11 @@ Section = Callable[[Document, ReplayReport, ReplayCurves | None], None]
 SECTIONS: dict[str, Section] = {
     FIRST: _energy,
     "Predicted against measured": _comparison,
-    "How sure": _certainty,
+    "How sure": lambda page, report, _: EnergySections(page, report).certainty(),
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
     "Condition": lambda page, report, _: condition_section(page, report.condition),
-    "Phases": _phases,
+    "Phases": lambda page, report, _: EnergySections(page, report).phases(),
     "Job intervals": lambda page, report, _: job_section(page, report),
     "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),
     "Data quality": _quality,

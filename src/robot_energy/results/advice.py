@@ -1,13 +1,11 @@
 """Advice from recordings: every figure that terminal, JSON and pages show of it."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from robot_energy.results.base import Number, Result
 from robot_energy.results.model import ModelUsed
 
 
-@dataclass(frozen=True)
 class AdviceBasis(Result):
     """How recordings stand for a day and a year."""
 
@@ -25,7 +23,6 @@ class AdviceBasis(Result):
     sentence: Annotated[str, "What the figures rest on."]
 
 
-@dataclass(frozen=True)
 class Advice(Result):
     """One change, and what it would save."""
 
@@ -56,11 +53,8 @@ class Advice(Result):
     ]
 
 
-@dataclass(frozen=True)
-class AdviceReport(Result):
+class AdviceReport(Result, name="advice"):
     """What would save how much."""
-
-    NAME: ClassVar[str] = "advice"
 
     source: Annotated[tuple[str, ...], "Recordings, or the dataset."]
     model: Annotated[ModelUsed, "With which they were replayed."]

@@ -1,6 +1,5 @@
 """Loads outside of the cabinet: energy of each, mean power of its states, balance of the outlet."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
@@ -9,7 +8,6 @@ from robot_energy.blocks import NANOSECOND
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class LoadState(Result):
     """One state of a load, over the time in which the power of the load is known."""
 
@@ -19,7 +17,6 @@ class LoadState(Result):
     model_power: Annotated[float, "Power of the state in the model file. [W]"]
 
 
-@dataclass(frozen=True)
 class LoadEnergy(Result):
     """One load."""
 
@@ -35,7 +32,6 @@ class LoadEnergy(Result):
     states: Annotated[dict[str, LoadState], "By their names."]
 
 
-@dataclass(frozen=True)
 class AuxiliaryReport(Result):
     """The auxiliary branch, and the outlet that feeds it and the cabinet."""
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, cast, dataclass_transform
 
 import numpy as np
 from pydantic import BaseModel
@@ -32,19 +32,31 @@ def known(value: float) -> Number:
     return float(value) if math.isfinite(value) else None
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
 @dataclass(frozen=True)
 class Result:
-    """Base of the results. A number that is not finite becomes None: it is not known."""
+    """Base of the results, which are frozen dataclasses without being decorated.
+
+    A number that is not finite becomes None: it is not known.
+    """
 
     NAME: ClassVar[str] = ""  # of the JSON document; empty for a part of one
 
-    def __init_subclass__(cls) -> None:
-        """Add what the fields are to the docstring, for help, documentation and schema."""
+    def __init_subclass__(cls, name: str = "") -> None:
+        """Make a dataclass with what its fields are in its docstring.
+
+        Help, documentation and schema show the docstring.
+
+        Args:
+            name: Of the JSON document; empty for a part of one.
+        """
         known = inspect.get_annotations(cls)
-        texts = {name: getattr(kind, "__metadata__", ("",))[0] for name, kind in known.items()}
-        fields_ = "".join(f"\n    {name}: {text}" for name, text in texts.items() if text)
-        if fields_ and cls.__doc__:
-            cls.__doc__ += f"\n\nAttributes:{fields_}"
+        texts = {key: getattr(kind, "__metadata__", ("",))[0] for key, kind in known.items()}
+        described = "".join(f"\n    {key}: {text}" for key, text in texts.items() if text)
+        if described and cls.__doc__:
+            cls.__doc__ += f"\n\nAttributes:{described}"
+        cls.NAME = name
+        dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
         for entry in fields(self):

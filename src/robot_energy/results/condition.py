@@ -1,6 +1,5 @@
 """What was learned of a robot over one recording, or over many in the order of time."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from robot_energy.condition.learner import ConditionLearner
@@ -9,7 +8,6 @@ from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class LearnedJoint(Result):
     """Friction of one joint against the model file, from measured torque."""
 
@@ -25,7 +23,6 @@ class LearnedJoint(Result):
     records: Annotated[int, "Records of motion that the test for wear keeps."]
 
 
-@dataclass(frozen=True)
 class WearFinding(Result):
     """A lasting change of friction."""
 
@@ -38,7 +35,6 @@ class WearFinding(Result):
     sentence: Annotated[str, "The same in words."]
 
 
-@dataclass(frozen=True)
 class ConditionReport(Result):
     """Learned figures and lasting changes of friction."""
 

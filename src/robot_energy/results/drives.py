@@ -1,8 +1,7 @@
 """Electrical power of the drives, identified from their own power or from one meter."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from robot_energy.blocks import MeterLocation
 from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound
@@ -14,7 +13,6 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class LossTerm(Result):
     """One coefficient of the loss model."""
 
@@ -23,7 +21,6 @@ class LossTerm(Result):
     at_bound: Annotated[bool, "Whether the value came out negative and stays at 0."]
 
 
-@dataclass(frozen=True)
 class AxisLosses(Result):
     """Losses of one drive behind one meter for all."""
 
@@ -33,7 +30,6 @@ class AxisLosses(Result):
     quadratic: Annotated[LossTerm, "Over squared motor speed. [W s2/rad2]"]
 
 
-@dataclass(frozen=True)
 class TotalPower(Result):
     """Losses of all drives, from one meter."""
 
@@ -58,11 +54,8 @@ class TotalPower(Result):
     ]
 
 
-@dataclass(frozen=True)
-class DrivesReport(Result):
+class DrivesReport(Result, name="drives"):
     """Electrical power of the drives."""
-
-    NAME: ClassVar[str] = "drives"
 
     torque: Annotated[str, "Where the torque comes from; empty if that was not asked."]
     drives: Annotated[DrivesFit | None, "From the power of each drive; None without."]

@@ -1,7 +1,7 @@
 """Identified dynamics: bodies, rotors and friction."""
 
-from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from dataclasses import field
+from typing import Annotated
 
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.leave_one_out import LeaveOneOut
@@ -10,7 +10,6 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class BaseParameter(Result):
     """One group of inertial, rotor and friction parameters."""
 
@@ -24,11 +23,8 @@ class BaseParameter(Result):
     parts: Annotated[dict[str, float], "Of the standard deviation, by cause."]
 
 
-@dataclass(frozen=True)
-class DynamicsReport(Result):
+class DynamicsReport(Result, name="dynamics"):
     """Bodies, rotors and friction."""
-
-    NAME: ClassVar[str] = "dynamics"
 
     base_parameters: Annotated[tuple[BaseParameter, ...], "Groups of parameters that torque tells."]
     torque_error: Annotated[

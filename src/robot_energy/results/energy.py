@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 from robot_energy.accounting.account import EnergyAccount
@@ -19,7 +18,6 @@ from robot_energy.results.uncertainty import EnergyUncertainty, uncertainty_of
 BALANCE_RELATIVE = 1e-9
 
 
-@dataclass(frozen=True)
 class EnergyBreakdown(Result):
     """Where the energy went. [J]
 
@@ -48,7 +46,6 @@ class EnergyBreakdown(Result):
         return self.grid_import - self.grid_return
 
 
-@dataclass(frozen=True)
 class JointEnergy(Result):
     """Where the energy of one joint went. [J]"""
 
@@ -63,7 +60,6 @@ class JointEnergy(Result):
     last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
 
 
-@dataclass(frozen=True)
 class MeterComparison(Result):
     """Predicted and measured over the same intervals; None where nothing was measured."""
 
@@ -95,7 +91,6 @@ class MeterComparison(Result):
     ] = None
 
 
-@dataclass(frozen=True)
 class PhaseEnergy(Result):
     """One phase of the motion."""
 
@@ -103,7 +98,6 @@ class PhaseEnergy(Result):
     grid_import_energy: Annotated[float, "Drawn from the grid meanwhile. [J]"]
 
 
-@dataclass(frozen=True)
 class GridPower(Result):
     """Predicted power at the grid. [W]"""
 
@@ -111,7 +105,6 @@ class GridPower(Result):
     predicted_mean_grid_power: Annotated[Number, "The mean over the observed time."]
 
 
-@dataclass(frozen=True)
 class SampleQuality(Result):
     """How good the samples were."""
 
@@ -121,7 +114,6 @@ class SampleQuality(Result):
     ]
 
 
-@dataclass(frozen=True)
 class EnergyReport(Result):
     """What a replay and a prediction have in common."""
 
@@ -165,7 +157,7 @@ def common_figures(
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
-        "joints": joints_of(registers, model.joint_names, temperature_degc),
+        "joints": _joints_of(registers, model.joint_names, temperature_degc),
         "quality": SampleQuality(
             account.samples,
             {str(Quality(b).name).lower(): account.quality[b] for b in sorted(account.quality)},
@@ -200,16 +192,10 @@ def energy_of(registers: Registers) -> EnergyBreakdown:
     )
 
 
-def joints_of(
+def _joints_of(
     registers: Registers, names: Sequence[str], temperature_degc: Sequence[float]
 ) -> tuple[JointEnergy, ...]:
-    """Return where each joint's energy went.
-
-    Args:
-        registers: Energy registers of one robot.
-        names: Of the joints, in their order.
-        temperature_degc: Of their motors; NaN where unknown. [degC]
-    """
+    """Return where each joint's energy went."""
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
     rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -19,7 +19,6 @@ Seen = Literal["held_out", "fitted", "unknown"]
 MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
 
 
-@dataclass(frozen=True)
 class JointScore(Result):
     """Errors at one motor, predicted less measured; None where torque was not measured."""
 
@@ -36,7 +35,6 @@ class JointScore(Result):
     ]
 
 
-@dataclass(frozen=True)
 class ModelScore(Result):
     """Errors of one prediction."""
 
@@ -56,7 +54,6 @@ class ModelScore(Result):
     power_error_rms: Annotated[Number, "Of the mean power from reading to reading. [W]"]
 
 
-@dataclass(frozen=True)
 class RecordingScore(Result):
     """The predictions on one recording."""
 
@@ -96,11 +93,8 @@ class RecordingScore(Result):
         return next((one for one in self.scores if one.name == name), None)
 
 
-@dataclass(frozen=True)
-class EvaluationReport(Result):
+class EvaluationReport(Result, name="test"):
     """How good a model is on recordings."""
-
-    NAME: ClassVar[str] = "test"
 
     model: Annotated[ModelUsed, "The model."]
     effort: Annotated[str, "What the effort in the joint states was taken for."]

@@ -1,7 +1,6 @@
 """An excitation motion: what it tells, and what it uses of the limits."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from robot_energy.results.base import Number, Result, known
 KINDS = ("position", "velocity", "acceleration", "torque")
 
 
-@dataclass(frozen=True)
 class ExcitedJoint(Result):
     """One joint of the motion."""
 
@@ -22,11 +20,8 @@ class ExcitedJoint(Result):
     use: Annotated[dict[str, Number], "Of each limit, by kind; None without a limit. [-]"]
 
 
-@dataclass(frozen=True)
-class ExcitationReport(Result):
+class ExcitationReport(Result, name="excitation"):
     """A motion for the identification of the dynamics."""
-
-    NAME: ClassVar[str] = "excitation"
 
     settings: Annotated[ExcitationSettings, "Of the search."]
     before: Annotated[ExcitationScore, "How well the best random start tells the base parameters."]

@@ -1,13 +1,11 @@
 """What a fleet of robots has done with its energy, and which robots need somebody to look."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class RefusedBag(Result):
     """A bag that could not be read."""
 
@@ -16,7 +14,6 @@ class RefusedBag(Result):
     reason: Annotated[str, "Why not."]
 
 
-@dataclass(frozen=True)
 class DamagedBag(Result):
     """A bag that is damaged: what could be read of it counts."""
 
@@ -25,11 +22,8 @@ class DamagedBag(Result):
     problems: Annotated[tuple[str, ...], "What is wrong with it, one sentence each."]
 
 
-@dataclass(frozen=True)
-class FleetRunReport(Result):
+class FleetRunReport(Result, name="fleet_run"):
     """What a run over the bags of a fleet has done."""
-
-    NAME: ClassVar[str] = "fleet_run"
 
     dataset: Annotated[str, "Where the rows are."]
     bags: Annotated[int, "That were asked for, how many."]
@@ -44,7 +38,6 @@ class FleetRunReport(Result):
     peak_memory: Annotated[int, "Most memory that one worker has held. [bytes]"]
 
 
-@dataclass(frozen=True)
 class RobotEnergy(Result):
     """Energy of one robot, in what was recorded of it."""
 
@@ -62,7 +55,6 @@ class RobotEnergy(Result):
     standby_cost: Annotated[Number, "At the price of each hour; None without prices. [currency]"]
 
 
-@dataclass(frozen=True)
 class ProgrammeEnergy(Result):
     """Energy of all jobs of one name."""
 
@@ -76,7 +68,6 @@ class ProgrammeEnergy(Result):
     error: Annotated[Number, "Predicted over measured energy less 1, over the compared time. [-]"]
 
 
-@dataclass(frozen=True)
 class ShiftEnergy(Result):
     """Energy of all robots in one shift of the day."""
 
@@ -89,7 +80,6 @@ class ShiftEnergy(Result):
     standby_cost: Annotated[Number, "None without prices. [currency]"]
 
 
-@dataclass(frozen=True)
 class ModelError(Result):
     """Error of the model in bags of like motor temperature."""
 
@@ -101,7 +91,6 @@ class ModelError(Result):
     high: Annotated[float, "A tenth of the bags lie above. [-]"]
 
 
-@dataclass(frozen=True)
 class FleetFinding(Result):
     """Something about one robot that somebody should look at."""
 
@@ -124,7 +113,6 @@ class FleetFinding(Result):
     sentence: Annotated[str, "The same in words."]
 
 
-@dataclass(frozen=True)
 class FrictionCurve(Result):
     """Friction of one joint against the model: all robots, and each over temperature and time."""
 
@@ -155,11 +143,8 @@ class FrictionCurve(Result):
     ]
 
 
-@dataclass(frozen=True)
-class FleetReport(Result):
+class FleetReport(Result, name="fleet_report"):
     """Energy and condition of a fleet."""
-
-    NAME: ClassVar[str] = "fleet_report"
 
     dataset: Annotated[str, "Where it lies."]
     model_ids: Annotated[tuple[str, ...], "Of the models used."]
@@ -188,7 +173,6 @@ class FleetReport(Result):
     notes: Annotated[tuple[str, ...], "What a reader should know, one sentence each."]
 
 
-@dataclass(frozen=True)
 class FleetTorqueScore(Result):
     """Torque of bags that the fit has not seen, with the new friction and with that before."""
 
@@ -201,11 +185,8 @@ class FleetTorqueScore(Result):
     energy_error_before: Annotated[Number, "The same with that model. [-]"]
 
 
-@dataclass(frozen=True)
-class FleetFriction(Result):
+class FleetFriction(Result, name="fleet_friction"):
     """One friction model from all bags of a fleet."""
-
-    NAME: ClassVar[str] = "fleet_friction"
 
     dataset: Annotated[str, "Where it lies."]
     bags: Annotated[int, "Used, how many."]

@@ -1,12 +1,13 @@
 """What identification found; the fits of `identify` are parts of it as they are."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.auxiliary.states import LoadsFit
 from robot_energy.identify.cabinet.cabinet import CabinetFit
 from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.cabinet.supply import SupplyFound
@@ -18,18 +19,39 @@ from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
+from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result
 from robot_energy.results.drives import DrivesReport, drives_report
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
-from robot_energy.results.thermal import ThermalReport
 
 
-@dataclass(frozen=True)
-class FrictionReport(Result):
+class ThermalReport(Result, name="thermal"):
+    """Thermal networks of the motors of a robot."""
+
+    heat: Annotated[
+        str,
+        "What was taken as heat: ``losses`` of the model, or of a log ``squared_current``, whose "
+        "capacities are relative. [W] or [A^2]",
+    ]
+    ambient_degc: Annotated[float, "Temperature of the air that was taken. [degC]"]
+    axes: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
+    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+
+
+class LoadStatesReport(Result, name="auxiliary"):
+    """Powers of the states of auxiliary loads."""
+
+    fits: Annotated[
+        tuple[LoadsFit, ...],
+        "One for each load with a meter of its own; one for all others together where the "
+        "recordings have a meter of the outlet.",
+    ]
+    refused: Annotated[tuple[str, ...], "Why others could not be identified, one sentence each."]
+
+
+class FrictionReport(Result, name="friction"):
     """Friction over motor temperature."""
-
-    NAME: ClassVar[str] = "friction"
 
     effort: Annotated[
         str, "What the torque was measured as; ``log`` for relative figures of a log."
@@ -43,7 +65,6 @@ class FrictionReport(Result):
         return "A" if self.effort == "log" else "N m"
 
 
-@dataclass(frozen=True)
 class AxisStudy(Result):
     """Laws of one axis, tested on temperatures that their fits have not seen."""
 
@@ -57,11 +78,8 @@ class AxisStudy(Result):
     least_gain: Annotated[Number, "Its least value. [-]"]
 
 
-@dataclass(frozen=True)
-class FrictionStudyReport(Result):
+class FrictionStudyReport(Result, name="friction_study"):
     """Friction at temperatures that were not seen."""
-
-    NAME: ClassVar[str] = "friction_study"
 
     studies: Annotated[tuple[AxisStudy, ...], "One per axis."]
 
@@ -90,11 +108,8 @@ def exponential_gain(study: Study) -> float | None:
         return None
 
 
-@dataclass(frozen=True)
-class CabinetReport(Result):
+class CabinetReport(Result, name="cabinet"):
     """Constant losses of the cabinet, and energy of the DC link."""
-
-    NAME: ClassVar[str] = "cabinet"
 
     losses: Annotated[CabinetFit, "Constant losses."]
     meter_delay: Annotated[
@@ -128,7 +143,6 @@ def cabinet_report(found: SupplyFound) -> CabinetReport:
 StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
 
 
-@dataclass(frozen=True)
 class StepReport(Result):
     """One step of the whole."""
 
@@ -140,11 +154,8 @@ class StepReport(Result):
     step: Annotated[Step, "The step behind it."] = field(repr=False)
 
 
-@dataclass(frozen=True)
-class IdentificationReport(Result):
+class IdentificationReport(Result, name="identification"):
     """All that was identified, and the test on what was held out."""
-
-    NAME: ClassVar[str] = "identification"
 
     model: Annotated[RobotModel, "As it is written, with its provenance; in JSON its identity."]
     given: Annotated[RobotModel, "As it was before; likewise."]

@@ -2,8 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, cast, get_args
+from typing import Annotated, Any, cast, get_args
 
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Tag
@@ -14,7 +13,6 @@ from robot_energy.results.base import Result
 TAGS: tuple[str, ...] = get_args(Tag)
 
 
-@dataclass(frozen=True)
 class ModelUsed(Result):
     """The model behind a result."""
 
@@ -31,7 +29,6 @@ class ModelUsed(Result):
     notes: Annotated[str | None, "Of its provenance."]
 
 
-@dataclass(frozen=True)
 class JointOfModel(Result):
     """One joint of a model file, motor side."""
 
@@ -45,11 +42,8 @@ class JointOfModel(Result):
     ]
 
 
-@dataclass(frozen=True)
-class ModelReport(ModelUsed):
+class ModelReport(ModelUsed, name="model"):
     """What a model file holds."""
-
-    NAME: ClassVar[str] = "model"
 
     description: Annotated[str | None, "Of the robot."]
     joints: Annotated[tuple[JointOfModel, ...], "In model order."]

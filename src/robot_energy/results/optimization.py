@@ -1,13 +1,11 @@
 """Cheaper programs: every figure that terminal, JSON and pages show of them."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from robot_energy.results.base import Number, Result
 from robot_energy.results.model import ModelUsed
 
 
-@dataclass(frozen=True)
 class CycleFigures(Result):
     """What one cycle needs."""
 
@@ -19,7 +17,6 @@ class CycleFigures(Result):
     brake_energy: Annotated[float, "Into the brake resistor. [J]"]
 
 
-@dataclass(frozen=True)
 class SavingFigures(Result):
     """What a change saves per cycle."""
 
@@ -29,7 +26,6 @@ class SavingFigures(Result):
     claimed: Annotated[bool, "Whether it is larger than that."]
 
 
-@dataclass(frozen=True)
 class MeasureResult(Result):
     """One measure alone."""
 
@@ -43,7 +39,6 @@ class MeasureResult(Result):
     verdict: Annotated[str, "What is claimed, in one sentence."]
 
 
-@dataclass(frozen=True)
 class MoveChange(Result):
     """One move as it is, and as chosen."""
 
@@ -58,7 +53,6 @@ class MoveChange(Result):
     energy: Annotated[float, "As chosen. [J]"]
 
 
-@dataclass(frozen=True)
 class RestChange(Result):
     """One rest as chosen."""
 
@@ -68,7 +62,6 @@ class RestChange(Result):
     power: Annotated[float, "While the drives hold. [W]"]
 
 
-@dataclass(frozen=True)
 class FrontPoint(Result):
     """A program of which no other is better in energy, time and peak power at once."""
 
@@ -77,7 +70,6 @@ class FrontPoint(Result):
     peak_power: Annotated[float, "[W]"]
 
 
-@dataclass(frozen=True)
 class TemperatureFigures(Result):
     """The program at one temperature."""
 
@@ -88,7 +80,6 @@ class TemperatureFigures(Result):
     best_duration: Annotated[float, "Time of the moves then. [s]"]
 
 
-@dataclass(frozen=True)
 class BreakEven(Result):
     """From which rest on a state pays."""
 
@@ -100,7 +91,6 @@ class BreakEven(Result):
     source: Annotated[str, "Where its figures come from."]
 
 
-@dataclass(frozen=True)
 class StartTime(Result):
     """When a robot on a common supply starts."""
 
@@ -108,7 +98,6 @@ class StartTime(Result):
     start: Annotated[float, "After the beginning of the common cycle. [s]"]
 
 
-@dataclass(frozen=True)
 class CommonSupply(Result):
     """Power of a supply for several robots."""
 
@@ -117,11 +106,8 @@ class CommonSupply(Result):
     mean_power: Annotated[float, "Whatever the starts. [W]"]
 
 
-@dataclass(frozen=True)
-class OptimizationReport(Result):
+class OptimizationReport(Result, name="optimization"):
     """A program, and how it needs less energy for the same work."""
-
-    NAME: ClassVar[str] = "optimization"
 
     program: Annotated[str, "Its name."]
     model: Annotated[ModelUsed, "The model used."]

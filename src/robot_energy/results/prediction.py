@@ -1,7 +1,6 @@
 """Predictions: every figure that terminal, JSON and pages show of them."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from robot_energy.blocks import NANOSECOND, Quality
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -18,7 +17,6 @@ from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_fi
 from robot_energy.results.model import count_tags
 
 
-@dataclass(frozen=True)
 class PredictedTime(Result):
     """Time of a prediction."""
 
@@ -27,7 +25,6 @@ class PredictedTime(Result):
     gap_ns: Annotated[int, "Of which it is not. [ns]"]
 
 
-@dataclass(frozen=True)
 class ToolPathReport(Result):
     """Path of the tool, of all repetitions."""
 
@@ -40,7 +37,6 @@ class ToolPathReport(Result):
     energy_per_printed_metre: Annotated[Number, "From the grid. [J/m]"]
 
 
-@dataclass(frozen=True)
 class JointLimitUse(Result):
     """Greatest use of the limits of the URDF by one joint."""
 
@@ -49,7 +45,6 @@ class JointLimitUse(Result):
     torque_use: Annotated[Number, "Of the torque limit; None without one. [-]"]
 
 
-@dataclass(frozen=True)
 class FrictionReach(Result):
     """Joints whose friction law does not tell the assumed temperature."""
 
@@ -59,7 +54,6 @@ class FrictionReach(Result):
     ]
 
 
-@dataclass(frozen=True)
 class PredictionReport(EnergyReport):
     """The energy of a motion that has not been made."""
 
@@ -82,11 +76,8 @@ class PredictionReport(EnergyReport):
     ] = None
 
 
-@dataclass(frozen=True)
-class PredictionsReport(Result):
+class PredictionsReport(Result, name="prediction"):
     """All programs by all robots at all temperatures."""
-
-    NAME: ClassVar[str] = "prediction"
 
     runs: Annotated[tuple[PredictionReport, ...], "One for each."]
 

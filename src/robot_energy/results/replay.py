@@ -1,7 +1,7 @@
 """A replay: every figure that terminal, JSON and pages show of it."""
 
-from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from dataclasses import replace
+from typing import Annotated
 
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
@@ -27,7 +27,6 @@ from robot_energy.results.energy import (
 )
 
 
-@dataclass(frozen=True)
 class ObservedTime(Result):
     """What part of the recording is predicted: ``span = observed + gap``, exact."""
 
@@ -42,7 +41,6 @@ class ObservedTime(Result):
     observed_time: Annotated[float, "Predicted. [s]"]
 
 
-@dataclass(frozen=True)
 class JointShaft(Result):
     """Shaft energy of one joint, over the intervals in which its effort is known. [J]"""
 
@@ -59,7 +57,6 @@ class JointShaft(Result):
     ]
 
 
-@dataclass(frozen=True)
 class ShaftComparison(Result):
     """Measured and predicted shaft energy."""
 
@@ -67,7 +64,6 @@ class ShaftComparison(Result):
     joints: Annotated[tuple[JointShaft, ...], "In model order."]
 
 
-@dataclass(frozen=True)
 class PayloadHistory(Result):
     """Payloads that the recording set at run time."""
 
@@ -76,7 +72,6 @@ class PayloadHistory(Result):
     last_mass: Annotated[float, "Payload of the robot at the end. [kg]"]
 
 
-@dataclass(frozen=True)
 class InputAccount(Result):
     """Account of one input: received = accepted + sum of rejected."""
 
@@ -86,7 +81,6 @@ class InputAccount(Result):
     balanced: Annotated[bool, "Whether the account balances."]
 
 
-@dataclass(frozen=True)
 class JobFigures(Result):
     """Energy of one job or cycle; its bounds are stamps of counted samples."""
 
@@ -107,11 +101,8 @@ class JobFigures(Result):
     compared_time: Annotated[float, "Time that meter and prediction cover. [s]"]
 
 
-@dataclass(frozen=True)
-class ReplayReport(EnergyReport):
+class ReplayReport(EnergyReport, name="replay"):
     """Where the energy of a recording went."""
-
-    NAME: ClassVar[str] = "replay"
 
     bag: Annotated[str, "The bag."]
     origin: Annotated[str | None, "Where the recording comes from, as its writer said."]

@@ -32,13 +32,13 @@ from robot_energy.results.identification import (
     FrictionReport,
     FrictionStudyReport,
     IdentificationReport,
+    LoadStatesReport,
+    ThermalReport,
 )
-from robot_energy.results.load_states import LoadStatesReport
 from robot_energy.results.model import ModelReport
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.prediction import PredictionsReport
 from robot_energy.results.replay import ReplayReport
-from robot_energy.results.thermal import ThermalReport
 from robot_energy.shown_text import shown
 
 RESULTS: dict[str, type[Result]] = {

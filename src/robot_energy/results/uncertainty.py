@@ -1,7 +1,6 @@
 """How sure a predicted energy is, and what makes it unsure."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 from robot_energy.accounting.account import EnergyAccount
@@ -10,7 +9,6 @@ from robot_energy.uncertainty.band import energy_variances
 from robot_energy.uncertainty.deviation import names_of
 
 
-@dataclass(frozen=True)
 class Contribution(Result):
     """What one figure of the model, or several of one kind, add to the uncertainty."""
 
@@ -19,7 +17,6 @@ class Contribution(Result):
     share: Annotated[Number, "Of the variance. [-]"]
 
 
-@dataclass(frozen=True)
 class EnergyUncertainty(Result):
     """How sure the predicted net energy from the grid is."""
 
