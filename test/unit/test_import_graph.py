@@ -159,7 +159,7 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        advice auxiliary canvas condition document drives dynamics energy
+        advice auxiliary canvas document drives dynamics energy
         energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
         held_out html identification identify_all jobs kinds layout model optimization
         parameters power_figure prediction prediction_figure printing recordings

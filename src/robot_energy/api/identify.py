@@ -58,7 +58,7 @@ class IdentificationResult(Generic[Found]):
 
 
 def identify_friction(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     effort: str | None = None,
     *,
@@ -70,7 +70,8 @@ def identify_friction(
     """Identify the friction of every axis over its motor temperature (paper A, eq. 8 to 10).
 
     Args:
-        bags: Recordings of one robot, cold, warm and in between, with measured torque.
+        bags: Recordings of one robot, cold, warm and in between, with measured torque;
+            or how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
@@ -94,18 +95,17 @@ def identify_friction(
     from robot_energy.identify.plausibility import check_friction
     from robot_energy.results.identification import FrictionReport
 
-    used, paths = model_of(model), _fitted(bags)
-    read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
+    used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
-    source = _names(paths)
+    source = read.names
     with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
         fits, refused = fit_axes(data, source)
         if share_shape:
             fits = lend(fits, data, source)
         check_friction(fits)
-    found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
-    written = _made_from(with_friction(used, fits, source), "Friction identified.", paths)
+    found = FrictionReport(read.effort or "measured", tuple(fits), tuple(refused))
+    written = _made_from(with_friction(used, fits, source), "Friction identified.", read)
     return IdentificationResult(written, found)
 
 
@@ -138,21 +138,18 @@ def identify_thermal(
     from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
     from robot_energy.results.identification import ThermalReport
 
-    used, paths = model_of(model), _fitted(bags.bags if isinstance(bags, BagSource) else bags)
-    read = (
-        bags if isinstance(bags, BagSource) else BagSource(paths, None, inputs, progress=progress)
-    )
+    used, read = model_of(model), _source(bags, None, inputs, progress, None)
     recordings = read.recordings(without_networks(used))
     runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
     with progress("identifying"):
-        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, _names(paths))
+        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, read.names)
     found = ThermalReport("losses", ambient, tuple(fits), tuple(refused))
-    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", paths)
+    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", read)
     return IdentificationResult(written, found)
 
 
 def identify_cabinet(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     *,
     link_voltages: tuple[float, float] | None = None,
@@ -163,7 +160,8 @@ def identify_cabinet(
     """Identify constant losses and the DC link from a power meter (paper A, section II-A).
 
     Args:
-        bags: Recordings of one robot with rest and hard braking, with a power meter.
+        bags: Recordings of one robot with rest and hard braking, with a power meter; or
+            how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
@@ -183,18 +181,17 @@ def identify_cabinet(
     from robot_energy.identify.plausibility import check_cabinet
     from robot_energy.results.identification import cabinet_report
 
-    used, paths = model_of(model), _fitted(bags)
-    source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
-    recordings = source.recordings(used)
+    used, read = model_of(model), _source(bags, None, inputs, progress, sensors)
+    recordings = read.recordings(used)
     refuse_meter(recordings, EffortMeaning.NONE)
-    found = fit_supply(recordings, _names(paths), link_voltages)
+    found = fit_supply(recordings, read.names, link_voltages)
     check_cabinet(found.cabinet)
-    written = _made_from(found.model, "Constant losses of the cabinet identified.", paths)
+    written = _made_from(found.model, "Constant losses of the cabinet identified.", read)
     return IdentificationResult(written, cabinet_report(found))
 
 
 def identify_auxiliary(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     *,
     outlet_meter: bool = False,
@@ -206,7 +203,7 @@ def identify_auxiliary(
 
     Args:
         bags: Recordings of one cell with the states of its loads, and their meters or that of the
-            outlet.
+            outlet; or how they are read.
         model: Model with the loads: the model, its file, or the name of a shipped one.
         outlet_meter: Whether the power meter sits at the outlet and sees the loads as well; then
             those without a meter of their own are found while the robot stands still.
@@ -230,17 +227,16 @@ def identify_auxiliary(
     from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
     from robot_energy.results.identification import LoadStatesReport
 
-    used, paths = model_of(model), _fitted(bags)
+    used, source = model_of(model), _source(bags, None, inputs, progress, sensors)
     loads = used.auxiliary or ()
     if not any(load.metered or len(load.states) > 1 for load in loads):
         raise NotIdentifiableError(
             "the model has no auxiliary load with a meter or with several states",
             "the key auxiliary with loads, their states and the topics of both",
         )
-    source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
     _, read = source.meaning()
-    gain = (sensors or DEFAULT_LIMITS).std.meter
-    held = [read_loads(path, loads, read) for path in paths]
+    gain = (source.sensors or DEFAULT_LIMITS).std.meter
+    held = [read_loads(path, loads, read) for path in source.paths]
     fits: list[LoadsFit] = []
     refused: list[NotIdentifiableError] = []
     for load in loads:
@@ -275,14 +271,13 @@ def identify_auxiliary(
             refused[0].expected,
             refused[0].remedy,
         )
-    written = _made_from(
-        with_states(used, fits, _names(paths)), "Powers of auxiliary loads identified.", paths
-    )
+    written = with_states(used, fits, source.names)
+    written = _made_from(written, "Powers of auxiliary loads identified.", source)
     return IdentificationResult(written, LoadStatesReport(tuple(fits), tuple(map(str, refused))))
 
 
 def identify_dynamics(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     effort: str | None = None,
     *,
@@ -294,7 +289,7 @@ def identify_dynamics(
     """Identify bodies, rotors and friction from motion and motor torque.
 
     Args:
-        bags: Recordings of one robot in which all joints move at once.
+        bags: Recordings of one robot in which all joints move at once; or how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
@@ -318,9 +313,8 @@ def identify_dynamics(
     from robot_energy.identify.provenance import hashed
     from robot_energy.results.dynamics import dynamics_report
 
-    used, paths = model_of(model), _fitted(bags)
-    recordings = BagSource(paths, effort, inputs, progress=progress, sensors=sensors).channels(used)
-    stretches = [part for parts in recordings.values() for part in parts]
+    used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
+    stretches = [part for parts in read.channels(used).values() for part in parts]
     with progress("identifying"):
         how = settings or DynamicsSettings()
         how = how if sensors is None else replace(how, sensors=sensors)
@@ -328,42 +322,32 @@ def identify_dynamics(
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
-    written = to_model(result, [hashed(path) for path in paths])
+    written = to_model(result, [hashed(path) for path in read.paths])
     return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
-def _made_from(model: RobotModel, done: str, paths: Sequence[Path]) -> RobotModel:
+def _source(
+    bags: Names | BagSource,
+    effort: str | None,
+    inputs: str | Path | None,
+    progress: Stages,
+    sensors: SensorLimits | None,
+) -> BagSource:
+    """The recordings of a fit, one or more, each once."""
+    from robot_energy.identify.provenance import require_distinct, require_some
+
+    read = bags
+    if not isinstance(read, BagSource):
+        paths = [read] if isinstance(read, str | Path) else list(read)
+        read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
+    require_distinct(read.paths)
+    require_some(read.paths)
+    return read
+
+
+def _made_from(model: RobotModel, done: str, read: BagSource) -> RobotModel:
     """The model with the recordings that it was identified from."""
     from robot_energy.identify.provenance import hashed, identified_from
 
-    bags = [hashed(path) for path in paths]
+    bags = [hashed(path) for path in read.paths]
     return model.changed(provenance=identified_from(model.provenance, done, bags))
-
-
-def paths_of(bags: Names) -> list[Path]:
-    """Return the paths of one recording or of several, each once.
-
-    Args:
-        bags: One name or a sequence of them.
-
-    Raises:
-        BagError: If two hold the same messages.
-    """
-    from robot_energy.identify.provenance import require_distinct
-
-    paths = [Path(bags)] if isinstance(bags, str | Path) else [Path(bag) for bag in bags]
-    require_distinct(paths)
-    return paths
-
-
-def _fitted(bags: Names) -> list[Path]:
-    """The paths of the recordings of a fit, one or more, each once."""
-    from robot_energy.identify.provenance import require_some
-
-    paths = paths_of(bags)
-    require_some(paths)
-    return paths
-
-
-def _names(paths: Sequence[Path]) -> str:
-    return ", ".join(path.name for path in paths)

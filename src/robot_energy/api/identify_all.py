@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.api.identify import IdentificationResult, Names, paths_of
+from robot_energy.api.identify import IdentificationResult, Names
 from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.bags import BagFacts, Span, facts
@@ -82,7 +82,12 @@ def identify_all(
 
     given = model_of(model)
     drives = drive_topics(drive_power, drive_joints, dq_scaling)
-    paths, test_paths = paths_of(bags), paths_of(test)
+    paths, test_paths = (
+        [Path(one)] if isinstance(one, str | Path) else [Path(bag) for bag in one]
+        for one in (bags, test)
+    )
+    require_distinct(paths)
+    require_distinct(test_paths)
     require_distinct(paths, test_paths)
     source = BagSource(paths, effort, inputs, sensors=sensors)
     fitted, refused = source.lazy(given, drives)

@@ -15,13 +15,14 @@ from robot_energy.api.inputs import (
     ModelName,
     driver_inputs,
     effort_meaning,
-    learning_named,
+    member_named,
     model_of,
 )
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
+from robot_energy.condition.learner import Learning
 from robot_energy.condition.record import ConditionRecord
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
@@ -288,7 +289,7 @@ def run_replay(
     }
     settings["power_period"] = power_period
     if (learning := options.get("learning")) is not None:
-        settings["learning"] = learning_named(learning)
+        settings["learning"] = member_named(Learning, "learning", learning)
     given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
     if read is not None:
         given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, add_options
-from robot_energy.cli.identify_inputs import add_bags, bags_of
+from robot_energy.cli.command import Command
+from robot_energy.cli.identify_inputs import bag_options, bags_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     JSON_OPTION,
@@ -34,11 +34,6 @@ examples:
 
 exit codes: 0 no mistake found; 2 a mistake found, or input refused
 """
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_bags(parser, robot=True)
-    add_options(parser, JSON_OPTION)
 
 
 def _run(args: Namespace) -> int:
@@ -93,7 +88,7 @@ COMMAND = Command(
     "check",
     "does a recording fit a model, and what is wrong if not",
     _run,
-    _options,
+    {**bag_options(robot=True), **JSON_OPTION},
     DESCRIPTION,
     EPILOG,
 )

@@ -18,8 +18,11 @@ UNITS = {
 REQUIRED: dict[str, Any] = {"required": True}
 LIST: dict[str, Any] = {"nargs": "+"}
 SEVERAL: dict[str, Any] = {"action": "append", "default": []}
-Options = Mapping[str, str | tuple[str, dict[str, Any]]]
-"""What each option is or does, perhaps with further words, by its spelling: see `add_option`."""
+Options = Mapping[str, "str | tuple[str, dict[str, Any]] | Options"]
+"""What each option is or does, perhaps with further words, by its spelling: see `add_option`.
+
+A table in the table is a group of options by its title.
+"""
 Run = Callable[[Namespace], int]
 
 
@@ -114,8 +117,13 @@ def add_options(group: Any, options: Options) -> None:
         options: The table.
     """
     for spelled, said in options.items():
-        text, words = (said, {}) if isinstance(said, str) else said
-        add_option(group, spelled, text, **words)
+        match said:
+            case str():
+                add_option(group, spelled, said)
+            case tuple():
+                add_option(group, spelled, said[0], **said[1])
+            case _:
+                add_options(group.add_argument_group(spelled), said)
 
 
 def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:

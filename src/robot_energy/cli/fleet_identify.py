@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
-from robot_energy.cli.command import Command, add_option
-from robot_energy.cli.identify_inputs import add_results, add_sensors, check_results, sensor_limits
+from robot_energy.cli.command import REQUIRED, Command, Options
+from robot_energy.cli.identify_inputs import (
+    SENSOR_OPTIONS,
+    check_results,
+    result_options,
+    sensor_limits,
+)
 from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
@@ -18,18 +23,6 @@ EPILOG = """\
 example:
   robot-energy fleet identify dataset --model kr16 --out fleet.yaml
 """
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("dataset", help="folder that `fleet run` wrote")
-    add_option(
-        parser,
-        "--model FILE|NAME",
-        "model file or shipped model with which the bags were run",
-        required=True,
-    )
-    add_sensors(parser)
-    add_results(parser, "this friction", "write the laws over temperature as a figure")
 
 
 def _run(args: Namespace) -> int:
@@ -53,6 +46,12 @@ def _run(args: Namespace) -> int:
     return 0
 
 
+OPTIONS: Options = {
+    "dataset": "folder that `fleet run` wrote",
+    "--model FILE|NAME": ("model file or shipped model with which the bags were run", REQUIRED),
+    **SENSOR_OPTIONS,
+    **result_options("this friction", "write the laws over temperature as a figure"),
+}
 COMMAND = Command(
-    "identify", "one friction model from all bags", _run, _options, DESCRIPTION, EPILOG
+    "identify", "one friction model from all bags", _run, OPTIONS, DESCRIPTION, EPILOG
 )

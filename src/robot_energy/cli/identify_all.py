@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import Command, Options, add_options
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
     DRIVE_POWER,
     LINK_VOLTAGES,
+    SENSOR_OPTIONS,
     SHARE_SHAPE,
-    add_bags,
-    add_results,
-    add_sensors,
+    bag_options,
     check_results,
     drive_power_topics,
     link_voltages,
+    result_options,
     sensor_limits,
 )
 from robot_energy.cli.terminal import present, progress
@@ -41,6 +41,10 @@ examples:
 
 
 OPTIONS: Options = {
+    **bag_options(
+        effort="what the effort in the joint states means; without it neither bodies nor "
+        "friction can be identified"
+    ),
     "--test BAG": ("recordings for the test alone", {"nargs": "+", "default": []}),
     **DRIVE_POWER,
     "--skip PART": (
@@ -51,18 +55,9 @@ OPTIONS: Options = {
     "--details": "print tables and notes of every step",
     **LINK_VOLTAGES,
     **SHARE_SHAPE,
+    **SENSOR_OPTIONS,
+    **result_options("all that was identified"),
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    effort = (
-        "what the effort in the joint states means; without it neither bodies nor friction can be "
-        "identified"
-    )
-    add_bags(parser, effort=effort)
-    add_options(parser, OPTIONS)
-    add_sensors(parser)
-    add_results(parser, "all that was identified")
 
 
 def _run(args: Namespace) -> int:
@@ -108,5 +103,5 @@ def _check(args: Namespace) -> None:
 
 
 COMMAND = Command(
-    "all", "everything the recordings allow, with one report", _run, _options, DESCRIPTION, EPILOG
+    "all", "everything the recordings allow, with one report", _run, OPTIONS, DESCRIPTION, EPILOG
 )

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
-from robot_energy.cli.command import Command, add_option
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_results,
-    add_sensors,
+    SENSOR_OPTIONS,
+    bag_options,
+    bags_of,
     check_results,
-    sensor_limits,
+    result_options,
     source_of,
 )
-from robot_energy.cli.terminal import present, progress
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify what pump, extruder and other loads outside of the cabinet draw in each of their
@@ -30,32 +30,13 @@ example:
 """
 
 
-def _options(parser: ArgumentParser) -> None:
-    add_bags(parser, effort="")
-    add_option(
-        parser,
-        "--outlet-meter",
-        "the power meter of the recordings sits at the outlet of the cell: it sees the "
-        "cabinet and all loads",
-    )
-    add_sensors(parser)
-    add_results(parser, "these powers")
-
-
 def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_auxiliary
     from robot_energy.report.document import Document
     from robot_energy.report.identification import states_document
 
     check_results(args)
-    result = identify_auxiliary(
-        args.bags,
-        args.model,
-        outlet_meter=args.outlet_meter,
-        inputs=args.inputs,
-        sensors=sensor_limits(args),
-        progress=progress,
-    )
+    result = identify_auxiliary(bags_of(args), args.model, outlet_meter=args.outlet_meter)
     page = Document(
         f"Loads of the cell of {result.model.robot.type}",
         f"Powers of their states identified from {source_of(args)}.",
@@ -65,11 +46,18 @@ def _run(args: Namespace) -> int:
     return 0
 
 
+OPTIONS: Options = {
+    **bag_options(effort=""),
+    "--outlet-meter": "the power meter of the recordings sits at the outlet of the cell: it sees "
+    "the cabinet and all loads",
+    **SENSOR_OPTIONS,
+    **result_options("these powers"),
+}
 COMMAND = Command(
     "auxiliary",
     "power of the states of loads outside of the cabinet",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
-from robot_energy.cli.command import Command, add_options
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
     LINK_VOLTAGES,
-    add_bags,
-    add_results,
-    add_sensors,
+    SENSOR_OPTIONS,
+    bag_options,
+    bags_of,
     check_results,
     link_voltages,
-    sensor_limits,
+    result_options,
     source_of,
 )
-from robot_energy.cli.terminal import present, progress
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -35,27 +35,13 @@ example:
 """
 
 
-def _options(parser: ArgumentParser) -> None:
-    add_bags(parser, effort="")
-    add_options(parser, LINK_VOLTAGES)
-    add_sensors(parser)
-    add_results(parser, "these figures")
-
-
 def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_cabinet
     from robot_energy.report.document import Document
     from robot_energy.report.identification import cabinet_document
 
     check_results(args)
-    result = identify_cabinet(
-        args.bags,
-        args.model,
-        link_voltages=link_voltages(args),
-        inputs=args.inputs,
-        sensors=sensor_limits(args),
-        progress=progress,
-    )
+    result = identify_cabinet(bags_of(args), args.model, link_voltages=link_voltages(args))
     page = Document(
         f"Cabinet of {result.model.robot.type}",
         f"Constant losses and DC link identified from {source_of(args)}.",
@@ -65,11 +51,17 @@ def _run(args: Namespace) -> int:
     return 0
 
 
+OPTIONS: Options = {
+    **bag_options(effort=""),
+    **LINK_VOLTAGES,
+    **SENSOR_OPTIONS,
+    **result_options("these figures"),
+}
 COMMAND = Command(
     "cabinet",
     "constant losses of the grid side and the DC side, energy of the DC link",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

@@ -7,17 +7,17 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, add_option, add_options
+from robot_energy.cli.command import Command, Options, add_option, add_options
 from robot_energy.cli.identify_inputs import (
     DRIVE_POWER,
     LOG,
-    add_bags,
-    add_results,
-    add_sensors,
+    SENSOR_OPTIONS,
+    bag_options,
     bags_of,
     check_results,
     check_source,
     drive_power_topics,
+    result_options,
 )
 from robot_energy.cli.numbers import frequency
 from robot_energy.cli.terminal import present
@@ -53,33 +53,23 @@ examples:
 
 
 def _options(parser: ArgumentParser) -> None:
-    add_bags(
-        parser,
-        required=False,
-        effort="what the effort in the joint states means; without it the model's own torque "
-        "is used, rigid bodies and friction",
+    effort = (
+        "what the effort in the joint states means; without it the model's own torque is used, "
+        "rigid bodies and friction"
     )
-    add_options(parser, DRIVE_POWER)
+    add_options(parser, {**bag_options(required=False, effort=effort), **DRIVE_POWER})
     for kind in LOG_FORMATS.values():
         if kind.recording is not None:
-            parser.add_argument(
-                f"--{kind.name}",
-                dest="log_format",
-                action="store_const",
-                const=kind.name,
-                help=f"the recordings are files of {kind.label}",
+            words = {"dest": "log_format", "action": "store_const", "const": kind.name}
+            add_option(
+                parser, f"--{kind.name}", f"the recordings are files of {kind.label}", **words
             )
-    add_option(
-        parser,
-        "--cutoff HZ",
-        "of the low-pass of the maps (default 5 Hz)",
-        type=frequency,
-        default=5.0,
-    )
-    add_sensors(parser)
-    add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
-    log = parser.add_argument_group("from logs with torque, without a model")
-    add_options(log, {**LOG, "--mapping FILE": "what their columns mean"})
+    cutoff = {"type": frequency, "default": 5.0}
+    add_option(parser, "--cutoff HZ", "of the low-pass of the maps (default 5 Hz)", **cutoff)
+    results = result_options("these drives", "draw the maps (.png, .svg, .pdf)")
+    log: Options = {**LOG, "--mapping FILE": "what their columns mean"}
+    log = {"from logs with torque, without a model": log}
+    add_options(parser, {**SENSOR_OPTIONS, **results, **log})
 
 
 def _run(args: Namespace) -> int:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import resource
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import LIST, Command, add_options
+from robot_energy.cli.command import LIST, Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_results,
-    add_sensors,
+    SENSOR_OPTIONS,
+    bag_options,
     bags_of,
     check_results,
     check_source,
+    result_options,
     sensor_limits,
 )
 from robot_energy.cli.terminal import present
@@ -48,7 +48,8 @@ examples:
 """
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    **bag_options(required=False, effort="what the effort in the joint states of bags means"),
     "--log LOG": ("instead of bags: tables (CSV, plain or .gz, Parquet) or their folder", LIST),
     "--mapping FILE": "what the columns mean",
     "--data FOLDER": "without --mapping: --log is the mapping, and this the folder of the tables "
@@ -58,19 +59,19 @@ OPTIONS = {
         {"choices": ("ols", "wls", "irls"), "default": "wls"},
     ),
     "--stribeck V": "add a Stribeck term with this speed [rad/s]",
-    "--smooth V": "speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
-    "--cutoff HZ": "low-pass on both sides of the equation (default: 10)",
-    "--delay MS": "look for delays of the torque up to this (default: 5; 0: do not)",
+    "--smooth V": (
+        "speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
+        {"default": 0.01},
+    ),
+    "--cutoff HZ": ("low-pass on both sides of the equation (default: 10)", {"default": 10.0}),
+    "--delay MS": (
+        "look for delays of the torque up to this (default: 5; 0: do not)",
+        {"default": 5.0},
+    ),
     "--details": "print every base parameter",
+    **SENSOR_OPTIONS,
+    **result_options("these dynamics"),
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
-    add_options(parser, OPTIONS)
-    add_sensors(parser)
-    add_results(parser, "these dynamics")
-    parser.set_defaults(smooth=0.01, cutoff=10.0, delay=5.0)
 
 
 def _run(args: Namespace) -> int:
@@ -168,7 +169,7 @@ COMMAND = Command(
     "dynamics",
     "inertias, rotors and friction from positions and motor torque",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, add_option, add_options
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
     LOG,
+    SENSOR_OPTIONS,
     SHARE_SHAPE,
-    add_bags,
-    add_results,
-    add_sensors,
+    bag_options,
     bags_of,
     check_results,
     check_source,
     columns_of_log,
-    sensor_limits,
+    result_options,
     source_of,
 )
-from robot_energy.cli.terminal import present, progress
+from robot_energy.cli.terminal import present
 from robot_energy.errors import ModelFileError, NotIdentifiableError
 
 if TYPE_CHECKING:
@@ -45,20 +44,6 @@ examples:
   robot-energy identify friction --log runs.csv.gz --mapping xarm6_joint3.yaml \\
       --train 29: --test :25
 """
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_bags(parser, required=False)
-    add_options(parser, SHARE_SHAPE)
-    add_sensors(parser)
-    add_results(parser, "this friction", "draw points and laws (.png, .svg, .pdf)")
-    log = parser.add_argument_group(
-        "from a log of single-joint motions, without a model (relative figures)"
-    )
-    add_options(log, LOG)
-    split = parser.add_argument_group("test on temperatures that the fit has not seen")
-    add_option(split, "--train LOW:HIGH", "[degC], one may be empty", type=_span)
-    add_option(split, "--test LOW:HIGH", "[degC]", type=_span)
 
 
 def _span(text: str) -> Span:
@@ -110,15 +95,7 @@ def _run(args: Namespace) -> int:
     else:
         from robot_energy.api.identify import identify_friction
 
-        result = identify_friction(
-            args.bags,
-            args.model,
-            args.effort,
-            share_shape=args.share_shape,
-            inputs=args.inputs,
-            sensors=sensor_limits(args),
-            progress=progress,
-        )
+        result = identify_friction(bags_of(args), args.model, share_shape=args.share_shape)
         report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")
     friction_document(report, page)
@@ -155,6 +132,15 @@ def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
     return axis_study(axis.name, study, chance)
 
 
-COMMAND = Command(
-    "friction", "friction over motor temperature", _run, _options, DESCRIPTION, EPILOG
-)
+OPTIONS: Options = {
+    **bag_options(required=False),
+    **SHARE_SHAPE,
+    **SENSOR_OPTIONS,
+    **result_options("this friction", "draw points and laws (.png, .svg, .pdf)"),
+    "from a log of single-joint motions, without a model (relative figures)": LOG,
+    "test on temperatures that the fit has not seen": {
+        "--train LOW:HIGH": ("[degC], one may be empty", {"type": _span}),
+        "--test LOW:HIGH": ("[degC]", {"type": _span}),
+    },
+}
+COMMAND = Command("friction", "friction over motor temperature", _run, OPTIONS, DESCRIPTION, EPILOG)

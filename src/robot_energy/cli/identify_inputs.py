@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import LIST, Options, add_option, add_options, name_of
+from robot_energy.cli.command import LIST, Options, name_of
 from robot_energy.cli.numbers import number
 from robot_energy.cli.robots import INPUTS, ROBOT
 from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, progress
@@ -29,6 +29,12 @@ SENSORS = (  # option, its unit, field of `SensorLimits`, default, what it limit
     ("drive-power-class", "PERCENT", "drive_power", 2.0,
      "gain of the power that each drive reports"),
 )  # fmt: skip
+SENSOR_OPTIONS: Options = {  # which no recording shows
+    "limits of constant errors, from data sheets, +-": {
+        f"--{name} {unit}": f"{what} [{unit.replace('PERCENT', '%%')}] (default: {default:g})"
+        for name, unit, _, default, what in SENSORS
+    }
+}
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 DRIVE_POWER: Options = {
     "--drive-power TOPIC": (
@@ -63,30 +69,26 @@ LOG: Options = {
 }
 
 
-def add_bags(
-    parser: ArgumentParser,
+def bag_options(
     required: bool = True,
     effort: str = "what the effort in the joint states means",
     robot: bool = False,
-) -> None:
-    """Add recordings, model and what their topics mean.
+) -> Options:
+    """Return recordings, model and what their topics mean.
 
     Args:
-        parser: Of the command.
         required: Whether there is no other input, such as a log.
         effort: Help of ``--effort``; empty for a command that needs none.
         robot: Whether a known robot can bring model and inputs.
     """
-    parser.add_argument(
-        "bags", nargs="+" if required else "*", metavar="BAG", help="recordings of one robot"
-    )
-    if robot:
-        add_options(parser, ROBOT)
-    else:
-        add_option(parser, "--model FILE|NAME", "model file to begin with", required=required)
-    if effort:
-        add_option(parser, "--effort MEANING", f"%(choices)s: {effort}", choices=EFFORTS)
-    add_options(parser, INPUTS)
+    model: Options = {"--model FILE|NAME": ("model file to begin with", {"required": required})}
+    meaning = (f"%(choices)s: {effort}", {"choices": EFFORTS})
+    return {
+        "bags BAG": ("recordings of one robot", {"nargs": "+" if required else "*"}),
+        **(ROBOT if robot else model),
+        **({"--effort MEANING": meaning} if effort else {}),
+        **INPUTS,
+    }
 
 
 def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
@@ -106,30 +108,15 @@ def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
     return drive_topics(args.drive_power, args.drive_joints, args.dq_scaling)
 
 
-def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
-    """Add what can be written.
+def result_options(what: str, plot: str = "") -> Options:
+    """Return what can be written.
 
     Args:
-        parser: Of the command.
         what: Content of the model file.
         plot: Help of ``--plot``; empty for a command without a figure.
     """
-    add_option(parser, "--out FILE", f"write the model with {what}")
-    add_options(parser, TABLE_OUTPUTS)
-    if plot:
-        add_option(parser, "--plot FILE", plot)
-
-
-def add_sensors(parser: ArgumentParser) -> None:
-    """Add what data sheets say of constant errors, which no recording shows.
-
-    Args:
-        parser: Of the command.
-    """
-    group = parser.add_argument_group("limits of constant errors, from data sheets, +-")
-    for name, unit, _, default, what in SENSORS:
-        shown = "%%" if unit == "PERCENT" else unit
-        add_option(group, f"--{name} {unit}", f"{what} [{shown}] (default: {default:g})")
+    figure = {"--plot FILE": plot} if plot else {}
+    return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS, **figure}
 
 
 def sensor_limits(args: Namespace) -> SensorLimits:
@@ -178,7 +165,7 @@ def check_results(args: Namespace) -> None:
     """Refuse files that cannot be written, before the work.
 
     Args:
-        args: Of the command, with those of `add_results` and with all that it reads.
+        args: Of the command, with those of `result_options` and with all that it reads.
 
     Raises:
         ReportError: If one of them cannot be.

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentTypeError, Namespace
 from typing import Any
 
-from robot_energy.cli.command import Command, add_option, add_options
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
     LOG,
-    add_bags,
-    add_results,
+    bag_options,
     bags_of,
     check_results,
     check_source,
     columns_of_log,
+    result_options,
     source_of,
 )
 from robot_energy.cli.numbers import number
@@ -34,20 +34,6 @@ examples:
       --out my_robot_thermal.yaml
   robot-energy identify thermal --log dataset.csv --mapping ur3_cobotops.yaml
 """
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_bags(parser, required=False, effort="")
-    add_option(
-        parser,
-        "--ambient DEGC",
-        "temperature of the air around the robot [degC] (default: the coldest first reading "
-        "of all motors)",
-        type=_degc,
-    )
-    add_results(parser, "these networks")
-    log = parser.add_argument_group("from a log with motor currents, without a model")
-    add_options(log, LOG)
 
 
 def _degc(text: str) -> float:
@@ -90,4 +76,14 @@ def _of_log(args: Namespace) -> Any:
     return ThermalReport("squared_current", ambient, tuple(fits), tuple(refused))
 
 
-COMMAND = Command("thermal", "motor temperatures from losses", _run, _options, DESCRIPTION, EPILOG)
+OPTIONS: Options = {
+    **bag_options(required=False, effort=""),
+    "--ambient DEGC": (
+        "temperature of the air around the robot [degC] (default: the coldest first reading "
+        "of all motors)",
+        {"type": _degc},
+    ),
+    **result_options("these networks"),
+    "from a log with motor currents, without a model": LOG,
+}
+COMMAND = Command("thermal", "motor temperatures from losses", _run, OPTIONS, DESCRIPTION, EPILOG)

@@ -18,7 +18,6 @@ DAMAGED = 3
 def _run(args: Namespace) -> int:
     from robot_energy.bag import BagReader
     from robot_energy.report.document import Document
-    from robot_energy.report.model import bag_document
     from robot_energy.report.printing import print_document
 
     bag = BagReader(args.bag)
@@ -35,7 +34,12 @@ def _run(args: Namespace) -> int:
         for name, info in bag.topics.items()
     ]
     page = Document()
-    bag_document(str(args.bag), span, rows, bag.problems, bag.origin, page)
+    page.paragraph(f"{args.bag}: {span or 'no messages'}", "strong")
+    if bag.origin:
+        page.paragraph(f"origin: {bag.origin}")
+    for problem in bag.problems:
+        page.paragraph(problem, "problem")
+    page.table("", ("topic", "type", "messages", "used as"), rows)
     print_document(page, console())
     return DAMAGED if bag.problems else 0
 

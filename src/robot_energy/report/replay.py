@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.settings import PageSettings
 from robot_energy.report.auxiliary import auxiliary_section, flow_labels
-from robot_energy.report.condition import condition_section
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
     EnergySections,
@@ -303,6 +302,34 @@ def _temperatures(page: Document, report: ReplayReport, curves: ReplayCurves | N
         )
 
 
+def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> None:
+    """What was learned of the robot: lasting changes, and figures against the model file."""
+    report = whole.condition
+    if report is None:
+        return
+    for change in report.wear:
+        page.paragraph(change.sentence, "note" if change.fell else "problem")
+    known = [joint for joint in report.joints if joint.valid]
+    with page.only("page"):
+        if known:
+            page.rows(
+                "Friction against the model file, from measured torque",
+                [
+                    Column("", "name"),
+                    Column("multiplier", "multiplier", fixed(3)),
+                    Column("last minute", "multiplier_raw", fixed(3)),
+                    Column("records", "records"),
+                ],
+                known,
+            )
+        if report.meter_valid:
+            page.paragraph(
+                f"from the power meter: constant losses {report.loss_offset:+.1f} W"
+                + ("" if known else f", friction x {report.friction_factor:.3f}")
+                + " against the model file"
+            )
+
+
 def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     with page.only("page"):
         page.pairs(_recording(report))
@@ -338,7 +365,7 @@ SECTIONS: dict[str, Section] = {
     "How sure": lambda page, report, _: EnergySections(page, report).certainty(),
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
-    "Condition": lambda page, report, _: condition_section(page, report.condition),
+    "Condition": _condition,
     "Phases": lambda page, report, _: EnergySections(page, report).phases(),
     "Job intervals": lambda page, report, _: job_section(page, report),
     "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),
