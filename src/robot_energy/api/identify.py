@@ -5,25 +5,45 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.stats.systematic import SensorLimits
+from robot_energy.identify.auxiliary.readings import (
+    outlet_readings,
+    own_readings,
+    read_loads,
+)
+from robot_energy.identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
+from robot_energy.identify.cabinet.supply import fit_supply
+from robot_energy.identify.causes import (
+    cause_named,
+    evidence_of_rows,
+    refuse_meter,
+    torque_evidence,
+)
+from robot_energy.identify.dynamics.dynamics import DynamicsSettings
+from robot_energy.identify.dynamics.dynamics import identify_dynamics as fit_dynamics
+from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.identify.friction.friction import fit_axes, with_friction
+from robot_energy.identify.friction.samples import friction_data
+from robot_energy.identify.friction.shape import share_shape as lend
+from robot_energy.identify.plausibility import check_cabinet, check_dynamics, check_friction
+from robot_energy.identify.provenance import hashed, identified_from, require_distinct, require_some
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.identify.thermal.network import fit_networks, with_networks
+from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
-
-if TYPE_CHECKING:
-    from robot_energy.identify.auxiliary.states import LoadsFit
-    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
-    from robot_energy.results.dynamics import DynamicsReport
-    from robot_energy.results.identification import (
-        CabinetReport,
-        FrictionReport,
-        LoadStatesReport,
-        ThermalReport,
-    )
+from robot_energy.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy.results.identification import (
+    CabinetReport,
+    FrictionReport,
+    LoadStatesReport,
+    ThermalReport,
+    cabinet_report,
+)
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
@@ -88,13 +108,6 @@ def identify_friction(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.causes import cause_named, torque_evidence
-    from robot_energy.identify.friction.friction import fit_axes, with_friction
-    from robot_energy.identify.friction.samples import friction_data
-    from robot_energy.identify.friction.shape import share_shape as lend
-    from robot_energy.identify.plausibility import check_friction
-    from robot_energy.results.identification import FrictionReport
-
     used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
@@ -134,10 +147,6 @@ def identify_thermal(
         NotIdentifiableError: If no motor warms enough, or losses predict no temperature.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.thermal.network import fit_networks, with_networks
-    from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
-    from robot_energy.results.identification import ThermalReport
-
     used, read = model_of(model), _source(bags, None, inputs, progress, None)
     recordings = read.recordings(without_networks(used))
     runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
@@ -176,11 +185,6 @@ def identify_cabinet(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.cabinet.supply import fit_supply
-    from robot_energy.identify.causes import refuse_meter
-    from robot_energy.identify.plausibility import check_cabinet
-    from robot_energy.results.identification import cabinet_report
-
     used, read = model_of(model), _source(bags, None, inputs, progress, sensors)
     recordings = read.recordings(used)
     refuse_meter(recordings, EffortMeaning.NONE)
@@ -218,15 +222,6 @@ def identify_auxiliary(
         NotIdentifiableError: If no state of any load can be found.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.auxiliary.readings import (
-        outlet_readings,
-        own_readings,
-        read_loads,
-    )
-    from robot_energy.identify.auxiliary.states import fit_outlet, fit_own, with_states
-    from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
-    from robot_energy.results.identification import LoadStatesReport
-
     used, source = model_of(model), _source(bags, None, inputs, progress, sensors)
     loads = used.auxiliary or ()
     if not any(load.metered or len(load.states) > 1 for load in loads):
@@ -306,19 +301,12 @@ def identify_dynamics(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.causes import cause_named, evidence_of_rows
-    from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-    from robot_energy.identify.dynamics.dynamics_model import to_model
-    from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.identify.provenance import hashed
-    from robot_energy.results.dynamics import dynamics_report
-
     used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
     stretches = [part for parts in read.channels(used).values() for part in parts]
     with progress("identifying"):
         how = settings or DynamicsSettings()
         how = how if sensors is None else replace(how, sensors=sensors)
-        result = identify_dynamics(stretches, used, how)
+        result = fit_dynamics(stretches, used, how)
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
@@ -334,8 +322,6 @@ def _source(
     sensors: SensorLimits | None,
 ) -> BagSource:
     """The recordings of a fit, one or more, each once."""
-    from robot_energy.identify.provenance import require_distinct, require_some
-
     read = bags
     if not isinstance(read, BagSource):
         paths = [read] if isinstance(read, str | Path) else list(read)
@@ -347,7 +333,5 @@ def _source(
 
 def _made_from(model: RobotModel, done: str, read: BagSource) -> RobotModel:
     """The model with the recordings that it was identified from."""
-    from robot_energy.identify.provenance import hashed, identified_from
-
     bags = [hashed(path) for path in read.paths]
     return model.changed(provenance=identified_from(model.provenance, done, bags))

@@ -6,8 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import Any
 
 from robot_energy.cli.command import Command, add_options
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
-from robot_energy.cli.robots import model_named
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
 from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy.freed_memory import keep_freed_memory
 

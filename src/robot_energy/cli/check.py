@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command
 from robot_energy.cli.identify_inputs import bag_options, bags_of
-from robot_energy.cli.robots import model_named
+from robot_energy.cli.replay_options import model_named
 from robot_energy.cli.terminal import (
     JSON_OPTION,
     check_outputs,

@@ -38,17 +38,13 @@ IDENTIFY = Group(
     "Identify a model from recordings; held-out figures say how good it is.",
     "what",
     "WHAT",
-    lambda: (
-        identify_all.COMMAND,
-        identify_excitation.COMMAND,
-        identify_friction.COMMAND,
-        identify_dynamics.COMMAND,
-        identify_cabinet.COMMAND,
-        identify_drives.COMMAND,
-        identify_thermal.COMMAND,
-        identify_auxiliary.COMMAND,
-    ),
-)
+    lambda: [
+        one.COMMAND for one in (
+            identify_all, identify_excitation, identify_friction, identify_dynamics,
+            identify_cabinet, identify_drives, identify_thermal, identify_auxiliary,
+        )
+    ],
+)  # fmt: skip
 FLEET = Group(
     "fleet",
     "many bags of many robots: replay them, report, identify",
@@ -58,23 +54,8 @@ FLEET = Group(
     lambda: (fleet_run.COMMAND, fleet_report.COMMAND, fleet_identify.COMMAND),
 )
 COMMANDS: tuple[Command | Group, ...] = (
-    replay.COMMAND,
-    report.COMMAND,
-    export.COMMAND,
-    import_logs.COMMAND,
-    check.COMMAND,
-    test.COMMAND,
-    IDENTIFY,
-    FLEET,
-    predict.COMMAND,
-    optimize.COMMAND,
-    advise.COMMAND,
-    models.LIST,
-    models.MODEL,
-    listings.KINDS,
-    info.COMMAND,
-    simulate.COMMAND,
-    listings.SCHEMA,
-    layouts.COMMAND,
-    monitoring.COMMAND,
-)
+    replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
+    test.COMMAND, IDENTIFY, FLEET, predict.COMMAND, optimize.COMMAND, advise.COMMAND,
+    models.LIST, models.MODEL, listings.KINDS, info.COMMAND, simulate.COMMAND,
+    listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+)  # fmt: skip

@@ -6,8 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command, add_option
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
-from robot_energy.cli.robots import model_named
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
 from robot_energy.cli.terminal import console, progress, wrote
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
@@ -15,7 +14,7 @@ from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
-    from robot_energy.time_series import TimeSeries
+    pass
 
 WHAT = "the table"
 KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
@@ -61,16 +60,14 @@ def _run(args: Namespace) -> int:
             progress=report,
             **options_of(args),
         )
-    write_file(args.out, _bytes(result.power, suffix), KINDS[suffix], WHAT)
+    table = result.power
+    data = table.to_csv().encode() if suffix == ".csv" else table.to_parquet()
+    write_file(args.out, data, KINDS[suffix], WHAT)
     out = console()
     for sentence in (*result.problems, *result.notes):
         out.print(sentence, soft_wrap=True)
     wrote(out, args.out, f"{len(result.power)} rows")
     return DAMAGED if result.replay.problems else 0
-
-
-def _bytes(table: TimeSeries, suffix: str) -> bytes:
-    return table.to_csv().encode() if suffix == ".csv" else table.to_parquet()
 
 
 def _require_polars() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 
 from robot_energy.cli.command import Command, add_option, add_options
-from robot_energy.cli.page import PAGE_SETTINGS
+from robot_energy.cli.replay_options import PAGE_SETTINGS
 from robot_energy.cli.terminal import JSON_OPTION, check_outputs, present
 
 DESCRIPTION = """\

@@ -100,8 +100,8 @@ def _run(args: Namespace) -> int:
         write_trajectory,
     )
     from robot_energy.report.document import Document
-    from robot_energy.report.excitation import excitation_document
-    from robot_energy.results.excitation import excitation_report
+    from robot_energy.report.dynamics import excitation_document
+    from robot_energy.results.dynamics import excitation_report
 
     check_outputs(args, [args.model])
     model = load(args.model)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.command import LIST, Options, name_of
 from robot_energy.cli.numbers import number
-from robot_energy.cli.robots import INPUTS, ROBOT
+from robot_energy.cli.replay_options import INPUTS, ROBOT
 from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, progress
 from robot_energy.errors import ModelFileError
 from robot_energy.units import DQ_FACTORS

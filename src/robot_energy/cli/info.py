@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command
@@ -18,6 +17,7 @@ DAMAGED = 3
 def _run(args: Namespace) -> int:
     from robot_energy.bag import BagReader
     from robot_energy.report.document import Document
+    from robot_energy.report.formats import utc
     from robot_energy.report.printing import print_document
 
     bag = BagReader(args.bag)
@@ -27,8 +27,7 @@ def _run(args: Namespace) -> int:
         counts, start, end = _read(bag, counts)
     span = None
     if start is not None and end is not None:
-        first = datetime.fromtimestamp(start // 10**9, tz=UTC)
-        span = f"from {first:%Y-%m-%d %H:%M:%S} UTC, {(end - start) * 1e-9:.3f} s"
+        span = f"from {utc(start, '%F %T')} UTC, {(end - start) * 1e-9:.3f} s"
     rows = [
         (name, info.msgtype, "?" if counts[name] is None else str(counts[name]), _use(info.msgtype))
         for name, info in bag.topics.items()

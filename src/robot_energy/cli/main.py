@@ -145,7 +145,9 @@ def build_parser() -> ArgumentParser:
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for command in (*COMMANDS, *_further(), COMPLETION, HELP):
+    # Those of other packages, such as that of the papers, by the entry points they declare.
+    further = [entry.load() for entry in entry_points(group=ENTRY_POINTS)]
+    for command in (*COMMANDS, *further, COMPLETION, HELP):
         command.add_parser(commands)
     return parser
 
@@ -165,11 +167,6 @@ HELP = Command(
     _run_help,
     {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
 )
-
-
-def _further() -> list[Any]:
-    """Commands of other packages, such as that of the papers, by the entry points they declare."""
-    return [entry.load() for entry in entry_points(group=ENTRY_POINTS)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.command import Command, add_options
-from robot_energy.cli.page import PAGE, page_settings, recorded_page, serve_page
 from robot_energy.cli.replay_options import (
     BAG,
     DAMAGED,
     JOBS,
+    PAGE,
     PROCESSES,
     add_replay,
+    model_named,
     options_of,
 )
-from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     JSON_OPTION,
     check_bag,
@@ -24,13 +25,14 @@ from robot_energy.cli.terminal import (
     present,
     progress,
 )
-from robot_energy.errors import ReportError
+from robot_energy.errors import PageError, ReportError
 from robot_energy.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
     from robot_energy.page.recording import RecordedPage
+    from robot_energy.page.settings import PageSettings
     from robot_energy.pipeline import Output
     from robot_energy.report.temperature_figure import TemperatureHistory
 
@@ -99,8 +101,8 @@ def _run(args: Namespace) -> int:
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
-    settings = page_settings(args)
-    recorded = recorded_page(args, model, settings)
+    settings = _page_settings(args)
+    recorded = _recorded_page(args, model, settings)
     runs = [(model, change)]
     if args.compare is not None:
         runs.append(fixed_friction(model, args.compare))
@@ -118,7 +120,7 @@ def _run(args: Namespace) -> int:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
         replay_document(report, page, curves, settings=settings)
         present(args, report, page, "bag", lambda path: _plot(path, results, changes))
-    serve_page(args, recorded, results[0])
+    _serve_page(args, recorded, results[0])
     return DAMAGED if results[0].problems else 0
 
 
@@ -152,6 +154,47 @@ def _replay(
         return run_replay(
             args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
         )
+
+
+def _page_settings(args: Namespace) -> PageSettings:
+    """Prices and emissions of what is shown."""
+    from robot_energy.page.settings import load_settings
+
+    if args.page_settings is not None and not args.serve and args.report is None:
+        raise PageError("--page-settings was given alone", "--serve or --report FILE")
+    return load_settings(args.page_settings or "")
+
+
+def _recorded_page(
+    args: Namespace, model: RobotModel, settings: PageSettings
+) -> RecordedPage | None:
+    """The page to fill; None where none is asked for."""
+    if args.port is not None and not args.serve:
+        raise PageError("--port was given without --serve", "--serve --port N")
+    if not args.serve:
+        return None
+    from robot_energy.page.recording import RecordedPage
+
+    return RecordedPage(Path(args.bag).name, model, settings)
+
+
+def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> None:
+    """Serve the page, if there is one, until the command is stopped."""
+    if page is None:
+        return
+    page.finish(result)
+    from robot_energy.page.access import page_access
+    from robot_energy.page.web_server import PageServer
+
+    access = page_access(port=int(args.port or 0))
+    server = PageServer(page.hub, access)
+    try:
+        for sentence in access.sentences(server.url):
+            print(sentence, flush=True)
+        while True:
+            time.sleep(3600.0)
+    finally:
+        server.close()
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:

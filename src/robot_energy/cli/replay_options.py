@@ -7,7 +7,38 @@ from typing import Any
 
 from robot_energy.cli.command import LIST, Options, add_option, add_options, name_of
 from robot_energy.cli.numbers import number_type, positive
-from robot_energy.cli.robots import INPUTS, ROBOT
+from robot_energy.errors import ModelFileError
+
+INPUTS: Options = {
+    "--inputs FILE|NAME": "parameter file of a monitor node: read the bag as that node reads its "
+    "topics; or name of a robot whose driver is known (see: robot-energy kinds)"
+}
+ROBOT: Options = {
+    "--model FILE|NAME": "model file, or name of a shipped model (see: robot-energy models); "
+    "needed unless --robot has one",
+    "--robot NAME": "robot whose driver is known (see: robot-energy kinds): read the topics of its "
+    "driver and use the shipped model; --model and --inputs override it",
+}
+
+
+def model_named(args: Namespace) -> str:
+    """Return the model that --model or --robot names.
+
+    Args:
+        args: Of the command.
+
+    Raises:
+        ModelFileError: If neither names one.
+        KindError: If the robot is unknown.
+    """
+    from robot_energy.presets import ROBOTS
+
+    if args.robot is not None:
+        return ROBOTS[args.robot].model_or(args.model)
+    if args.model is None:
+        raise ModelFileError("neither --model nor --robot is given", "one of them")
+    return args.model
+
 
 AT_FALLBACK = "fallback"
 DAMAGED = 3
@@ -17,6 +48,7 @@ MAX_WINDOW = 0.5  # in which joint states are sorted [s]
 BAG = "MCAP file, or rosbag2 folder (MCAP or sqlite3)"
 
 degc = number_type("temperature in degC (-60 to 250)", -60.0, 250.0, words=(AT_FALLBACK,))
+_port = number_type("port (0 to 65535)", 0.0, 65535.0)
 _window = number_type(f"time in s (above 0, to {MAX_WINDOW:g})", 0.0, MAX_WINDOW, open_low=True)
 POSITIVE: dict[str, Any] = {"type": positive}
 
@@ -86,6 +118,14 @@ PROCESSES: Options = {
 JOBS: Options = {
     "--jobs FILE": "count the energy of jobs or cycles: a YAML file with jobs: [{name, begin, "
     "end}], in seconds since 1970 as the stamps of the recording"
+}
+
+
+PAGE_SETTINGS: Options = {"--page-settings FILE": "prices and emission factor (YAML)"}
+PAGE: Options = {
+    "--serve": "show the energy page in a browser until Ctrl-C",
+    "--port N": ("port of --serve on this computer (default: any)", {"type": _port}),
+    **PAGE_SETTINGS,
 }
 
 

@@ -7,9 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command, add_option, add_options
-from robot_energy.cli.page import PAGE_SETTINGS
-from robot_energy.cli.replay_options import BAG, DAMAGED, JOBS, add_replay, options_of
-from robot_energy.cli.robots import model_named
+from robot_energy.cli.replay_options import (
+    BAG,
+    DAMAGED,
+    JOBS,
+    PAGE_SETTINGS,
+    add_replay,
+    model_named,
+    options_of,
+)
 from robot_energy.cli.terminal import check_report, console, progress, sign, wrote
 from robot_energy.freed_memory import keep_freed_memory
 

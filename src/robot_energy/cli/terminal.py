@@ -261,4 +261,4 @@ def sign(args: Namespace, page: Document) -> None:
     """
     with page.only("page"):
         page.paragraph("This report was made by")
-        page.command(shlex.join(["robot-energy", *getattr(args, "command", ())]))
+        page.paragraph(shlex.join(["robot-energy", *getattr(args, "command", ())]), "command")

@@ -8,8 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.command import Command, add_option, add_options
-from robot_energy.cli.replay_options import AT_FALLBACK, BAG, DAMAGED, add_replay, options_of
-from robot_energy.cli.robots import model_named
+from robot_energy.cli.replay_options import (
+    AT_FALLBACK,
+    BAG,
+    DAMAGED,
+    add_replay,
+    model_named,
+    options_of,
+)
 from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
 from robot_energy.errors import ModelFileError
 from robot_energy.freed_memory import keep_freed_memory

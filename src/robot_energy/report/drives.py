@@ -211,7 +211,6 @@ def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> N
 
     Raises:
         ShapeError: If there is no map.
-        ReportError: If the suffix is none of these, or the file cannot be written.
     """
     maps = [(axis.name, axis.map.entry) for axis in axes if axis.map is not None]
     if not maps:

@@ -10,7 +10,7 @@ from robot_energy.blocks import Float, MeterLocation
 from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
 from robot_energy.report.canvas import COLOURS, LINES, Target, canvas, panel_grid, panels
 from robot_energy.report.document import Column, Document
-from robot_energy.report.energy_figure import error_bars
+from robot_energy.report.evaluation import error_bars
 from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.series import Role, Series, series_of
@@ -24,12 +24,6 @@ KINDS = {
 }
 PLACES = {MeterLocation.GRID: "the grid", MeterLocation.DC_BUS: "the DC bus"}
 LABELS = {GIVEN: "as given"}
-
-
-def _stages_shown(test: HeldOutEnergy) -> list[str]:
-    """Return the model as given and the steps that changed a held-out prediction."""
-    taken = {subject for entry in test.tested for subject in entry.taken}
-    return [GIVEN, *(stage for stage in test.stages if stage in taken)]
 
 
 def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
@@ -104,7 +98,9 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
     """
     page.paragraph(f"held out: {KINDS[test.kind]}")
     verdict_line(test, page)
-    stages, last = _stages_shown(test), test.stages[-1]
+    taken = {subject for entry in test.tested for subject in entry.taken}
+    stages = [GIVEN, *(stage for stage in test.stages if stage in taken)]  # that changed something
+    last = test.stages[-1]
     if test.metered:
         _energy_tables(test, stages, page)
     if test.with_torque:

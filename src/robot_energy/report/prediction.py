@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robot_energy.prediction import Prediction
-from robot_energy.report.auxiliary import auxiliary_section, flow_labels
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import (
     EnergySections,
     add_flow,
+    auxiliary_section,
+    flow_labels,
     scale_of,
 )
 from robot_energy.report.formats import (

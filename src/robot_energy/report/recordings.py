@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from robot_energy.report.formats import (
     number,
     percent,
     signed_percent,
+    utc,
 )
 from robot_energy.report.headline import error_of, headline, observed_time, tiles
 from robot_energy.report.jobs import job_kinds, kind_table, mean_energy
@@ -56,7 +56,9 @@ def recordings_document(
         return
     ordered = sorted(recordings, key=lambda one: one[0].time.start_ns or 0)
     reports = [report for report, _ in ordered]
-    groups = _by_robot(reports)
+    groups: dict[str, list[ReplayReport]] = {}
+    for one in reports:
+        groups.setdefault(robot_name(one.model), []).append(one)
     page.heading(FIRST)
     page.notes(notes)
     page.add(tiles(reports, settings))
@@ -86,14 +88,6 @@ def recordings_document(
     for place, (report, curves) in enumerate(ordered, 1):
         page.heading(f"{place}. {_name(report)}")
         replay_document(report, page, curves, 3, settings)
-
-
-def _by_robot(reports: Sequence[ReplayReport]) -> dict[str, list[ReplayReport]]:
-    """Return recordings by robot and model, each under a name that tells it from the others."""
-    found: dict[str, list[ReplayReport]] = {}
-    for one in reports:
-        found.setdefault(robot_name(one.model), []).append(one)
-    return found
 
 
 def robot_name(model: ModelUsed) -> str:
@@ -146,7 +140,7 @@ def _table(
 
     columns = [
         Column("recording", lambda one: f"{place_of[id(one)]}. {_name(one)}"),
-        Column("begun, UTC", _begun),
+        Column("begun, UTC", lambda one: utc(one.time.start_ns)),
         Column("time", lambda one: one.time.observed_time, fixed(1), "s", total=True),
         Column("covered", lambda one: one.time.coverage, percent),
         Column("predicted", lambda one: one.energy.net, scale.joule, scale.unit, total=True),
@@ -193,11 +187,6 @@ def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None
     """Mean energy of the jobs of the most frequent name."""
     kinds = job_kinds(reports)
     return f"{scale.watt_hour(mean_energy(next(iter(kinds.values()))))}" if kinds else None
-
-
-def _begun(report: ReplayReport) -> str | None:
-    start = report.time.start_ns
-    return None if start is None else f"{datetime.fromtimestamp(start // 10**9, tz=UTC):%F %R}"
 
 
 def _share(reports: Sequence[ReplayReport]) -> float | None:

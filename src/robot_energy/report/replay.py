@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.settings import PageSettings
-from robot_energy.report.auxiliary import auxiliary_section, flow_labels
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
     EnergySections,
     add_flow,
+    auxiliary_section,
+    flow_labels,
     scale_of,
 )
 from robot_energy.report.formats import (
@@ -23,6 +23,7 @@ from robot_energy.report.formats import (
     seconds,
     signed_percent,
     tags_text,
+    utc,
 )
 from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
 from robot_energy.report.jobs import job_section, summary_section
@@ -119,10 +120,8 @@ def _recording(report: ReplayReport) -> list[tuple[str, str]]:
         ("meter", topics.meter or "none"),
     ]
     if time.start_ns is not None:
-        start = datetime.fromtimestamp(time.start_ns // 10**9, tz=UTC)
-        rows.append(
-            ("recorded", f"from {start:%Y-%m-%d %H:%M:%S} UTC, span {seconds(time.span_ns)}")
-        )
+        start = utc(time.start_ns, "%F %T")
+        rows.append(("recorded", f"from {start} UTC, span {seconds(time.span_ns)}"))
     for change in report.payload.changes if report.payload is not None else ():
         after = (change.from_ns - (time.start_ns or 0)) * NANOSECOND
         when = f"from {after:.3f} s on" if after > 0 else "from the start"

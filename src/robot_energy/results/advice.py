@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed
 
 
@@ -48,25 +48,21 @@ class Advice(Result):
     found: Annotated[str, "What the recordings show."]
     change: Annotated[str, "What to do."]
     command: Annotated[str, "The next command; empty where there is none."]
-    overlaps: Annotated[
-        tuple[str, ...], "Advice that saves a part of the same energy: do not add them."
-    ]
+    overlaps: Annotated[Texts, "Advice that saves a part of the same energy: do not add them."]
 
 
 class AdviceReport(Result, name="advice"):
     """What would save how much."""
 
-    source: Annotated[tuple[str, ...], "Recordings, or the dataset."]
+    source: Annotated[Texts, "Recordings, or the dataset."]
     model: Annotated[ModelUsed, "With which they were replayed."]
     basis: Annotated[AdviceBasis, "How they stand for a year."]
     advice: Annotated[tuple[Advice, ...], "What is claimed, the largest saving first."]
     unproven: Annotated[
         tuple[Advice, ...], "What was looked at and is smaller than its own uncertainty."
     ]
-    without: Annotated[
-        tuple[str, ...], "What these recordings say nothing of, and why, one sentence each."
-    ]
+    without: Annotated[Texts, "What these recordings say nothing of, and why, one sentence each."]
     energy_per_year: Annotated[float, "Of all that is claimed and does not overlap. [J]"]
-    counted: Annotated[tuple[str, ...], "Names of the advice in that sum."]
-    notes: Annotated[tuple[str, ...], "What a reader should know."]
-    problems: Annotated[tuple[str, ...], "What was wrong with the recordings."]
+    counted: Annotated[Texts, "Names of the advice in that sum."]
+    notes: Annotated[Texts, "What a reader should know."]
+    problems: Annotated[Texts, "What was wrong with the recordings."]

@@ -21,6 +21,7 @@ from robot_energy.model import RobotModel
 
 SCHEMA_VERSION = 3  # rises when a key goes, is renamed, or changes its meaning
 Number = float | None  # None where nothing is known
+Texts = tuple[str, ...]
 
 
 def known(value: float) -> Number:

@@ -10,7 +10,7 @@ from robot_energy.identify.drives.total_power import TotalFit
 from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy.identify.stats.cross_validation import EnergyScore
 from robot_energy.identify.stats.lag import Delay
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 
 
 class LossTerm(Result):
@@ -48,7 +48,7 @@ class TotalPower(Result):
         Delay | None, "Of the meter behind the joint states; None where it cannot be told."
     ]
     meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
-    notes: Annotated[tuple[str, ...], "What the readings do not tell, one sentence each."]
+    notes: Annotated[Texts, "What the readings do not tell, one sentence each."]
     parts: Annotated[
         dict[str, dict[str, float]], "Of the standard deviations, by column of the fit and cause."
     ]
@@ -63,9 +63,7 @@ class DrivesReport(Result, name="drives"):
         Delay | None, "Of that power behind the joint states; None where it cannot be told."
     ]
     total: Annotated[TotalPower | None, "From one meter for all drives; None without."]
-    notes: Annotated[
-        tuple[str, ...], "What was decided for the model file without data, one sentence each."
-    ]
+    notes: Annotated[Texts, "What was decided for the model file without data, one sentence each."]
 
 
 def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = ()) -> DrivesReport:

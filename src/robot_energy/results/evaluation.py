@@ -11,7 +11,7 @@ import numpy as np
 from robot_energy.accounting.prediction_errors import PowerErrorSums, TorqueErrorSums
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, tagged_entries
 from robot_energy.results.replay import JointShaft, ReplayReport
 
@@ -81,8 +81,8 @@ class RecordingScore(Result):
     scores: Annotated[
         tuple[ModelScore, ...], "Of the model, of fixed friction if that differs, and of zero."
     ]
-    problems: Annotated[tuple[str, ...], "What makes the figures doubtful, one sentence each."]
-    notes: Annotated[tuple[str, ...], "What a reader should know, one sentence each."]
+    problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
+    notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
     def score(self, name: str) -> ModelScore | None:
         """Return one of the scores; None if there is none of this name.

@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from robot_energy.identify.friction.friction import FrictionFit
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 
 
 class RefusedBag(Result):
@@ -19,7 +19,7 @@ class DamagedBag(Result):
 
     bag: Annotated[str, "Its place."]
     robot: Annotated[str, "Name of the robot."]
-    problems: Annotated[tuple[str, ...], "What is wrong with it, one sentence each."]
+    problems: Annotated[Texts, "What is wrong with it, one sentence each."]
 
 
 class FleetRunReport(Result, name="fleet_run"):
@@ -125,8 +125,7 @@ class FrictionCurve(Result):
     low: Annotated[tuple[Number, ...], "A tenth of the robots lie below. [-]"]
     high: Annotated[tuple[Number, ...], "A tenth of the robots lie above. [-]"]
     robots: Annotated[
-        tuple[str, ...],
-        "Names of those whose curves follow: the ones with a finding on this joint.",
+        Texts, "Names of those whose curves follow: the ones with a finding on this joint."
     ]
     by_degc: Annotated[
         tuple[tuple[Number, ...], ...],
@@ -147,7 +146,7 @@ class FleetReport(Result, name="fleet_report"):
     """Energy and condition of a fleet."""
 
     dataset: Annotated[str, "Where it lies."]
-    model_ids: Annotated[tuple[str, ...], "Of the models used."]
+    model_ids: Annotated[Texts, "Of the models used."]
     start_ns: Annotated[int | None, "Of the first bag. [ns since 1970]"]
     end_ns: Annotated[int | None, "Of the last bag. [ns since 1970]"]
     bags: Annotated[int, "Read, how many."]
@@ -168,9 +167,9 @@ class FleetReport(Result, name="fleet_report"):
         int, "Robots with enough bags to be compared with themselves before, how many."
     ]
     not_compared: Annotated[
-        tuple[str, ...], "Where not all were: how many, and what it takes, one sentence each."
+        Texts, "Where not all were: how many, and what it takes, one sentence each."
     ]
-    notes: Annotated[tuple[str, ...], "What a reader should know, one sentence each."]
+    notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
 
 class FleetTorqueScore(Result):
@@ -192,12 +191,8 @@ class FleetFriction(Result, name="fleet_friction"):
     bags: Annotated[int, "Used, how many."]
     robots: Annotated[int, "Used, how many."]
     axes: Annotated[tuple[FrictionFit, ...], "Friction of each joint."]
-    refused: Annotated[
-        tuple[str, ...], "Why other joints could not be identified, one sentence each."
-    ]
+    refused: Annotated[Texts, "Why other joints could not be identified, one sentence each."]
     held_out: Annotated[
         tuple[FleetTorqueScore, ...], "On a fifth of the bags at a time that the fit has not seen."
     ]
-    left_out: Annotated[
-        tuple[str, ...], "Robots whose friction differs from that of their sisters."
-    ]
+    left_out: Annotated[Texts, "Robots whose friction differs from that of their sisters."]

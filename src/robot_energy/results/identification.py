@@ -21,7 +21,7 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
 from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.drives import DrivesReport, drives_report
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
 
@@ -36,7 +36,7 @@ class ThermalReport(Result, name="thermal"):
     ]
     ambient_degc: Annotated[float, "Temperature of the air that was taken. [degC]"]
     axes: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
-    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    refused: Annotated[Texts, "Why the others could not, one sentence each."]
 
 
 class LoadStatesReport(Result, name="auxiliary"):
@@ -47,7 +47,7 @@ class LoadStatesReport(Result, name="auxiliary"):
         "One for each load with a meter of its own; one for all others together where the "
         "recordings have a meter of the outlet.",
     ]
-    refused: Annotated[tuple[str, ...], "Why others could not be identified, one sentence each."]
+    refused: Annotated[Texts, "Why others could not be identified, one sentence each."]
 
 
 class FrictionReport(Result, name="friction"):
@@ -57,7 +57,7 @@ class FrictionReport(Result, name="friction"):
         str, "What the torque was measured as; ``log`` for relative figures of a log."
     ]
     axes: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
-    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    refused: Annotated[Texts, "Why the others could not, one sentence each."]
 
     @property
     def torque_unit(self) -> str:
@@ -149,7 +149,7 @@ class StepReport(Result):
     subject: Annotated[str, "What it is about."]
     taken: Annotated[bool, "Whether the model has what was found."]
     reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
-    notes: Annotated[tuple[str, ...], "What was decided without data, one sentence each."]
+    notes: Annotated[Texts, "What was decided without data, one sentence each."]
     found: Annotated[StepFound | None, "What the recordings tell; None if the step was left out."]
     step: Annotated[Step, "The step behind it."] = field(repr=False)
 
@@ -173,9 +173,7 @@ class IdentificationReport(Result, name="identification"):
         dict[str, float],
         "Mean size of its error at the meter, by stage; empty without a meter. [-]",
     ]
-    notes: Annotated[
-        tuple[str, ...], "What does not fit the model as given, one sentence each."
-    ] = ()
+    notes: Annotated[Texts, "What does not fit the model as given, one sentence each."] = ()
 
     def taken(self, subject: str) -> bool:
         """Whether the model has new figures of a subject.

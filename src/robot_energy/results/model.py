@@ -8,7 +8,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.figure import Tag
 from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.results.base import Result
+from robot_energy.results.base import Result, Texts
 
 TAGS: tuple[str, ...] = get_args(Tag)
 
@@ -47,9 +47,9 @@ class ModelReport(ModelUsed, name="model"):
 
     description: Annotated[str | None, "Of the robot."]
     joints: Annotated[tuple[JointOfModel, ...], "In model order."]
-    locked_joints: Annotated[tuple[str, ...], "Joints of the URDF that are held."]
-    inventory: Annotated[tuple[str, ...], "Joints and links of the URDF, one sentence each."]
-    coupling: Annotated[tuple[str, ...], "Motors that turn with another joint."]
+    locked_joints: Annotated[Texts, "Joints of the URDF that are held."]
+    inventory: Annotated[Texts, "Joints and links of the URDF, one sentence each."]
+    coupling: Annotated[Texts, "Motors that turn with another joint."]
     moving_mass: Annotated[float, "Payload included. [kg]"]
     payload_mass: Annotated[float, "[kg]"]
     loss_dc: Annotated[float, "Constant loss on the DC side. [W]"]
@@ -58,8 +58,7 @@ class ModelReport(ModelUsed, name="model"):
     capacitor: Annotated[bool, "Whether the DC-link capacitor is modelled."]
     stale_after: Annotated[float, "Age from which a temperature counts as unknown. [s]"]
     remarks: Annotated[
-        tuple[str, ...],
-        "What contradicts the rest, as figures in wrong units do, one sentence each.",
+        Texts, "What contradicts the rest, as figures in wrong units do, one sentence each."
     ]
 
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed
 
 
@@ -135,6 +135,6 @@ class OptimizationReport(Result, name="optimization"):
     ]
     supply: Annotated[CommonSupply | None, "Power of that supply; None without others."]
     checked_energy: Annotated[float, "Of the choice by the prediction of live operation. [J]"]
-    how_to_try: Annotated[tuple[str, ...], "What to do on the robot, in this order."]
-    problems: Annotated[tuple[str, ...], "What makes the figures doubtful, one sentence each."]
-    notes: Annotated[tuple[str, ...], "What a reader should know, one sentence each."]
+    how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
+    problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
+    notes: Annotated[Texts, "What a reader should know, one sentence each."]

@@ -12,7 +12,7 @@ from robot_energy.results.auxiliary import (
     auxiliary_report,
     missing_sentences,
 )
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
 from robot_energy.results.model import count_tags
 
@@ -48,10 +48,8 @@ class JointLimitUse(Result):
 class FrictionReach(Result):
     """Joints whose friction law does not tell the assumed temperature."""
 
-    extrapolated_joints: Annotated[tuple[str, ...], "Their law was never fitted there."]
-    one_temperature_joints: Annotated[
-        tuple[str, ...], "Their law is the same at every temperature."
-    ]
+    extrapolated_joints: Annotated[Texts, "Their law was never fitted there."]
+    one_temperature_joints: Annotated[Texts, "Their law is the same at every temperature."]
 
 
 class PredictionReport(EnergyReport):

@@ -18,7 +18,6 @@ from robot_energy.results.auxiliary import (
 from robot_energy.results.base import Number, Result
 from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import (
-    EnergyBreakdown,
     EnergyReport,
     MeterComparison,
     common_figures,
@@ -153,7 +152,12 @@ def replay_report(
         inputs=inputs,
         problems=(
             *result.problems,
-            *_problems(common["energy"], inputs),
+            *unbalanced(common["energy"]),
+            *(
+                f"the account of {name.replace('_', ' ')} does not balance"
+                for name, account_ in inputs.items()
+                if not account_.balanced
+            ),
             *missing_sentences(auxiliary),
         ),
         notes=(*result.notes, *_notes(result)),
@@ -255,14 +259,6 @@ def _inputs(result: Replay) -> dict[str, InputAccount]:
         balanced = account.received == account.accepted + sum(rejected.values())
         found[name] = InputAccount(account.received, account.accepted, rejected, balanced)
     return found
-
-
-def _problems(energy: EnergyBreakdown, inputs: dict[str, InputAccount]) -> list[str]:
-    problems = unbalanced(energy)
-    for name, account in inputs.items():
-        if not account.balanced:
-            problems.append(f"the account of {name.replace('_', ' ')} does not balance")
-    return problems
 
 
 def _notes(result: Replay) -> list[str]:

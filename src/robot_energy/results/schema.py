@@ -23,9 +23,8 @@ from robot_energy.results.advice import AdviceReport
 from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.check import CheckReport
 from robot_energy.results.drives import DrivesReport
-from robot_energy.results.dynamics import DynamicsReport
+from robot_energy.results.dynamics import DynamicsReport, ExcitationReport
 from robot_energy.results.evaluation import EvaluationReport
-from robot_energy.results.excitation import ExcitationReport
 from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
 from robot_energy.results.identification import (
     CabinetReport,
