@@ -6,7 +6,7 @@ from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command
-from robot_energy.cli.identify_inputs import bag_options, bags_of
+from robot_energy.cli.identify_inputs import IdentifyInputs, bag_options
 from robot_energy.cli.replay_options import model_named
 from robot_energy.cli.terminal import (
     JSON_OPTION,
@@ -43,7 +43,7 @@ def _run(args: Namespace) -> int:
 
     named = model_named(args)
     check_outputs(args, [*args.bags, named, args.inputs])
-    effort, inputs = bags_of(args).meaning()
+    effort, inputs = IdentifyInputs(args).bags().meaning()
     model = load(named)
     results = [check(bag, model, effort, inputs) for bag in args.bags]
     if args.json != "-":

@@ -5,12 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from robot_energy.cli.command import REQUIRED, Command, Options
-from robot_energy.cli.identify_inputs import (
-    SENSOR_OPTIONS,
-    check_results,
-    result_options,
-    sensor_limits,
-)
+from robot_energy.cli.identify_inputs import SENSOR_OPTIONS, IdentifyInputs, result_options
 from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
@@ -33,9 +28,11 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.fleet import fleet_friction_document
     from robot_energy.report.friction_figure import friction_over_temperature
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     tables = read_tables(args.dataset)
-    found, model = identify_fleet(tables, load(args.model), args.dataset, sensor_limits(args))
+    found, model = identify_fleet(
+        tables, load(args.model), args.dataset, IdentifyInputs(args).sensor_limits()
+    )
     page = Document("Friction of a fleet", f"Identified from {args.dataset}.")
     fleet_friction_document(found, page)
 

@@ -11,12 +11,9 @@ from robot_energy.cli.identify_inputs import (
     LINK_VOLTAGES,
     SENSOR_OPTIONS,
     SHARE_SHAPE,
+    IdentifyInputs,
     bag_options,
-    check_results,
-    drive_power_topics,
-    link_voltages,
     result_options,
-    sensor_limits,
 )
 from robot_energy.cli.terminal import present, progress
 from robot_energy.errors import ModelFileError
@@ -65,7 +62,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.identify_all import identification_document, identification_lead
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     _check(args)
     result = identify_all(
         args.bags,
@@ -77,10 +74,10 @@ def _run(args: Namespace) -> int:
         drive_power=args.drive_power,
         drive_joints=args.drive_joints,
         dq_scaling=args.dq_scaling,
-        link_voltages=link_voltages(args),
+        link_voltages=IdentifyInputs(args).link_voltages(),
         share_shape=args.share_shape,
         inputs=args.inputs,
-        sensors=sensor_limits(args),
+        sensors=IdentifyInputs(args).sensor_limits(),
         progress=progress,
     )
     found = result.found
@@ -94,7 +91,7 @@ def _check(args: Namespace) -> None:
     """Refuse options that do not fit together, and one recording twice."""
     from robot_energy.identify.provenance import require_distinct
 
-    drive_power_topics(args)
+    IdentifyInputs(args).drive_power()
     if args.test and args.no_test:
         raise ModelFileError("--test and --no-test exclude each other", "one of them")
     if set(args.skip) == set(SUBJECTS):

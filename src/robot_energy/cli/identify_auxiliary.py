@@ -7,11 +7,9 @@ from argparse import Namespace
 from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
     SENSOR_OPTIONS,
+    IdentifyInputs,
     bag_options,
-    bags_of,
-    check_results,
     result_options,
-    source_of,
 )
 from robot_energy.cli.terminal import present
 
@@ -35,11 +33,13 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.identification import states_document
 
-    check_results(args)
-    result = identify_auxiliary(bags_of(args), args.model, outlet_meter=args.outlet_meter)
+    IdentifyInputs(args).check_results()
+    result = identify_auxiliary(
+        IdentifyInputs(args).bags(), args.model, outlet_meter=args.outlet_meter
+    )
     page = Document(
         f"Loads of the cell of {result.model.robot.type}",
-        f"Powers of their states identified from {source_of(args)}.",
+        f"Powers of their states identified from {IdentifyInputs(args).names()}.",
     )
     states_document(result.found, page)
     present(args, result.found, page, model=result.model)

@@ -8,12 +8,9 @@ from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
     LINK_VOLTAGES,
     SENSOR_OPTIONS,
+    IdentifyInputs,
     bag_options,
-    bags_of,
-    check_results,
-    link_voltages,
     result_options,
-    source_of,
 )
 from robot_energy.cli.terminal import present
 
@@ -40,11 +37,13 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.identification import cabinet_document
 
-    check_results(args)
-    result = identify_cabinet(bags_of(args), args.model, link_voltages=link_voltages(args))
+    IdentifyInputs(args).check_results()
+    result = identify_cabinet(
+        IdentifyInputs(args).bags(), args.model, link_voltages=IdentifyInputs(args).link_voltages()
+    )
     page = Document(
         f"Cabinet of {result.model.robot.type}",
-        f"Constant losses and DC link identified from {source_of(args)}.",
+        f"Constant losses and DC link identified from {IdentifyInputs(args).names()}.",
     )
     cabinet_document(result.found, page)
     present(args, result.found, page, model=result.model)

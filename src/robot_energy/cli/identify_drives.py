@@ -12,11 +12,8 @@ from robot_energy.cli.identify_inputs import (
     DRIVE_POWER,
     LOG,
     SENSOR_OPTIONS,
+    IdentifyInputs,
     bag_options,
-    bags_of,
-    check_results,
-    check_source,
-    drive_power_topics,
     result_options,
 )
 from robot_energy.cli.numbers import frequency
@@ -80,7 +77,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.drives import drives_document, efficiency_maps, mapped
     from robot_energy.results.drives import drives_report
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     _check(args)
     data, model, torque = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
@@ -109,7 +106,7 @@ def _run(args: Namespace) -> int:
 
 def _check(args: Namespace) -> None:
     """Refuse options that do not fit together."""
-    check_source(args)
+    IdentifyInputs(args).check_source()
     if args.log and args.mapping is None:
         raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
     if args.log and (args.out or args.model or args.effort):
@@ -144,7 +141,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     from robot_energy.model import load
 
     model = load(args.model)
-    effort, _ = bags_of(args).meaning()
+    effort, _ = IdentifyInputs(args).bags().meaning()
     with ExitStack() as stack:
         recording = LOG_FORMATS[args.log_format].recording if args.log_format else None
         if recording is not None:
@@ -155,8 +152,8 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
             ]
         else:
             bags = args.bags
-        recordings = bags_of(args, bags).recordings(model)
-        topics = drive_power_topics(args)
+        recordings = IdentifyInputs(args).bags(bags).recordings(model)
+        topics = IdentifyInputs(args).drive_power()
         powers = [topics and topics.read(bag, model.joint_names) for bag in bags]
     measured = effort is not EffortMeaning.NONE
     if measured:

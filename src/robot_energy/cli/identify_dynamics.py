@@ -12,12 +12,9 @@ from typing import TYPE_CHECKING
 from robot_energy.cli.command import LIST, Command, Options
 from robot_energy.cli.identify_inputs import (
     SENSOR_OPTIONS,
+    IdentifyInputs,
     bag_options,
-    bags_of,
-    check_results,
-    check_source,
     result_options,
-    sensor_limits,
 )
 from robot_energy.cli.terminal import present
 
@@ -85,8 +82,8 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.dynamics import dynamics_document
     from robot_energy.results.dynamics import dynamics_report
 
-    check_results(args)
-    check_source(args, needs_effort=True)
+    IdentifyInputs(args).check_results()
+    IdentifyInputs(args).check_source(needs_effort=True)
     for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "scipy.stats"):
         import_module(name)  # here, so that the time below is of the work alone
     begin = time.perf_counter()
@@ -147,7 +144,7 @@ def _bags(args: Namespace) -> Read:
     from robot_energy.model import load
 
     model = load(args.model)
-    recordings = bags_of(args).channels(model)
+    recordings = IdentifyInputs(args).bags().channels(model)
     return model, recordings, [Path(bag).name for bag in args.bags], None
 
 
@@ -161,7 +158,7 @@ def _settings(args: Namespace) -> DynamicsSettings:
         method=args.method,
         filters=Filters(cutoff=args.cutoff),
         delay_span=args.delay * 1e-3,
-        sensors=sensor_limits(args),
+        sensors=IdentifyInputs(args).sensor_limits(),
     )
 
 

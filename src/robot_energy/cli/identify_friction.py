@@ -10,13 +10,9 @@ from robot_energy.cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,
     SHARE_SHAPE,
+    IdentifyInputs,
     bag_options,
-    bags_of,
-    check_results,
-    check_source,
-    columns_of_log,
     result_options,
-    source_of,
 )
 from robot_energy.cli.terminal import present
 from robot_energy.errors import ModelFileError, NotIdentifiableError
@@ -67,14 +63,16 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.identification import friction_document, study_document
     from robot_energy.results.identification import FrictionReport, FrictionStudyReport
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     why = "figures from a log are relative and make no model file"
-    check_source(args, needs_effort=True, relative=why)
+    IdentifyInputs(args).check_source(needs_effort=True, relative=why)
     if (args.train is None) != (args.test is None):
         raise ModelFileError("--train and --test belong together", "both or none")
-    source = source_of(args)
+    source = IdentifyInputs(args).names()
     if args.train is not None:
-        axes = _log(args) if args.log else bags_of(args).friction_data(load(args.model))
+        axes = (
+            _log(args) if args.log else IdentifyInputs(args).bags().friction_data(load(args.model))
+        )
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
         page = Document("Friction at temperatures that were not seen", source)
         study_document(studies, page)
@@ -95,7 +93,9 @@ def _run(args: Namespace) -> int:
     else:
         from robot_energy.api.identify import identify_friction
 
-        result = identify_friction(bags_of(args), args.model, share_shape=args.share_shape)
+        result = identify_friction(
+            IdentifyInputs(args).bags(), args.model, share_shape=args.share_shape
+        )
         report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")
     friction_document(report, page)
@@ -110,7 +110,7 @@ def _run(args: Namespace) -> int:
 def _log(args: Namespace) -> list[FrictionData]:
     from robot_energy.identify.friction.samples import friction_data_of_log
 
-    parts, names = columns_of_log(args)
+    parts, names = IdentifyInputs(args).columns_of_log()
     return [friction_data_of_log(parts, names, j) for j in range(len(names))]
 
 

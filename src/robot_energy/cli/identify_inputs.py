@@ -91,23 +91,6 @@ def bag_options(
     }
 
 
-def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
-    """Return where the bags have the power of each drive; None without `--drive-power`.
-
-    Args:
-        args: Of the command.
-
-    Raises:
-        ModelFileError: If the options do not fit together.
-    """
-    from robot_energy.identify.drives.drive_power import drive_topics
-
-    if not args.drive_power and (args.drive_joints or args.dq_scaling != "peak"):
-        option = "--drive-joints" if args.drive_joints else "--dq-scaling"
-        raise ModelFileError(f"{option} without --drive-power", "both or none")
-    return drive_topics(args.drive_power, args.drive_joints, args.dq_scaling)
-
-
 def result_options(what: str, plot: str = "") -> Options:
     """Return what can be written.
 
@@ -119,128 +102,129 @@ def result_options(what: str, plot: str = "") -> Options:
     return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS, **figure}
 
 
-def sensor_limits(args: Namespace) -> SensorLimits:
-    """Return the limits of the constant errors of the sensors.
+class IdentifyInputs:
+    """What was typed of recordings, logs and files to write, with that of the options above.
 
     Args:
         args: Of the command.
-
-    Raises:
-        ModelFileError: If one is negative.
     """
-    from robot_energy.identify.stats.systematic import SensorLimits
 
-    given: dict[str, float] = {}
-    for name, unit, field, *_ in SENSORS:
-        value = getattr(args, name_of(name))
-        if value is not None:
-            given[field] = value / 100.0 if unit == "PERCENT" else value
-    return SensorLimits(**given)
+    def __init__(self, args: Namespace) -> None:
+        self.args = args
 
+    def drive_power(self) -> DrivePowerTopics | None:
+        """Return where the bags have the power of each drive; None without `--drive-power`.
 
-def link_voltages(args: Namespace) -> tuple[float, float] | None:
-    """Return the voltages of the DC link, None if they were not given.
+        Raises:
+            ModelFileError: If the options do not fit together.
+        """
+        from robot_energy.identify.drives.drive_power import drive_topics
 
-    Args:
-        args: Of the command, with that of `LINK_VOLTAGES`.
+        if not self.args.drive_power and (self.args.drive_joints or self.args.dq_scaling != "peak"):
+            option = "--drive-joints" if self.args.drive_joints else "--dq-scaling"
+            raise ModelFileError(f"{option} without --drive-power", "both or none")
+        return drive_topics(self.args.drive_power, self.args.drive_joints, self.args.dq_scaling)
 
-    Returns:
-        Rectified mains, and the voltage at which the brake chopper starts. [V]
+    def sensor_limits(self) -> SensorLimits:
+        """Return the limits of the constant errors of the sensors.
 
-    Raises:
-        ModelFileError: If they do not rise from above 0.
-    """
-    if args.link_voltages is None:
-        return None
-    low, high = args.link_voltages
-    if not 0.0 < low < high < float("inf"):
-        raise ModelFileError(
-            f"--link-voltages are {low:g} and {high:g} V",
-            "rectified mains above 0, then the higher voltage of the chopper",
-        )
-    return low, high
+        Raises:
+            ModelFileError: If one is negative.
+        """
+        from robot_energy.identify.stats.systematic import SensorLimits
 
+        given: dict[str, float] = {}
+        for name, unit, field, *_ in SENSORS:
+            value = getattr(self.args, name_of(name))
+            if value is not None:
+                given[field] = value / 100.0 if unit == "PERCENT" else value
+        return SensorLimits(**given)
 
-def check_results(args: Namespace) -> None:
-    """Refuse files that cannot be written, before the work.
+    def link_voltages(self) -> tuple[float, float] | None:
+        """Return the voltages of the DC link, None if they were not given.
 
-    Args:
-        args: Of the command, with those of `result_options` and with all that it reads.
+        Returns:
+            Rectified mains, and the voltage at which the brake chopper starts. [V]
 
-    Raises:
-        ReportError: If one of them cannot be.
-    """
-    inputs: list[Any] = []
-    for name in ("bags", "test", "log", "model", "inputs", "mapping"):
-        value = getattr(args, name, None)
-        inputs += value if isinstance(value, list) else [value]
-    check_outputs(args, [one for one in inputs if isinstance(one, str)], args.out)
-
-
-def check_source(args: Namespace, needs_effort: bool = False, relative: str = "") -> None:
-    """Refuse bags together with logs, without what they need, or one recording twice.
-
-    Args:
-        args: Of the command, with bags and a log.
-        needs_effort: Whether the command uses the effort in the joint states of bags.
-        relative: Why a log, which needs its mapping, makes no model file; empty where it does.
-
-    Raises:
-        ModelFileError: Saying which options belong together.
-        BagError: If two bags or logs are the same.
-    """
-    from robot_energy.identify.provenance import require_distinct
-
-    if bool(args.bags) == bool(args.log):
-        raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
-    if args.bags:
-        if needs_effort and (args.model is None or (args.effort is None and args.inputs is None)):
+        Raises:
+            ModelFileError: If they do not rise from above 0.
+        """
+        if self.args.link_voltages is None:
+            return None
+        low, high = self.args.link_voltages
+        if not 0.0 < low < high < float("inf"):
             raise ModelFileError(
-                "bags need --model and --effort",
-                f"a model file, and one of {', '.join(EFFORTS)}",
-                "the effort of a driver is never guessed",
+                f"--link-voltages are {low:g} and {high:g} V",
+                "rectified mains above 0, then the higher voltage of the chopper",
             )
-        if args.model is None:
-            raise ModelFileError("bags need --model", "a model file")
-    require_distinct([Path(name) for name in args.bags or args.log])
-    if args.log and relative:
-        if args.mapping is None:
-            raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
-        if args.out is not None:
-            raise ModelFileError(relative, "bags with --model", "import the log to a bag")
+        return low, high
 
+    def check_results(self) -> None:
+        """Refuse files that cannot be written, before the work.
 
-def columns_of_log(args: Namespace) -> tuple[list[LogBlock], list[str]]:
-    """Return the columns of the tables, one entry for each, and the names of the joints.
+        Raises:
+            ReportError: If one of them cannot be.
+        """
+        inputs: list[Any] = []
+        for name in ("bags", "test", "log", "model", "inputs", "mapping"):
+            value = getattr(self.args, name, None)
+            inputs += value if isinstance(value, list) else [value]
+        check_outputs(self.args, [one for one in inputs if isinstance(one, str)], self.args.out)
 
-    Args:
-        args: Of the command, with a log and its mapping.
-    """
-    from robot_energy.logs import load_mapping, open_logs
+    def check_source(self, needs_effort: bool = False, relative: str = "") -> None:
+        """Refuse bags together with logs, without what they need, or one recording twice.
 
-    mapping = load_mapping(args.mapping)
-    return [log.whole() for log in open_logs(args.log, mapping)], mapping.joints.names
+        Args:
+            needs_effort: Whether the command uses the effort in the joint states of bags.
+            relative: Why a log, which needs its mapping, makes no model file; empty where it does.
 
+        Raises:
+            ModelFileError: Saying which options belong together.
+            BagError: If two bags or logs are the same.
+        """
+        from robot_energy.identify.provenance import require_distinct
 
-def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSource:
-    """Return the recordings, and how they are read.
+        args = self.args
+        if bool(args.bags) == bool(args.log):
+            raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
+        if args.bags:
+            if needs_effort and (None in (args.model, args.effort or args.inputs)):
+                raise ModelFileError(
+                    "bags need --model and --effort",
+                    f"a model file, and one of {', '.join(EFFORTS)}",
+                    "the effort of a driver is never guessed",
+                )
+            if args.model is None:
+                raise ModelFileError("bags need --model", "a model file")
+        require_distinct([Path(name) for name in args.bags or args.log])
+        if args.log and relative:
+            if args.mapping is None:
+                raise ModelFileError(
+                    "the log has no --mapping", "a YAML file that names its columns"
+                )
+            if args.out is not None:
+                raise ModelFileError(relative, "bags with --model", "import the log to a bag")
 
-    Args:
-        args: Of the command.
-        bags: Instead of those that the command names.
-    """
-    from robot_energy.api.inputs import BagSource
+    def columns_of_log(self) -> tuple[list[LogBlock], list[str]]:
+        """Return the columns of the tables, one entry for each, and the names of the joints."""
+        from robot_energy.logs import load_mapping, open_logs
 
-    effort, robot = getattr(args, "effort", None), getattr(args, "robot", None)
-    sensors = sensor_limits(args) if hasattr(args, "meter_class") else None
-    used = args.bags if bags is None else bags
-    return BagSource(used, effort, args.inputs, robot, progress, sensors)
+        mapping = load_mapping(self.args.mapping)
+        return [log.whole() for log in open_logs(self.args.log, mapping)], mapping.joints.names
 
+    def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
+        """Return the recordings, and how they are read.
 
-def source_of(args: Namespace) -> str:
-    """Return the names of the recordings, for the model file.
+        Args:
+            bags: Instead of those that the command names.
+        """
+        from robot_energy.api.inputs import BagSource
 
-    Args:
-        args: Of the command, with bags or a log.
-    """
-    return ", ".join(Path(name).name for name in args.bags or args.log)
+        effort, robot = getattr(self.args, "effort", None), getattr(self.args, "robot", None)
+        sensors = self.sensor_limits() if hasattr(self.args, "meter_class") else None
+        used = self.args.bags if bags is None else bags
+        return BagSource(used, effort, self.args.inputs, robot, progress, sensors)
+
+    def names(self) -> str:
+        """Return the names of the recordings, for the model file."""
+        return ", ".join(Path(name).name for name in self.args.bags or self.args.log)

@@ -6,16 +6,7 @@ from argparse import ArgumentTypeError, Namespace
 from typing import Any
 
 from robot_energy.cli.command import Command, Options
-from robot_energy.cli.identify_inputs import (
-    LOG,
-    bag_options,
-    bags_of,
-    check_results,
-    check_source,
-    columns_of_log,
-    result_options,
-    source_of,
-)
+from robot_energy.cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
 from robot_energy.cli.numbers import number
 from robot_energy.cli.terminal import present
 
@@ -48,18 +39,24 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.identification import thermal_document
     from robot_energy.results.identification import ThermalReport
 
-    check_results(args)
-    check_source(args, relative="the heat of a log is relative and makes no model file")
+    IdentifyInputs(args).check_results()
+    IdentifyInputs(args).check_source(
+        relative="the heat of a log is relative and makes no model file"
+    )
     model = None
     if args.log:
         report = _of_log(args)
     else:
         from robot_energy.api.identify import identify_thermal
 
-        result = identify_thermal(bags_of(args), args.model, ambient_degc=args.ambient)
+        result = identify_thermal(
+            IdentifyInputs(args).bags(), args.model, ambient_degc=args.ambient
+        )
         report, model = result.found, result.model
     assert isinstance(report, ThermalReport)
-    page = Document("Thermal networks of the motors", f"Identified from {source_of(args)}.")
+    page = Document(
+        "Thermal networks of the motors", f"Identified from {IdentifyInputs(args).names()}."
+    )
     thermal_document(report, page)
     present(args, report, page, model=model)
     return 0
@@ -70,7 +67,7 @@ def _of_log(args: Namespace) -> Any:
     from robot_energy.identify.thermal.windows import runs_of_log
     from robot_energy.results.identification import ThermalReport
 
-    parts, names = columns_of_log(args)
+    parts, names = IdentifyInputs(args).columns_of_log()
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]
     ambient, fits, refused = fit_networks(names, runs, args.ambient)
     return ThermalReport("squared_current", ambient, tuple(fits), tuple(refused))
