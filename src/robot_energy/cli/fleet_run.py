@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import REQUIRED, Command, add_options
 from robot_energy.cli.numbers import positive
-from robot_energy.cli.replay_options import JOBS, add_replay, options_of
+from robot_energy.cli.replay_options import DAMAGED, JOBS, add_replay, options_of
 from robot_energy.cli.terminal import (
     JSON_OPTION,
     check_outputs,
@@ -86,7 +86,6 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.cli.replay_options import DAMAGED
     from robot_energy.fleet.bag_list import FleetModels
     from robot_energy.fleet.dataset import Dataset
     from robot_energy.fleet.run import FleetRun, run_fleet, where_asked

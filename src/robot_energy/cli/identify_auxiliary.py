@@ -33,13 +33,12 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.identification import states_document
 
-    IdentifyInputs(args).check_results()
-    result = identify_auxiliary(
-        IdentifyInputs(args).bags(), args.model, outlet_meter=args.outlet_meter
-    )
+    given = IdentifyInputs(args)
+    given.check_results()
+    result = identify_auxiliary(given.bags(), args.model, outlet_meter=args.outlet_meter)
     page = Document(
         f"Loads of the cell of {result.model.robot.type}",
-        f"Powers of their states identified from {IdentifyInputs(args).names()}.",
+        f"Powers of their states identified from {given.names()}.",
     )
     states_document(result.found, page)
     present(args, result.found, page, model=result.model)

@@ -37,13 +37,12 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.identification import cabinet_document
 
-    IdentifyInputs(args).check_results()
-    result = identify_cabinet(
-        IdentifyInputs(args).bags(), args.model, link_voltages=IdentifyInputs(args).link_voltages()
-    )
+    given = IdentifyInputs(args)
+    given.check_results()
+    result = identify_cabinet(given.bags(), args.model, link_voltages=given.link_voltages())
     page = Document(
         f"Cabinet of {result.model.robot.type}",
-        f"Constant losses and DC link identified from {IdentifyInputs(args).names()}.",
+        f"Constant losses and DC link identified from {given.names()}.",
     )
     cabinet_document(result.found, page)
     present(args, result.found, page, model=result.model)

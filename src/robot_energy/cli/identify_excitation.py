@@ -14,6 +14,11 @@ from robot_energy.cli.terminal import (
     present,
     progress,
 )
+from robot_energy.errors import ReportError
+from robot_energy.files.output_files import check_file
+from robot_energy.files.output_folder import folder_path
+from robot_energy.files.placement import all_or_none
+from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
     from robot_energy.identify.excitation.limits import Floor
@@ -89,7 +94,6 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     import numpy as np
 
-    from robot_energy.files.placement import all_or_none
     from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
     from robot_energy.identify.excitation.limits import ExcitationLimits
     from robot_energy.model import load
@@ -132,11 +136,7 @@ def _run(args: Namespace) -> int:
 
 def _folder(args: Namespace, model: RobotModel) -> Path:
     """Refuse what cannot be written before the search."""
-    from robot_energy.errors import ReportError
-    from robot_energy.files.output_files import check_file
-    from robot_energy.files.output_folder import folder_path
     from robot_energy.motion.trajectory_io import csv_kind
-    from robot_energy.shown_text import shown
 
     folder = folder_path(args.out)
     inputs = [args.model]

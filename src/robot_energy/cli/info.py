@@ -6,12 +6,11 @@ from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command
+from robot_energy.cli.replay_options import DAMAGED
 from robot_energy.cli.terminal import console
 
 if TYPE_CHECKING:
     from robot_energy.bag import BagReader
-
-DAMAGED = 3
 
 
 def _run(args: Namespace) -> int:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.command import SEVERAL, Command, add_options
 from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy.cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
+from robot_energy.errors import MotionError
 
 if TYPE_CHECKING:
     from robot_energy.blocks import Float
@@ -82,7 +83,6 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.errors import MotionError
     from robot_energy.report.document import Document
     from robot_energy.report.prediction import labels, prediction_document
     from robot_energy.report.prediction_figure import energy_and_power
@@ -112,7 +112,6 @@ def _run(args: Namespace) -> int:
 
 def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     """All programs by all robots at all temperatures."""
-    from robot_energy.errors import MotionError
     from robot_energy.model import load
     from robot_energy.motion.load_motion import joint_list, load_motion
     from robot_energy.physics.rigid_body import Robot
@@ -162,8 +161,6 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
 
 def _load_state(text: str) -> tuple[str, str]:
     """Name and state of ``LOAD=STATE``."""
-    from robot_energy.errors import MotionError
-
     name, sign, state = text.partition("=")
     if not sign:
         raise MotionError(f"--auxiliary is '{text}'", "LOAD=STATE, such as pump=on")
@@ -172,7 +169,6 @@ def _load_state(text: str) -> tuple[str, str]:
 
 def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
     """Say how long a prediction is before it begins, and refuse one that is too long."""
-    from robot_energy.errors import MotionError
     from robot_energy.prediction import planned_samples
 
     samples = sum(planned_samples(plan.motion, repeat) for plan, repeat in plans)
@@ -189,8 +185,6 @@ def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
 
 
 def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[str | None]:
-    from robot_energy.errors import MotionError
-
     if values is None:
         return [None] * count
     if len(values) not in (1, count):
