@@ -57,7 +57,7 @@ def document(
         if (found := FIGURE.fullmatch(_joined(block))) is not None:
             page.figure(pieces[found[2]], found[1])
         elif block.startswith("```"):
-            page.command(block.strip("`\n"))
+            page.paragraph(block.strip("`\n"), "command")
         elif block.startswith("@"):
             pieces[block[1:]](page)
         else:

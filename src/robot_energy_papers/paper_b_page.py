@@ -13,7 +13,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.identify.drives.drives import Way
 from robot_energy.report.canvas import COLOURS, SERIES
-from robot_energy.report.efficiency_figure import efficiency_maps
+from robot_energy.report.drives import efficiency_maps
 from robot_energy.report.formats import NOTHING
 from robot_energy_papers.accuracy import DEFINITIONS
 from robot_energy_papers.drawings import (

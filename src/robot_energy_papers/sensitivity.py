@@ -48,7 +48,6 @@ class OpenFigure:
             raise ValueError(f"{self.key}: {self.low}, {self.nominal}, {self.high} do not rise")
 
 
-@dataclass(frozen=True)
 class SensitivityRow(Result):
     """One open figure.
 
@@ -70,7 +69,6 @@ class SensitivityRow(Result):
     reproduces: Number
 
 
-@dataclass(frozen=True)
 class Combination(Result):
     """Several figures that give the published result together.
 
@@ -85,7 +83,6 @@ class Combination(Result):
     result: float
 
 
-@dataclass(frozen=True)
 class SensitivityTable(Result):
     """What one quantity owes to the open figures.
 

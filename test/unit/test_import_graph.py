@@ -47,12 +47,11 @@ MODULES = {
         unseen
     """,
     "robot_energy.cli": """
-        advise check completion export fleet fleet_identify fleet_report fleet_run help_text
-        identify identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
+        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_thermal import_logs info
-        kinds layouts main models monitoring numbers optimize page predict replay replay_options
-        report robots schema
-        simulate stopping terminal test tool_options
+        layouts listings main models monitoring numbers optimize predict replay replay_options
+        report simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
         baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
@@ -160,16 +159,14 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        advice auxiliary canvas condition document drives dynamics efficiency_figure energy
-        energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout load_states model optimization
-        optimization_figure parameters power_figure prediction prediction_figure printing recordings
-        repeats replay series temperature_figure thermal torque_figure trend_figure
+        advice canvas document drives dynamics energy evaluation fleet fleet_figures formats
+        friction_figure headline held_out html identification identify_all jobs kinds layout model
+        optimization parameters power_figure prediction prediction_figure printing recordings
+        repeats replay series temperature_figure
     """,
     "robot_energy.results": """
-        advice auxiliary base check condition drives dynamics energy evaluation excitation fleet
-        identification load_states model optimization optimization_figures prediction replay schema
-        thermal uncertainty
+        advice auxiliary base check condition drives dynamics energy evaluation fleet identification
+        model optimization optimization_figures prediction replay schema
     """,
     "robot_energy.rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply thermal

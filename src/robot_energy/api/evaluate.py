@@ -13,6 +13,7 @@ import numpy as np
 from robot_energy.accounting.prediction_errors import TorqueErrorSums
 from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.api.replay import FALLBACK, ReplayOptions, fixed_friction, run_replay
+from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import BagError
 from robot_energy.identify.data.bags import Bag
 from robot_energy.model import RobotModel
@@ -23,8 +24,6 @@ from robot_energy.results.evaluation import (
     EvaluationReport,
     RecordingScore,
     ScoreSums,
-    location_of,
-    meaning_of,
     seen_in_fit,
 )
 from robot_energy.results.model import model_used
@@ -79,7 +78,7 @@ def evaluate(
             done += 1
             sums[name] = found
             if name == MODEL:
-                effort = meaning_of(report)
+                effort = EffortMeaning.NONE.value if report.shaft is None else report.shaft.effort
                 recordings.append(_recording(path, used, report, degc))
         scores = (*(one.score(name) for name, one in sums.items()), sums[MODEL].zero())
         recordings[-1] = replace(recordings[-1], scores=scores)
@@ -126,9 +125,10 @@ def _recording(
     sha256 = bag.sha256()
     seen, reason = seen_in_fit(model, bag.name, sha256)
     meter = report.comparison
+    place = None if meter.measured_energy is None else meter.meter_location
     return RecordingScore(
         bag.name, sha256, seen, reason, report.origin, report.time.observed_time, *degc,
-        location_of(meter), meter.compared_time, meter.measured_energy,
+        place, meter.compared_time, meter.measured_energy,
         report.uncertainty.half_relative, report.uncertainty.inside, (), report.problems,
         report.notes,
     )  # fmt: skip

@@ -5,25 +5,45 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.stats.systematic import SensorLimits
+from robot_energy.identify.auxiliary.readings import (
+    outlet_readings,
+    own_readings,
+    read_loads,
+)
+from robot_energy.identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
+from robot_energy.identify.cabinet.supply import fit_supply
+from robot_energy.identify.causes import (
+    cause_named,
+    evidence_of_rows,
+    refuse_meter,
+    torque_evidence,
+)
+from robot_energy.identify.dynamics.dynamics import DynamicsSettings
+from robot_energy.identify.dynamics.dynamics import identify_dynamics as fit_dynamics
+from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.identify.friction.friction import fit_axes, with_friction
+from robot_energy.identify.friction.samples import friction_data
+from robot_energy.identify.friction.shape import share_shape as lend
+from robot_energy.identify.plausibility import check_cabinet, check_dynamics, check_friction
+from robot_energy.identify.provenance import hashed, identified_from, require_distinct, require_some
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.identify.thermal.network import fit_networks, with_networks
+from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
-
-if TYPE_CHECKING:
-    from robot_energy.identify.auxiliary.states import LoadsFit
-    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
-    from robot_energy.results.dynamics import DynamicsReport
-    from robot_energy.results.identification import (
-        CabinetReport,
-        FrictionReport,
-    )
-    from robot_energy.results.load_states import LoadStatesReport
-    from robot_energy.results.thermal import ThermalReport
+from robot_energy.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy.results.identification import (
+    CabinetReport,
+    FrictionReport,
+    LoadStatesReport,
+    ThermalReport,
+    cabinet_report,
+)
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
@@ -58,7 +78,7 @@ class IdentificationResult(Generic[Found]):
 
 
 def identify_friction(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     effort: str | None = None,
     *,
@@ -70,7 +90,8 @@ def identify_friction(
     """Identify the friction of every axis over its motor temperature (paper A, eq. 8 to 10).
 
     Args:
-        bags: Recordings of one robot, cold, warm and in between, with measured torque.
+        bags: Recordings of one robot, cold, warm and in between, with measured torque;
+            or how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
@@ -87,25 +108,17 @@ def identify_friction(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.causes import cause_named, torque_evidence
-    from robot_energy.identify.friction.friction import fit_axes, with_friction
-    from robot_energy.identify.friction.samples import friction_data
-    from robot_energy.identify.friction.shape import share_shape as lend
-    from robot_energy.identify.plausibility import check_friction
-    from robot_energy.results.identification import FrictionReport
-
-    used, paths = model_of(model), _fitted(bags)
-    read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
+    used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
-    source = _names(paths)
+    source = read.names
     with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
         fits, refused = fit_axes(data, source)
         if share_shape:
             fits = lend(fits, data, source)
         check_friction(fits)
-    found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
-    written = _made_from(with_friction(used, fits, source), "Friction identified.", paths)
+    found = FrictionReport(read.effort or "measured", tuple(fits), tuple(refused))
+    written = _made_from(with_friction(used, fits, source), "Friction identified.", read)
     return IdentificationResult(written, found)
 
 
@@ -134,25 +147,18 @@ def identify_thermal(
         NotIdentifiableError: If no motor warms enough, or losses predict no temperature.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.thermal.network import fit_networks, with_networks
-    from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
-    from robot_energy.results.thermal import ThermalReport
-
-    used, paths = model_of(model), _fitted(bags.bags if isinstance(bags, BagSource) else bags)
-    read = (
-        bags if isinstance(bags, BagSource) else BagSource(paths, None, inputs, progress=progress)
-    )
+    used, read = model_of(model), _source(bags, None, inputs, progress, None)
     recordings = read.recordings(without_networks(used))
     runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
     with progress("identifying"):
-        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, _names(paths))
+        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, read.names)
     found = ThermalReport("losses", ambient, tuple(fits), tuple(refused))
-    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", paths)
+    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", read)
     return IdentificationResult(written, found)
 
 
 def identify_cabinet(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     *,
     link_voltages: tuple[float, float] | None = None,
@@ -163,7 +169,8 @@ def identify_cabinet(
     """Identify constant losses and the DC link from a power meter (paper A, section II-A).
 
     Args:
-        bags: Recordings of one robot with rest and hard braking, with a power meter.
+        bags: Recordings of one robot with rest and hard braking, with a power meter; or
+            how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
@@ -178,23 +185,17 @@ def identify_cabinet(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.cabinet.supply import fit_supply
-    from robot_energy.identify.causes import refuse_meter
-    from robot_energy.identify.plausibility import check_cabinet
-    from robot_energy.results.identification import cabinet_report
-
-    used, paths = model_of(model), _fitted(bags)
-    source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
-    recordings = source.recordings(used)
+    used, read = model_of(model), _source(bags, None, inputs, progress, sensors)
+    recordings = read.recordings(used)
     refuse_meter(recordings, EffortMeaning.NONE)
-    found = fit_supply(recordings, _names(paths), link_voltages)
+    found = fit_supply(recordings, read.names, link_voltages)
     check_cabinet(found.cabinet)
-    written = _made_from(found.model, "Constant losses of the cabinet identified.", paths)
+    written = _made_from(found.model, "Constant losses of the cabinet identified.", read)
     return IdentificationResult(written, cabinet_report(found))
 
 
 def identify_auxiliary(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     *,
     outlet_meter: bool = False,
@@ -206,7 +207,7 @@ def identify_auxiliary(
 
     Args:
         bags: Recordings of one cell with the states of its loads, and their meters or that of the
-            outlet.
+            outlet; or how they are read.
         model: Model with the loads: the model, its file, or the name of a shipped one.
         outlet_meter: Whether the power meter sits at the outlet and sees the loads as well; then
             those without a meter of their own are found while the robot stands still.
@@ -221,26 +222,16 @@ def identify_auxiliary(
         NotIdentifiableError: If no state of any load can be found.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.auxiliary.readings import (
-        outlet_readings,
-        own_readings,
-        read_loads,
-    )
-    from robot_energy.identify.auxiliary.states import fit_outlet, fit_own, with_states
-    from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
-    from robot_energy.results.load_states import LoadStatesReport
-
-    used, paths = model_of(model), _fitted(bags)
+    used, source = model_of(model), _source(bags, None, inputs, progress, sensors)
     loads = used.auxiliary or ()
     if not any(load.metered or len(load.states) > 1 for load in loads):
         raise NotIdentifiableError(
             "the model has no auxiliary load with a meter or with several states",
             "the key auxiliary with loads, their states and the topics of both",
         )
-    source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
     _, read = source.meaning()
-    gain = (sensors or DEFAULT_LIMITS).std.meter
-    held = [read_loads(path, loads, read) for path in paths]
+    gain = (source.sensors or DEFAULT_LIMITS).std.meter
+    held = [read_loads(path, loads, read) for path in source.paths]
     fits: list[LoadsFit] = []
     refused: list[NotIdentifiableError] = []
     for load in loads:
@@ -275,14 +266,13 @@ def identify_auxiliary(
             refused[0].expected,
             refused[0].remedy,
         )
-    written = _made_from(
-        with_states(used, fits, _names(paths)), "Powers of auxiliary loads identified.", paths
-    )
+    written = with_states(used, fits, source.names)
+    written = _made_from(written, "Powers of auxiliary loads identified.", source)
     return IdentificationResult(written, LoadStatesReport(tuple(fits), tuple(map(str, refused))))
 
 
 def identify_dynamics(
-    bags: Names,
+    bags: Names | BagSource,
     model: ModelName,
     effort: str | None = None,
     *,
@@ -294,7 +284,7 @@ def identify_dynamics(
     """Identify bodies, rotors and friction from motion and motor torque.
 
     Args:
-        bags: Recordings of one robot in which all joints move at once.
+        bags: Recordings of one robot in which all joints move at once; or how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
@@ -311,59 +301,37 @@ def identify_dynamics(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.causes import cause_named, evidence_of_rows
-    from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-    from robot_energy.identify.dynamics.dynamics_model import to_model
-    from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.identify.provenance import hashed
-    from robot_energy.results.dynamics import dynamics_report
-
-    used, paths = model_of(model), _fitted(bags)
-    recordings = BagSource(paths, effort, inputs, progress=progress, sensors=sensors).channels(used)
-    stretches = [part for parts in recordings.values() for part in parts]
+    used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
+    stretches = [part for parts in read.channels(used).values() for part in parts]
     with progress("identifying"):
         how = settings or DynamicsSettings()
         how = how if sensors is None else replace(how, sensors=sensors)
-        result = identify_dynamics(stretches, used, how)
+        result = fit_dynamics(stretches, used, how)
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
-    written = to_model(result, [hashed(path) for path in paths])
+    written = to_model(result, [hashed(path) for path in read.paths])
     return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
-def _made_from(model: RobotModel, done: str, paths: Sequence[Path]) -> RobotModel:
+def _source(
+    bags: Names | BagSource,
+    effort: str | None,
+    inputs: str | Path | None,
+    progress: Stages,
+    sensors: SensorLimits | None,
+) -> BagSource:
+    """The recordings of a fit, one or more, each once."""
+    read = bags
+    if not isinstance(read, BagSource):
+        paths = [read] if isinstance(read, str | Path) else list(read)
+        read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
+    require_distinct(read.paths)
+    require_some(read.paths)
+    return read
+
+
+def _made_from(model: RobotModel, done: str, read: BagSource) -> RobotModel:
     """The model with the recordings that it was identified from."""
-    from robot_energy.identify.provenance import hashed, identified_from
-
-    bags = [hashed(path) for path in paths]
+    bags = [hashed(path) for path in read.paths]
     return model.changed(provenance=identified_from(model.provenance, done, bags))
-
-
-def paths_of(bags: Names) -> list[Path]:
-    """Return the paths of one recording or of several, each once.
-
-    Args:
-        bags: One name or a sequence of them.
-
-    Raises:
-        BagError: If two hold the same messages.
-    """
-    from robot_energy.identify.provenance import require_distinct
-
-    paths = [Path(bags)] if isinstance(bags, str | Path) else [Path(bag) for bag in bags]
-    require_distinct(paths)
-    return paths
-
-
-def _fitted(bags: Names) -> list[Path]:
-    """The paths of the recordings of a fit, one or more, each once."""
-    from robot_energy.identify.provenance import require_some
-
-    paths = paths_of(bags)
-    require_some(paths)
-    return paths
-
-
-def _names(paths: Sequence[Path]) -> str:
-    return ", ".join(path.name for path in paths)

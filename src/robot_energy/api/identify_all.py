@@ -4,21 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from robot_energy.api.identify import IdentificationResult, Names, paths_of
+from robot_energy.api.identify import IdentificationResult, Names
 from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
+from robot_energy.check.evidence import Evidence
 from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.causes import (
+    cause_named,
+    notes_of_test,
+    refuse_meter,
+    refuse_torque,
+    torque_evidence,
+)
 from robot_energy.identify.data.bags import BagFacts, Span, facts
 from robot_energy.identify.drives.drive_power import drive_topics
+from robot_energy.identify.plausibility import check_signs
+from robot_energy.identify.provenance import require_distinct
+from robot_energy.identify.run_all import FullIdentification, identify_everything, with_provenance
+from robot_energy.identify.stats.bag_folds import folds_of
+from robot_energy.identify.stats.held_out_energy import held_out_energy
 from robot_energy.identify.stats.systematic import SensorLimits
 from robot_energy.identify.steps import Subject
+from robot_energy.results.identification import IdentificationReport, identification_report
 from robot_energy.units import DqScaling
-
-if TYPE_CHECKING:
-    from robot_energy.check.evidence import Evidence
-    from robot_energy.identify.run_all import FullIdentification
-    from robot_energy.results.identification import IdentificationReport
 
 
 def identify_all(
@@ -66,23 +74,14 @@ def identify_all(
         NotIdentifiableError: If nothing can be identified, with the reason of every step.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.causes import (
-        cause_named,
-        notes_of_test,
-        refuse_meter,
-        refuse_torque,
-        torque_evidence,
-    )
-    from robot_energy.identify.plausibility import check_signs
-    from robot_energy.identify.provenance import require_distinct
-    from robot_energy.identify.run_all import identify_everything, with_provenance
-    from robot_energy.identify.stats.bag_folds import folds_of
-    from robot_energy.identify.stats.held_out_energy import held_out_energy
-    from robot_energy.results.identification import identification_report
-
     given = model_of(model)
     drives = drive_topics(drive_power, drive_joints, dq_scaling)
-    paths, test_paths = paths_of(bags), paths_of(test)
+    paths, test_paths = (
+        [Path(one)] if isinstance(one, str | Path) else [Path(bag) for bag in one]
+        for one in (bags, test)
+    )
+    require_distinct(paths)
+    require_distinct(test_paths)
     require_distinct(paths, test_paths)
     source = BagSource(paths, effort, inputs, sensors=sensors)
     fitted, refused = source.lazy(given, drives)

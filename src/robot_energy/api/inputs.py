@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.condition.learner import Learning
 from robot_energy.errors import ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import RobotModel, load
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from robot_energy.identify.stats.systematic import SensorLimits
     from robot_energy.inputs.sources import Inputs
 
+Member = TypeVar("Member", bound=StrEnum)
 ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
 Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
@@ -47,30 +48,24 @@ def effort_meaning(effort: str) -> EffortMeaning:
 
     Args:
         effort: Its name.
-
-    Raises:
-        ParameterError: If it is unknown.
     """
-    if effort not in tuple(EffortMeaning):
-        raise ParameterError(f"effort is '{effort}'", f"one of {', '.join(EffortMeaning)}")
-    return EffortMeaning(effort)
+    return member_named(EffortMeaning, "effort", effort)
 
 
-def learning_named(learning: str) -> Learning:
-    """Return what is done with learned figures.
+def member_named(kind: type[Member], what: str, name: str) -> Member:
+    """Return the member of an enumeration.
 
     Args:
-        learning: Its name.
-
-    Returns:
-        The meaning.
+        kind: The enumeration.
+        what: It says.
+        name: Of the member.
 
     Raises:
-        ParameterError: If it is unknown.
+        ParameterError: If there is none.
     """
-    if learning not in tuple(Learning):
-        raise ParameterError(f"learning is '{learning}'", f"one of {', '.join(Learning)}")
-    return Learning(learning)
+    if name not in tuple(kind):
+        raise ParameterError(f"{what} is '{name}'", f"one of {', '.join(kind)}")
+    return kind(name)
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
@@ -127,6 +122,16 @@ class BagSource:
     robot: str | None = None
     progress: Stages = silent
     sensors: SensorLimits | None = None
+
+    @property
+    def paths(self) -> list[Path]:
+        """The bags as paths."""
+        return [Path(bag) for bag in self.bags]
+
+    @property
+    def names(self) -> str:
+        """Names of the bags in one line."""
+        return ", ".join(path.name for path in self.paths)
 
     def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
         """Return what the effort means, and the inputs of the parameter file.
@@ -242,7 +247,7 @@ class BagSource:
         used = EffortMeaning.NONE if refused else meaning
         sensors = self.sensors or DEFAULT_LIMITS
         bags: list[Bag] = []
-        for path in map(Path, self.bags):
+        for path in self.paths:
             power = drive_power and drive_power.read(path, model.joint_names)
             bags.append(Bag(path, used, read, power, sensors=sensors))
         return bags, refused

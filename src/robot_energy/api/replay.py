@@ -15,13 +15,14 @@ from robot_energy.api.inputs import (
     ModelName,
     driver_inputs,
     effort_meaning,
-    learning_named,
+    member_named,
     model_of,
 )
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
+from robot_energy.condition.learner import Learning
 from robot_energy.condition.record import ConditionRecord
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
@@ -181,7 +182,25 @@ def replay(
     change = None
     if temperature is not None:
         used, change = fixed_friction(used, temperature)
-    result, power = replay_over_time(bag, used, power_period=power_period, **options)
+    blocks: list[PowerBlock] = []
+    means: list[MeanBlock] = []
+
+    def take(output: Output) -> None:
+        if power_period is None and output.power is not None:
+            blocks.append(output.power)
+        if power_period is not None and output.means is not None:
+            means.append(output.means)
+
+    result = run_replay(
+        bag, used, **options, power_period=power_period, on_output=take, keep_compared=True
+    )
+    compared, names = result.compared if result.topics.meter else None, used.joint_names
+    if blocks:
+        power = sample_table(PowerBlock.concatenate(blocks), names, compared)
+    elif means:
+        power = period_table(MeanBlock.concatenate(means), names, compared)
+    else:
+        power = empty_table(names)
     report = replay_report(result, change)
     return ReplayResult(
         bag=result.bag,
@@ -196,48 +215,6 @@ def replay(
         report=report,
         replay=result,
     )
-
-
-def replay_over_time(
-    bag: str | Path,
-    model: RobotModel,
-    *,
-    power_period: float | None = None,
-    **options: Unpack[ReplayOptions],
-) -> tuple[Replay, TimeSeries]:
-    """Replay a bag and keep its power over time.
-
-    Args:
-        bag: MCAP file or rosbag2 folder.
-        model: The robot's model.
-        power_period: Averaging period of the table; None: one row per sample. [s]
-        **options: What is read and how.
-
-    Returns:
-        The accounting, and the table.
-
-    Raises:
-        RobotEnergyError: If bag, model or an option cannot be used.
-    """
-    blocks: list[PowerBlock] = []
-    means: list[MeanBlock] = []
-
-    def take(output: Output) -> None:
-        if power_period is None and output.power is not None:
-            blocks.append(output.power)
-        if power_period is not None and output.means is not None:
-            means.append(output.means)
-
-    result = run_replay(
-        bag, model, **options, power_period=power_period, on_output=take, keep_compared=True
-    )
-    compared = result.compared if result.topics.meter else None
-    names = model.joint_names
-    if blocks:
-        return result, sample_table(PowerBlock.concatenate(blocks), names, compared)
-    if means:
-        return result, period_table(MeanBlock.concatenate(means), names, compared)
-    return result, empty_table(names)
 
 
 def fixed_friction(
@@ -312,7 +289,7 @@ def run_replay(
     }
     settings["power_period"] = power_period
     if (learning := options.get("learning")) is not None:
-        settings["learning"] = learning_named(learning)
+        settings["learning"] = member_named(Learning, "learning", learning)
     given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
     if read is not None:
         given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}

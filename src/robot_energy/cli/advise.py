@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from robot_energy.cli.numbers import number
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
-from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.cli.command import Command, add_options
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
+from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy.freed_memory import keep_freed_memory
 
 DESCRIPTION = """\
@@ -24,62 +23,35 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
+OPTIONS = {
+    "--rest-states FILE": "power of standby and hibernation of this robot (default: assumed "
+    "figures)",
+    "--no-speeds": "do not look for other speeds, which takes longest",
+}
+YEAR = {
+    "--hours-per-day H": "of such work by all robots together (default: as recorded, else 24)",
+    "--days-per-year D": "with such work (default: 365 where a week was recorded, else 250)",
+    "--price X": "of a kWh",
+    "--currency NAME": "of it (default EUR)",
+    "--co2 KG": "emission factor [kg/kWh]",
+}
 
-    Args:
-        commands: Sub-parsers of the command.
-    """
-    text = "what would save how much energy, from recordings alone"
-    parser = add_command(commands, "advise", run, text, DESCRIPTION, EPILOG)
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "recordings",
         nargs="+",
         metavar="BAG|DATASET",
         help=f"{BAG}; or the folder that `fleet run` wrote",
     )
-    parser.add_argument(
-        "--rest-states",
-        metavar="FILE",
-        help="power of standby and hibernation of this robot (default: assumed figures)",
-    )
-    parser.add_argument(
-        "--no-speeds", action="store_true", help="do not look for other speeds, which takes longest"
-    )
-    year = parser.add_argument_group("a year")
-    year.add_argument(
-        "--hours-per-day",
-        type=number,
-        metavar="H",
-        help="of such work by all robots together (default: as recorded, else 24)",
-    )
-    year.add_argument(
-        "--days-per-year",
-        type=number,
-        metavar="D",
-        help="with such work (default: 365 where a week was recorded, else 250)",
-    )
-    year.add_argument("--price", type=number, metavar="X", help="of a kWh")
-    year.add_argument("--currency", default="EUR", metavar="NAME", help="of it (default EUR)")
-    year.add_argument("--co2", type=number, metavar="KG", help="emission factor [kg/kWh]")
-    outputs = parser.add_argument_group("outputs")
-    add_json(outputs)
-    outputs.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
+    add_options(parser, OPTIONS)
+    add_options(parser.add_argument_group("a year"), YEAR)
+    add_options(parser.add_argument_group("outputs"), OUTPUTS)
     add_replay(parser, fixed=False)
+    parser.set_defaults(currency="EUR")
 
 
-def run(args: Namespace) -> int:
-    """Read the recordings and print what would save energy.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        0, or 3 if a bag is damaged and was read in part.
-
-    Raises:
-        RobotEnergyError: If recordings, model or outputs cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.advice.run import advise
     from robot_energy.optimization.rest_states import read_rest_states
     from robot_energy.report.advice import advice_document
@@ -110,3 +82,13 @@ def run(args: Namespace) -> int:
     advice_document(found.report, page)
     present(args, found.report, page)
     return DAMAGED if found.report.problems else 0
+
+
+COMMAND = Command(
+    "advise",
+    "what would save how much energy, from recordings alone",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.identify_inputs import add_bags, bags_of
-from robot_energy.cli.robots import model_named
+from robot_energy.cli.command import Command
+from robot_energy.cli.identify_inputs import IdentifyInputs, bag_options
+from robot_energy.cli.replay_options import model_named
 from robot_energy.cli.terminal import (
-    add_command,
-    add_json,
+    JSON_OPTION,
     check_outputs,
     console,
     write_json,
@@ -36,37 +36,14 @@ exit codes: 0 no mistake found; 2 a mistake found, or input refused
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "does a recording fit a model, and what is wrong if not"
-    parser = add_command(commands, "check", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser, robot=True)
-    add_json(parser)
-
-
-def run(args: Namespace) -> int:
-    """Check every recording and print what was found.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        Exit code: 2 if a recording has a mistake.
-
-    Raises:
-        RobotEnergyError: If a bag, the model or an output cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.check import check
     from robot_energy.model import load
     from robot_energy.results.check import CheckReport
 
     named = model_named(args)
     check_outputs(args, [*args.bags, named, args.inputs])
-    effort, inputs = bags_of(args).meaning()
+    effort, inputs = IdentifyInputs(args).bags().meaning()
     model = load(named)
     results = [check(bag, model, effort, inputs) for bag in args.bags]
     if args.json != "-":
@@ -105,3 +82,13 @@ def _show(result: CheckResult) -> None:
 def _certainty(finding: Finding) -> str:
     known = finding.certainty > 0.0 and finding.severity == "error"  # not NaN
     return f" [explains {100 * finding.certainty:.0f} %]" if known else ""
+
+
+COMMAND = Command(
+    "check",
+    "does a recording fit a model, and what is wrong if not",
+    _run,
+    {**bag_options(robot=True), **JSON_OPTION},
+    DESCRIPTION,
+    EPILOG,
+)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from typing import TYPE_CHECKING, Any
+from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
-from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, console, progress, wrote
+from robot_energy.cli.command import Command, add_option
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
+from robot_energy.cli.terminal import console, progress, wrote
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
 from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
-    from robot_energy.time_series import TimeSeries
+    pass
 
 WHAT = "the table"
 KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
@@ -31,34 +31,13 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "the power of a recorded bag over time, as CSV or Parquet"
-    parser = add_command(commands, "export", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", help=BAG)
-    parser.add_argument(
-        "--out", required=True, metavar="FILE", help="the table: .csv, or .parquet (needs polars)"
-    )
+    add_option(parser, "--out FILE", "the table: .csv, or .parquet (needs polars)", required=True)
     add_replay(parser, "write means over periods of this length (default: every sample)")
 
 
-def run(args: Namespace) -> int:
-    """Replay and write the table.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if the bag is damaged and was read in part.
-
-    Raises:
-        ReportError: If the name of the table has neither suffix, or Parquet lacks its library.
-        RobotEnergyError: If model, bag or output cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.replay import replay
 
     suffix = next((end for end in KINDS if args.out.lower().endswith(end)), None)
@@ -81,16 +60,14 @@ def run(args: Namespace) -> int:
             progress=report,
             **options_of(args),
         )
-    write_file(args.out, _bytes(result.power, suffix), KINDS[suffix], WHAT)
+    table = result.power
+    data = table.to_csv().encode() if suffix == ".csv" else table.to_parquet()
+    write_file(args.out, data, KINDS[suffix], WHAT)
     out = console()
     for sentence in (*result.problems, *result.notes):
         out.print(sentence, soft_wrap=True)
     wrote(out, args.out, f"{len(result.power)} rows")
     return DAMAGED if result.replay.problems else 0
-
-
-def _bytes(table: TimeSeries, suffix: str) -> bytes:
-    return table.to_csv().encode() if suffix == ".csv" else table.to_parquet()
 
 
 def _require_polars() -> None:
@@ -102,3 +79,13 @@ def _require_polars() -> None:
             "polars, or a name with .csv",
             "install it: pip install polars",
         )
+
+
+COMMAND = Command(
+    "export",
+    "the power of a recorded bag over time, as CSV or Parquet",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

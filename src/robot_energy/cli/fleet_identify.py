@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import Any
 
-from robot_energy.cli.identify_inputs import add_results, add_sensors, check_results, sensor_limits
-from robot_energy.cli.terminal import add_command, present
+from robot_energy.cli.command import REQUIRED, Command, Options
+from robot_energy.cli.identify_inputs import SENSOR_OPTIONS, IdentifyInputs, result_options
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify one model of friction over temperature from all bags of a fleet, through the sums that
@@ -20,37 +20,7 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of the command above.
-    """
-    text = "one friction model from all bags"
-    parser = add_command(commands, "identify", run, text, DESCRIPTION, EPILOG)
-    parser.add_argument("dataset", help="folder that `fleet run` wrote")
-    parser.add_argument(
-        "--model",
-        required=True,
-        metavar="FILE|NAME",
-        help="model file or shipped model with which the bags were run",
-    )
-    add_sensors(parser)
-    add_results(parser, "this friction", "write the laws over temperature as a figure")
-
-
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0.
-
-    Raises:
-        RobotEnergyError: If dataset or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.fleet.dataset import read_tables
     from robot_energy.fleet.identify import identify_fleet
     from robot_energy.model import load
@@ -58,9 +28,11 @@ def run(args: Namespace) -> int:
     from robot_energy.report.fleet import fleet_friction_document
     from robot_energy.report.friction_figure import friction_over_temperature
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     tables = read_tables(args.dataset)
-    found, model = identify_fleet(tables, load(args.model), args.dataset, sensor_limits(args))
+    found, model = identify_fleet(
+        tables, load(args.model), args.dataset, IdentifyInputs(args).sensor_limits()
+    )
     page = Document("Friction of a fleet", f"Identified from {args.dataset}.")
     fleet_friction_document(found, page)
 
@@ -69,3 +41,14 @@ def run(args: Namespace) -> int:
 
     present(args, found, page, plot=plot, model=model)
     return 0
+
+
+OPTIONS: Options = {
+    "dataset": "folder that `fleet run` wrote",
+    "--model FILE|NAME": ("model file or shipped model with which the bags were run", REQUIRED),
+    **SENSOR_OPTIONS,
+    **result_options("this friction", "write the laws over temperature as a figure"),
+}
+COMMAND = Command(
+    "identify", "one friction model from all bags", _run, OPTIONS, DESCRIPTION, EPILOG
+)

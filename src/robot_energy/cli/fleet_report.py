@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentTypeError, Namespace
-from typing import Any
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 
-from robot_energy.cli.page import add_page_settings
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, present
+from robot_energy.cli.command import Command, add_option, add_options
+from robot_energy.cli.replay_options import PAGE_SETTINGS
+from robot_energy.cli.terminal import JSON_OPTION, check_outputs, present
 
 DESCRIPTION = """\
 Report on the dataset of a fleet: energy of robots, programmes and shifts, standby and its cost,
@@ -22,14 +22,7 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of the command above.
-    """
-    text = "energy and condition of a fleet"
-    parser = add_command(commands, "report", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("dataset", help="folder that `fleet run` wrote")
     parser.add_argument(
         "--html",
@@ -38,15 +31,15 @@ def add_parser(commands: Any) -> None:
         metavar="FILE",
         help="the report as one page: .html, or .pdf where a Chromium is installed",
     )
-    add_json(parser)
-    parser.add_argument(
-        "--shifts",
+    add_options(parser, JSON_OPTION)
+    add_option(
+        parser,
+        "--shifts H,H,...",
+        "hours of the day, local time, at which shifts begin (default 6,14,22)",
         type=_hours,
-        metavar="H,H,...",
         default=(6, 14, 22),
-        help="hours of the day, local time, at which shifts begin (default 6,14,22)",
     )
-    add_page_settings(parser)
+    add_options(parser, PAGE_SETTINGS)
 
 
 def _hours(text: str) -> tuple[int, ...]:
@@ -59,18 +52,7 @@ def _hours(text: str) -> tuple[int, ...]:
     return hours
 
 
-def run(args: Namespace) -> int:
-    """Read the tables and report.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0.
-
-    Raises:
-        RobotEnergyError: If dataset, settings or outputs cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.fleet.dataset import read_tables
     from robot_energy.fleet.report import fleet_report
     from robot_energy.page.settings import load_settings
@@ -85,3 +67,6 @@ def run(args: Namespace) -> int:
     fleet_document(report, page, settings)
     present(args, report, page)
     return 0
+
+
+COMMAND = Command("report", "energy and condition of a fleet", _run, _options, DESCRIPTION, EPILOG)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import sys
 import time
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import REQUIRED, Command, add_options
 from robot_energy.cli.numbers import positive
-from robot_energy.cli.replay_options import add_jobs, add_replay, options_of
+from robot_energy.cli.replay_options import DAMAGED, JOBS, add_replay, options_of
 from robot_energy.cli.terminal import (
-    add_command,
-    add_json,
+    JSON_OPTION,
     check_outputs,
     console,
     progress,
@@ -50,69 +50,42 @@ PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Of `robot-energy fleet`.
-    """
-    text = "replay many bags into one dataset"
-    parser = add_command(commands, "run", run, text, DESCRIPTION, EPILOG)
-    parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
-    parser.add_argument("--out", required=True, metavar="DATASET", help="folder of the dataset")
-    parser.add_argument(
-        "--name", metavar="NAME", help="name of the robot in the fleet (default: that of the "
-        "folder in which a recording lies); a column 'robot' of a table goes before",
-    )  # fmt: skip
-    parser.add_argument(
-        "--split-files",
-        action="store_true",
-        help="each MCAP file is a bag of its own, also in the folder of a split recording",
-    )
-    parser.add_argument(
-        "--watch",
-        metavar="S",
-        type=positive,
-        help="look again every so many seconds for new bags, until stopped; what is still being "
+OPTIONS = {
+    "--out DATASET": ("folder of the dataset", REQUIRED),
+    "--name NAME": "name of the robot in the fleet (default: that of the folder "
+    "in which a recording lies); a column 'robot' of a table goes before",
+    "--split-files": "each MCAP file is a bag of its own, also in the folder of a split recording",
+    "--watch S": (
+        "look again every so many seconds for new bags, until stopped; what is still being "
         "written is left until it is complete",
-    )
-    add_json(parser)
-    where = parser.add_argument_group("where it runs")
-    where.add_argument("--scheduler", metavar="URL", help="of Dask, such as tcp://10.0.0.5:8786")
-    where.add_argument(
-        "--workers",
-        metavar="N",
-        type=int,
-        help="processes on this host (default: one for each core; 0: in this process, one bag "
+        {"type": positive},
+    ),
+    **JSON_OPTION,
+}
+WHERE = {
+    "--scheduler URL": "of Dask, such as tcp://10.0.0.5:8786",
+    "--workers N": (
+        "processes on this host (default: one for each core; 0: in this process, one bag "
         "after the other)",
-    )
-    where.add_argument(
-        "--memory", metavar="SIZE", default="2GB", help="of each at most (default 2GB)"
-    )
-    where.add_argument(
-        "--scratch",
-        metavar="GB",
-        type=positive,
-        default=20.0,
-        help="size up to which a bag from a URL is copied to the host that replays it (default 20)",
-    )
-    add_jobs(parser)
+        {"type": int},
+    ),
+    "--memory SIZE": ("of each at most (default 2GB)", {"default": "2GB"}),
+    "--scratch GB": (
+        "size up to which a bag from a URL is copied to the host that replays it (default 20)",
+        {"type": positive, "default": 20.0},
+    ),
+}
+
+
+def _options(parser: ArgumentParser) -> None:
+    parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
+    add_options(parser, OPTIONS)
+    add_options(parser.add_argument_group("where it runs"), WHERE)
+    add_options(parser, JOBS)
     add_replay(parser, fixed=False)
 
 
-def run(args: Namespace) -> int:
-    """Replay what the dataset does not hold.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if a bag could not be used, or is damaged and was read in part.
-
-    Raises:
-        RobotEnergyError: If bags, models or dataset cannot be used.
-    """
-    from robot_energy.cli.replay_options import DAMAGED
+def _run(args: Namespace) -> int:
     from robot_energy.fleet.bag_list import FleetModels
     from robot_energy.fleet.dataset import Dataset
     from robot_energy.fleet.run import FleetRun, run_fleet, where_asked
@@ -223,3 +196,6 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         out.print(f"  {jobs_left_out(report.jobs_left_out)}", soft_wrap=True)
     if args.json is not None:
         wrote(out, args.json, "all figures as JSON")
+
+
+COMMAND = Command("run", "replay many bags into one dataset", _run, _options, DESCRIPTION, EPILOG)

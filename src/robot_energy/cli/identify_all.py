@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
-from typing import Any
 
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_drive_power,
-    add_link_voltages,
-    add_results,
-    add_sensors,
-    add_share_shape,
-    check_results,
-    drive_power_topics,
-    link_voltages,
-    sensor_limits,
+    DRIVE_POWER,
+    LINK_VOLTAGES,
+    SENSOR_OPTIONS,
+    SHARE_SHAPE,
+    IdentifyInputs,
+    bag_options,
+    result_options,
 )
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import present, progress
 from robot_energy.errors import ModelFileError
 
 SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor", "thermal")
@@ -40,60 +37,32 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "everything the recordings allow, with one report"
-    parser = add_command(commands, "all", run, text, DESCRIPTION, EPILOG)
-    add_bags(
-        parser,
+OPTIONS: Options = {
+    **bag_options(
         effort="what the effort in the joint states means; without it neither bodies nor "
-        "friction can be identified",
-    )
-    parser.add_argument(
-        "--test", nargs="+", default=[], metavar="BAG", help="recordings for the test alone"
-    )
-    add_drive_power(parser)
-    parser.add_argument(
-        "--skip",
-        nargs="+",
-        choices=SUBJECTS,
-        default=[],
-        metavar="PART",
-        help="leave these as the model has them: %(choices)s",
-    )
-    parser.add_argument(
-        "--no-test", action="store_true", help="do not test the energy on held-out recordings"
-    )
-    parser.add_argument(
-        "--details", action="store_true", help="print tables and notes of every step"
-    )
-    add_link_voltages(parser)
-    add_share_shape(parser)
-    add_sensors(parser)
-    add_results(parser, "all that was identified")
+        "friction can be identified"
+    ),
+    "--test BAG": ("recordings for the test alone", {"nargs": "+", "default": []}),
+    **DRIVE_POWER,
+    "--skip PART": (
+        "leave these as the model has them: %(choices)s",
+        {"nargs": "+", "choices": SUBJECTS, "default": []},
+    ),
+    "--no-test": "do not test the energy on held-out recordings",
+    "--details": "print tables and notes of every step",
+    **LINK_VOLTAGES,
+    **SHARE_SHAPE,
+    **SENSOR_OPTIONS,
+    **result_options("all that was identified"),
+}
 
 
-def run(args: Namespace) -> int:
-    """Identify, test and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        Exit code 0, also where the new model is not better: the report says so.
-
-    Raises:
-        RobotEnergyError: If bags or model cannot be used, or nothing can be identified.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.identify_all import identify_all
     from robot_energy.report.document import Document
     from robot_energy.report.identify_all import identification_document, identification_lead
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     _check(args)
     result = identify_all(
         args.bags,
@@ -105,10 +74,10 @@ def run(args: Namespace) -> int:
         drive_power=args.drive_power,
         drive_joints=args.drive_joints,
         dq_scaling=args.dq_scaling,
-        link_voltages=link_voltages(args),
+        link_voltages=IdentifyInputs(args).link_voltages(),
         share_shape=args.share_shape,
         inputs=args.inputs,
-        sensors=sensor_limits(args),
+        sensors=IdentifyInputs(args).sensor_limits(),
         progress=progress,
     )
     found = result.found
@@ -122,9 +91,14 @@ def _check(args: Namespace) -> None:
     """Refuse options that do not fit together, and one recording twice."""
     from robot_energy.identify.provenance import require_distinct
 
-    drive_power_topics(args)
+    IdentifyInputs(args).drive_power()
     if args.test and args.no_test:
         raise ModelFileError("--test and --no-test exclude each other", "one of them")
     if set(args.skip) == set(SUBJECTS):
         raise ModelFileError("--skip leaves nothing to identify", "fewer subjects")
     require_distinct([Path(bag) for bag in args.bags], [Path(bag) for bag in args.test])
+
+
+COMMAND = Command(
+    "all", "everything the recordings allow, with one report", _run, OPTIONS, DESCRIPTION, EPILOG
+)

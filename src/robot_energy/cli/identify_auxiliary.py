@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import Any
 
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_results,
-    add_sensors,
-    check_results,
-    sensor_limits,
-    source_of,
+    SENSOR_OPTIONS,
+    IdentifyInputs,
+    bag_options,
+    result_options,
 )
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify what pump, extruder and other loads outside of the cabinet draw in each of their
@@ -30,54 +28,35 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-commands of `identify`.
-    """
-    text = "power of the states of loads outside of the cabinet"
-    parser = add_command(commands, "auxiliary", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser, effort="")
-    parser.add_argument(
-        "--outlet-meter",
-        action="store_true",
-        help="the power meter of the recordings sits at the outlet of the cell: it sees the "
-        "cabinet and all loads",
-    )
-    add_sensors(parser)
-    add_results(parser, "these powers")
-
-
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        RobotEnergyError: If recordings or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_auxiliary
     from robot_energy.report.document import Document
-    from robot_energy.report.load_states import states_document
+    from robot_energy.report.identification import states_document
 
-    check_results(args)
-    result = identify_auxiliary(
-        args.bags,
-        args.model,
-        outlet_meter=args.outlet_meter,
-        inputs=args.inputs,
-        sensors=sensor_limits(args),
-        progress=progress,
-    )
+    given = IdentifyInputs(args)
+    given.check_results()
+    result = identify_auxiliary(given.bags(), args.model, outlet_meter=args.outlet_meter)
     page = Document(
         f"Loads of the cell of {result.model.robot.type}",
-        f"Powers of their states identified from {source_of(args)}.",
+        f"Powers of their states identified from {given.names()}.",
     )
     states_document(result.found, page)
     present(args, result.found, page, model=result.model)
     return 0
+
+
+OPTIONS: Options = {
+    **bag_options(effort=""),
+    "--outlet-meter": "the power meter of the recordings sits at the outlet of the cell: it sees "
+    "the cabinet and all loads",
+    **SENSOR_OPTIONS,
+    **result_options("these powers"),
+}
+COMMAND = Command(
+    "auxiliary",
+    "power of the states of loads outside of the cabinet",
+    _run,
+    OPTIONS,
+    DESCRIPTION,
+    EPILOG,
+)

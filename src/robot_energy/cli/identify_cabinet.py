@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import Any
 
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_link_voltages,
-    add_results,
-    add_sensors,
-    check_results,
-    link_voltages,
-    sensor_limits,
-    source_of,
+    LINK_VOLTAGES,
+    SENSOR_OPTIONS,
+    IdentifyInputs,
+    bag_options,
+    result_options,
 )
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -35,49 +32,34 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "constant losses of the grid side and the DC side, energy of the DC link"
-    parser = add_command(commands, "cabinet", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser, effort="")
-    add_link_voltages(parser)
-    add_sensors(parser)
-    add_results(parser, "these figures")
-
-
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If recordings or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.identify import identify_cabinet
     from robot_energy.report.document import Document
     from robot_energy.report.identification import cabinet_document
 
-    check_results(args)
-    result = identify_cabinet(
-        args.bags,
-        args.model,
-        link_voltages=link_voltages(args),
-        inputs=args.inputs,
-        sensors=sensor_limits(args),
-        progress=progress,
-    )
+    given = IdentifyInputs(args)
+    given.check_results()
+    result = identify_cabinet(given.bags(), args.model, link_voltages=given.link_voltages())
     page = Document(
         f"Cabinet of {result.model.robot.type}",
-        f"Constant losses and DC link identified from {source_of(args)}.",
+        f"Constant losses and DC link identified from {given.names()}.",
     )
     cabinet_document(result.found, page)
     present(args, result.found, page, model=result.model)
     return 0
+
+
+OPTIONS: Options = {
+    **bag_options(effort=""),
+    **LINK_VOLTAGES,
+    **SENSOR_OPTIONS,
+    **result_options("these figures"),
+}
+COMMAND = Command(
+    "cabinet",
+    "constant losses of the grid side and the DC side, energy of the DC link",
+    _run,
+    OPTIONS,
+    DESCRIPTION,
+    EPILOG,
+)

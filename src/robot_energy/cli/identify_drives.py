@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import Command, Options, add_option, add_options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_drive_power,
-    add_results,
-    add_sensors,
-    bags_of,
-    check_results,
-    check_source,
-    drive_power_topics,
+    DRIVE_POWER,
+    LOG,
+    SENSOR_OPTIONS,
+    IdentifyInputs,
+    bag_options,
+    result_options,
 )
 from robot_energy.cli.numbers import frequency
-from robot_energy.cli.terminal import add_command, present
+from robot_energy.cli.terminal import present
 from robot_energy.errors import ModelFileError
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.log_formats import LOG_FORMATS
@@ -50,66 +49,35 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "electrical power of the drives from torque and speed"
-    parser = add_command(commands, "drives", run, text, DESCRIPTION, EPILOG)
-    add_bags(
-        parser,
-        required=False,
-        effort="what the effort in the joint states means; without it the model's own torque "
-        "is used, rigid bodies and friction",
+def _options(parser: ArgumentParser) -> None:
+    effort = (
+        "what the effort in the joint states means; without it the model's own torque is used, "
+        "rigid bodies and friction"
     )
-    add_drive_power(parser)
+    add_options(parser, {**bag_options(required=False, effort=effort), **DRIVE_POWER})
     for kind in LOG_FORMATS.values():
         if kind.recording is not None:
-            parser.add_argument(
-                f"--{kind.name}",
-                dest="log_format",
-                action="store_const",
-                const=kind.name,
-                help=f"the recordings are files of {kind.label}",
+            words = {"dest": "log_format", "action": "store_const", "const": kind.name}
+            add_option(
+                parser, f"--{kind.name}", f"the recordings are files of {kind.label}", **words
             )
-    parser.add_argument(
-        "--cutoff",
-        type=frequency,
-        default=5.0,
-        metavar="HZ",
-        help="of the low-pass of the maps (default 5 Hz)",
-    )
-    add_sensors(parser)
-    add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
-    log = parser.add_argument_group("from logs with torque, without a model")
-    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
-    log.add_argument("--mapping", metavar="FILE", help="what their columns mean")
+    cutoff = {"type": frequency, "default": 5.0}
+    add_option(parser, "--cutoff HZ", "of the low-pass of the maps (default 5 Hz)", **cutoff)
+    results = result_options("these drives", "draw the maps (.png, .svg, .pdf)")
+    log: Options = {**LOG, "--mapping FILE": "what their columns mean"}
+    log = {"from logs with torque, without a model": log}
+    add_options(parser, {**SENSOR_OPTIONS, **results, **log})
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command, with bags or logs.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If recordings, logs or model cannot be used, or nothing can be
-            identified.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.identify.drives.all_drives import find_drives
     from robot_energy.identify.plausibility import check_drives, check_total
     from robot_energy.identify.provenance import hashed, identified_from
     from robot_energy.report.document import Document
-    from robot_energy.report.drives import drives_document, mapped
-    from robot_energy.report.efficiency_figure import efficiency_maps
+    from robot_energy.report.drives import drives_document, efficiency_maps, mapped
     from robot_energy.results.drives import drives_report
 
-    check_results(args)
+    IdentifyInputs(args).check_results()
     _check(args)
     data, model, torque = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
@@ -138,7 +106,7 @@ def run(args: Namespace) -> int:
 
 def _check(args: Namespace) -> None:
     """Refuse options that do not fit together."""
-    check_source(args)
+    IdentifyInputs(args).check_source()
     if args.log and args.mapping is None:
         raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
     if args.log and (args.out or args.model or args.effort):
@@ -173,7 +141,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     from robot_energy.model import load
 
     model = load(args.model)
-    effort, _ = bags_of(args).meaning()
+    effort, _ = IdentifyInputs(args).bags().meaning()
     with ExitStack() as stack:
         recording = LOG_FORMATS[args.log_format].recording if args.log_format else None
         if recording is not None:
@@ -184,8 +152,8 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
             ]
         else:
             bags = args.bags
-        recordings = bags_of(args, bags).recordings(model)
-        topics = drive_power_topics(args)
+        recordings = IdentifyInputs(args).bags(bags).recordings(model)
+        topics = IdentifyInputs(args).drive_power()
         powers = [topics and topics.read(bag, model.joint_names) for bag in bags]
     measured = effort is not EffortMeaning.NONE
     if measured:
@@ -193,3 +161,13 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         refuse_torque([torque_evidence(part, effort) for part in recordings])
     refuse_meter(recordings, effort)
     return drive_data(recordings, powers, measured), model, effort.value if measured else "model"
+
+
+COMMAND = Command(
+    "drives",
+    "electrical power of the drives from torque and speed",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -7,19 +7,16 @@ import time
 from argparse import Namespace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import LIST, Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_results,
-    add_sensors,
-    bags_of,
-    check_results,
-    check_source,
-    sensor_limits,
+    SENSOR_OPTIONS,
+    IdentifyInputs,
+    bag_options,
+    result_options,
 )
-from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import add_command, present
+from robot_energy.cli.terminal import present
 
 if TYPE_CHECKING:
     from robot_energy.identify.data.signals import Channels
@@ -48,76 +45,33 @@ examples:
 """
 
 
-def add_parser(subjects: Any) -> None:
-    """Add the subject.
-
-    Args:
-        subjects: Sub-parsers of ``identify``.
-    """
-    text = "inertias, rotors and friction from positions and motor torque"
-    parser = add_command(subjects, "dynamics", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
-    parser.add_argument(
-        "--log",
-        nargs="+",
-        metavar="LOG",
-        help="instead of bags: tables (CSV, plain or .gz, Parquet) or their folder",
-    )
-    parser.add_argument("--mapping", metavar="FILE", help="what the columns mean")
-    parser.add_argument(
-        "--data",
-        metavar="FOLDER",
-        help="without --mapping: --log is the mapping, and this the folder of the tables "
-        "(default: that of the mapping)",
-    )
-    parser.add_argument(
-        "--method",
-        choices=("ols", "wls", "irls"),
-        default="wls",
-        help="ordinary, weighted by joint (default), or robust against outliers",
-    )
-    parser.add_argument(
-        "--stribeck", type=number, metavar="V", help="add a Stribeck term with this speed [rad/s]"
-    )
-    parser.add_argument(
-        "--smooth",
-        type=number,
-        default=0.01,
-        metavar="V",
-        help="speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
-    )
-    parser.add_argument(
-        "--cutoff",
-        type=number,
-        default=10.0,
-        metavar="HZ",
-        help="low-pass on both sides of the equation (default: 10)",
-    )
-    parser.add_argument(
-        "--delay",
-        type=number,
-        default=5.0,
-        metavar="MS",
-        help="look for delays of the torque up to this (default: 5; 0: do not)",
-    )
-    parser.add_argument("--details", action="store_true", help="print every base parameter")
-    add_sensors(parser)
-    add_results(parser, "these dynamics")
+OPTIONS: Options = {
+    **bag_options(required=False, effort="what the effort in the joint states of bags means"),
+    "--log LOG": ("instead of bags: tables (CSV, plain or .gz, Parquet) or their folder", LIST),
+    "--mapping FILE": "what the columns mean",
+    "--data FOLDER": "without --mapping: --log is the mapping, and this the folder of the tables "
+    "(default: that of the mapping)",
+    "--method": (
+        "ordinary, weighted by joint (default), or robust against outliers",
+        {"choices": ("ols", "wls", "irls"), "default": "wls"},
+    ),
+    "--stribeck V": "add a Stribeck term with this speed [rad/s]",
+    "--smooth V": (
+        "speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
+        {"default": 0.01},
+    ),
+    "--cutoff HZ": ("low-pass on both sides of the equation (default: 10)", {"default": 10.0}),
+    "--delay MS": (
+        "look for delays of the torque up to this (default: 5; 0: do not)",
+        {"default": 5.0},
+    ),
+    "--details": "print every base parameter",
+    **SENSOR_OPTIONS,
+    **result_options("these dynamics"),
+}
 
 
-def run(args: Namespace) -> int:
-    """Identify bodies, rotors and friction, test them on held-out data and report.
-
-    Args:
-        args: Of the command, with bags or a log.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If mapping, files or recording cannot be used, or what they give
-            is implausible.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.identify.causes import cause_named, evidence_of_rows
     from robot_energy.identify.dynamics.dynamics import identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
@@ -128,8 +82,8 @@ def run(args: Namespace) -> int:
     from robot_energy.report.dynamics import dynamics_document
     from robot_energy.results.dynamics import dynamics_report
 
-    check_results(args)
-    check_source(args, needs_effort=True)
+    IdentifyInputs(args).check_results()
+    IdentifyInputs(args).check_source(needs_effort=True)
     for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "scipy.stats"):
         import_module(name)  # here, so that the time below is of the work alone
     begin = time.perf_counter()
@@ -190,7 +144,7 @@ def _bags(args: Namespace) -> Read:
     from robot_energy.model import load
 
     model = load(args.model)
-    recordings = bags_of(args).channels(model)
+    recordings = IdentifyInputs(args).bags().channels(model)
     return model, recordings, [Path(bag).name for bag in args.bags], None
 
 
@@ -204,5 +158,15 @@ def _settings(args: Namespace) -> DynamicsSettings:
         method=args.method,
         filters=Filters(cutoff=args.cutoff),
         delay_span=args.delay * 1e-3,
-        sensors=sensor_limits(args),
+        sensors=IdentifyInputs(args).sensor_limits(),
     )
+
+
+COMMAND = Command(
+    "dynamics",
+    "inertias, rotors and friction from positions and motor torque",
+    _run,
+    OPTIONS,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.numbers import number, whole
+from robot_energy.cli.command import LIST, REQUIRED, Command, add_option, add_options
 from robot_energy.cli.terminal import (
-    add_command,
-    add_json,
+    JSON_OPTION,
     check_bag,
     check_outputs,
     present,
     progress,
 )
+from robot_energy.errors import ReportError
+from robot_energy.files.output_files import check_file
+from robot_energy.files.output_folder import folder_path
+from robot_energy.files.placement import all_or_none
+from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
     from robot_energy.identify.excitation.limits import Floor
@@ -39,94 +43,57 @@ examples:
 """
 
 
-def add_parser(subjects: Any) -> None:
-    """Add the subject.
+FILES = {
+    "--model FILE|NAME": ("model of the robot", REQUIRED),
+    "--out FOLDER": ("folder of the files", REQUIRED),
+    **JSON_OPTION,
+    "--overwrite": "replace files of an earlier run",
+}
+SHAPE = {
+    "--period S": "length; the base frequency is one over it (default 10 s)",
+    "--harmonics N": "default 5",
+    "--rate HZ": "of the points (default 125)",
+    "--loops N": "periods in the files (default 1)",
+}
+SEARCH = {
+    "--criterion": (
+        "greatest determinant (D-optimal, default), or least condition number",
+        {"choices": ("determinant", "condition"), "default": "determinant"},
+    ),
+    "--starts N": "default 3",
+    "--iterations N": "of each start (default 100)",
+    "--seed N": "the same seed gives the same motion",
+}
+LIMITS = {
+    "--margin SHARE": "share of every limit that may be used (default 0.9)",
+    "--acceleration A": (
+        "one value or one per joint [rad/s^2] (default: full speed in 0.5 s)",
+        LIST,
+    ),
+}
+FLOOR = {
+    "--floor M": "the tool stays above this height in the base frame (default: 0, where there is "
+    "one)",
+    "--no-floor": "do not limit the height of the tool",
+}
 
-    Args:
-        subjects: Sub-parsers of ``identify``.
-    """
-    text = "a motion to record for the dynamics"
-    parser = add_command(subjects, "excitation", run, text, DESCRIPTION, EPILOG)
-    parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
-    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the files")
-    add_json(parser)
-    parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
-    shape = parser.add_argument_group("the motion")
-    shape.add_argument(
-        "--period",
-        type=number,
-        default=10.0,
-        metavar="S",
-        help="length; the base frequency is one over it (default 10 s)",
-    )
-    shape.add_argument("--harmonics", type=whole, default=5, metavar="N", help="default 5")
-    shape.add_argument(
-        "--rate", type=number, default=125.0, metavar="HZ", help="of the points (default 125)"
-    )
-    shape.add_argument(
-        "--loops", type=whole, default=1, metavar="N", help="periods in the files (default 1)"
-    )
-    search = parser.add_argument_group("the search")
-    search.add_argument(
-        "--criterion",
-        choices=("determinant", "condition"),
-        default="determinant",
-        help="greatest determinant (D-optimal, default), or least condition number",
-    )
-    search.add_argument("--starts", type=whole, default=3, metavar="N", help="default 3")
-    search.add_argument(
-        "--iterations", type=whole, default=100, metavar="N", help="of each start (default 100)"
-    )
-    search.add_argument(
-        "--seed", type=whole, default=0, metavar="N", help="the same seed gives the same motion"
-    )
+
+def _options(parser: ArgumentParser) -> None:
+    add_options(parser, FILES)
+    add_options(parser.add_argument_group("the motion"), SHAPE)
+    add_options(parser.add_argument_group("the search"), SEARCH)
     limits = parser.add_argument_group("limits, in addition to those of the URDF")
-    limits.add_argument(
-        "--margin",
-        type=number,
-        default=0.9,
-        metavar="SHARE",
-        help="share of every limit that may be used (default 0.9)",
-    )
-    limits.add_argument(
-        "--acceleration",
-        type=number,
-        nargs="+",
-        metavar="A",
-        help="one value or one per joint [rad/s^2] (default: full speed in 0.5 s)",
-    )
-    floor = limits.add_mutually_exclusive_group()
-    floor.add_argument(
-        "--floor",
-        type=number,
-        metavar="M",
-        help="the tool stays above this height in the base frame (default: 0, where there is one)",
-    )
-    floor.add_argument(
-        "--no-floor", action="store_true", help="do not limit the height of the tool"
-    )
-    limits.add_argument(
-        "--tool",
-        metavar="LINK",
-        help=f"link that stays above the floor (default: payload, or {TOOL})",
-    )
+    add_options(limits, LIMITS)
+    add_options(limits.add_mutually_exclusive_group(), FLOOR)
+    text = f"link that stays above the floor (default: payload, or {TOOL})"
+    add_option(limits, "--tool LINK", text)
+    motion = {"period": 10.0, "harmonics": 5, "rate": 125.0, "loops": 1, "margin": 0.9}
+    parser.set_defaults(**motion, starts=3, iterations=100, seed=0)
 
 
-def run(args: Namespace) -> int:
-    """Find the motion and write it.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If the model cannot be used or no motion is found.
-    """
+def _run(args: Namespace) -> int:
     import numpy as np
 
-    from robot_energy.files.placement import all_or_none
     from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
     from robot_energy.identify.excitation.limits import ExcitationLimits
     from robot_energy.model import load
@@ -137,8 +104,8 @@ def run(args: Namespace) -> int:
         write_trajectory,
     )
     from robot_energy.report.document import Document
-    from robot_energy.report.excitation import excitation_document
-    from robot_energy.results.excitation import excitation_report
+    from robot_energy.report.dynamics import excitation_document
+    from robot_energy.results.dynamics import excitation_report
 
     check_outputs(args, [args.model])
     model = load(args.model)
@@ -169,11 +136,7 @@ def run(args: Namespace) -> int:
 
 def _folder(args: Namespace, model: RobotModel) -> Path:
     """Refuse what cannot be written before the search."""
-    from robot_energy.errors import ReportError
-    from robot_energy.files.output_files import check_file
-    from robot_energy.files.output_folder import folder_path
     from robot_energy.motion.trajectory_io import csv_kind
-    from robot_energy.shown_text import shown
 
     folder = folder_path(args.out)
     inputs = [args.model]
@@ -201,3 +164,8 @@ def _floor(args: Namespace, model: RobotModel) -> Floor | None:
     if args.tool is None and args.floor is None and not Robot.from_model(model).has_link(link):
         return None
     return Floor(link, 0.0 if args.floor is None else args.floor)
+
+
+COMMAND = Command(
+    "excitation", "a motion to record for the dynamics", _run, _options, DESCRIPTION, EPILOG
+)

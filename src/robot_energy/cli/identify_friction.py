@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_results,
-    add_sensors,
-    add_share_shape,
-    bags_of,
-    check_results,
-    check_source,
-    sensor_limits,
-    source_of,
+    LOG,
+    SENSOR_OPTIONS,
+    SHARE_SHAPE,
+    IdentifyInputs,
+    bag_options,
+    result_options,
 )
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import present
 from robot_energy.errors import ModelFileError, NotIdentifiableError
 
 if TYPE_CHECKING:
@@ -44,28 +42,6 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "friction over motor temperature"
-    parser = add_command(commands, "friction", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser, required=False)
-    add_share_shape(parser)
-    add_sensors(parser)
-    add_results(parser, "this friction", "draw points and laws (.png, .svg, .pdf)")
-    log = parser.add_argument_group(
-        "from a log of single-joint motions, without a model (relative figures)"
-    )
-    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
-    log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
-    split = parser.add_argument_group("test on temperatures that the fit has not seen")
-    split.add_argument("--train", type=_span, metavar="LOW:HIGH", help="[degC], one may be empty")
-    split.add_argument("--test", type=_span, metavar="LOW:HIGH", help="[degC]")
-
-
 def _span(text: str) -> Span:
     from robot_energy.identify.friction.temperature_study import Span
 
@@ -80,29 +56,23 @@ def _span(text: str) -> Span:
     return span
 
 
-def run(args: Namespace) -> int:
-    """Identify and report; with a split of temperatures, test on those that the fit has not seen.
-
-    Args:
-        args: Of the command, with bags or a log.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RobotEnergyError: If recordings, log or model cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.report.document import Document
     from robot_energy.report.friction_figure import friction_over_temperature
     from robot_energy.report.identification import friction_document, study_document
     from robot_energy.results.identification import FrictionReport, FrictionStudyReport
 
-    check_results(args)
-    _check(args)
-    source = source_of(args)
+    IdentifyInputs(args).check_results()
+    why = "figures from a log are relative and make no model file"
+    IdentifyInputs(args).check_source(needs_effort=True, relative=why)
+    if (args.train is None) != (args.test is None):
+        raise ModelFileError("--train and --test belong together", "both or none")
+    source = IdentifyInputs(args).names()
     if args.train is not None:
-        axes = _log(args) if args.log else bags_of(args).friction_data(load(args.model))
+        axes = (
+            _log(args) if args.log else IdentifyInputs(args).bags().friction_data(load(args.model))
+        )
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
         page = Document("Friction at temperatures that were not seen", source)
         study_document(studies, page)
@@ -124,13 +94,7 @@ def run(args: Namespace) -> int:
         from robot_energy.api.identify import identify_friction
 
         result = identify_friction(
-            args.bags,
-            args.model,
-            args.effort,
-            share_shape=args.share_shape,
-            inputs=args.inputs,
-            sensors=sensor_limits(args),
-            progress=progress,
+            IdentifyInputs(args).bags(), args.model, share_shape=args.share_shape
         )
         report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")
@@ -143,28 +107,10 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _check(args: Namespace) -> None:
-    """Refuse options that do not fit together."""
-    check_source(args, needs_effort=True)
-    if args.log and args.mapping is None:
-        raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
-    if args.log and args.out is not None:
-        raise ModelFileError(
-            "figures from a log are relative and make no model file",
-            "bags with --model",
-            "import the log to a bag",
-        )
-    if (args.train is None) != (args.test is None):
-        raise ModelFileError("--train and --test belong together", "both or none")
-
-
 def _log(args: Namespace) -> list[FrictionData]:
     from robot_energy.identify.friction.samples import friction_data_of_log
-    from robot_energy.logs import load_mapping, open_logs
 
-    mapping = load_mapping(args.mapping)
-    parts = [log.whole() for log in open_logs(args.log, mapping)]
-    names = mapping.joints.names
+    parts, names = IdentifyInputs(args).columns_of_log()
     return [friction_data_of_log(parts, names, j) for j in range(len(names))]
 
 
@@ -184,3 +130,17 @@ def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
         if gain is not None:
             chance.append(gain)
     return axis_study(axis.name, study, chance)
+
+
+OPTIONS: Options = {
+    **bag_options(required=False),
+    **SHARE_SHAPE,
+    **SENSOR_OPTIONS,
+    **result_options("this friction", "draw points and laws (.png, .svg, .pdf)"),
+    "from a log of single-joint motions, without a model (relative figures)": LOG,
+    "test on temperatures that the fit has not seen": {
+        "--train LOW:HIGH": ("[degC], one may be empty", {"type": _span}),
+        "--test LOW:HIGH": ("[degC]", {"type": _span}),
+    },
+}
+COMMAND = Command("friction", "friction over motor temperature", _run, OPTIONS, DESCRIPTION, EPILOG)

@@ -5,17 +5,10 @@ from __future__ import annotations
 from argparse import ArgumentTypeError, Namespace
 from typing import Any
 
-from robot_energy.cli.identify_inputs import (
-    add_bags,
-    add_results,
-    bags_of,
-    check_results,
-    check_source,
-    source_of,
-)
+from robot_energy.cli.command import Command, Options
+from robot_energy.cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
 from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import add_command, present
-from robot_energy.errors import ModelFileError
+from robot_energy.cli.terminal import present
 
 DESCRIPTION = """\
 Identify the heat capacity and the time constants of every motor from recordings with motor
@@ -34,28 +27,6 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-parsers of ``identify``.
-    """
-    text = "motor temperatures from losses"
-    parser = add_command(commands, "thermal", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser, required=False, effort="")
-    parser.add_argument(
-        "--ambient",
-        type=_degc,
-        metavar="DEGC",
-        help="temperature of the air around the robot [degC] (default: the coldest first reading "
-        "of all motors)",
-    )
-    add_results(parser, "these networks")
-    log = parser.add_argument_group("from a log with motor currents, without a model")
-    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
-    log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
-
-
 def _degc(text: str) -> float:
     value = float(number(text))
     if not -40.0 <= value <= 60.0:
@@ -63,43 +34,29 @@ def _degc(text: str) -> float:
     return value
 
 
-def run(args: Namespace) -> int:
-    """Identify and report.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        ModelFileError: If options do not fit together, or the model cannot be used.
-        RobotEnergyError: If recordings or log cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
-    from robot_energy.report.thermal import thermal_document
-    from robot_energy.results.thermal import ThermalReport
+    from robot_energy.report.identification import thermal_document
+    from robot_energy.results.identification import ThermalReport
 
-    check_results(args)
-    check_source(args)
+    IdentifyInputs(args).check_results()
+    IdentifyInputs(args).check_source(
+        relative="the heat of a log is relative and makes no model file"
+    )
     model = None
     if args.log:
-        if args.mapping is None:
-            raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
-        if args.out is not None:
-            raise ModelFileError(
-                "the heat of a log is relative and makes no model file",
-                "bags with --model",
-                "import the log to a bag",
-            )
         report = _of_log(args)
     else:
         from robot_energy.api.identify import identify_thermal
 
-        result = identify_thermal(bags_of(args), args.model, ambient_degc=args.ambient)
+        result = identify_thermal(
+            IdentifyInputs(args).bags(), args.model, ambient_degc=args.ambient
+        )
         report, model = result.found, result.model
     assert isinstance(report, ThermalReport)
-    page = Document("Thermal networks of the motors", f"Identified from {source_of(args)}.")
+    page = Document(
+        "Thermal networks of the motors", f"Identified from {IdentifyInputs(args).names()}."
+    )
     thermal_document(report, page)
     present(args, report, page, model=model)
     return 0
@@ -108,12 +65,22 @@ def run(args: Namespace) -> int:
 def _of_log(args: Namespace) -> Any:
     from robot_energy.identify.thermal.network import fit_networks
     from robot_energy.identify.thermal.windows import runs_of_log
-    from robot_energy.logs import load_mapping, open_logs
-    from robot_energy.results.thermal import ThermalReport
+    from robot_energy.results.identification import ThermalReport
 
-    mapping = load_mapping(args.mapping)
-    parts = [log.whole() for log in open_logs(args.log, mapping)]
-    names = mapping.joints.names
+    parts, names = IdentifyInputs(args).columns_of_log()
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]
     ambient, fits, refused = fit_networks(names, runs, args.ambient)
     return ThermalReport("squared_current", ambient, tuple(fits), tuple(refused))
+
+
+OPTIONS: Options = {
+    **bag_options(required=False, effort=""),
+    "--ambient DEGC": (
+        "temperature of the air around the robot [degC] (default: the coldest first reading "
+        "of all motors)",
+        {"type": _degc},
+    ),
+    **result_options("these networks"),
+    "from a log with motor currents, without a model": LOG,
+}
+COMMAND = Command("thermal", "motor temperatures from losses", _run, OPTIONS, DESCRIPTION, EPILOG)

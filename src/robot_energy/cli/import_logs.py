@@ -3,50 +3,29 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.terminal import add_command, console, wrote
-from robot_energy.log_formats import LOG_FORMATS
+from robot_energy.cli.command import Command, Group, add_option
+from robot_energy.cli.terminal import console, wrote
+from robot_energy.log_formats import LOG_FORMATS, LogFormat
 
 if TYPE_CHECKING:
     from robot_energy.logs import ImportReport
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command and the formats of logs.
+def _command(kind: LogFormat) -> Command:
+    """The import of one format."""
 
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    parser: ArgumentParser = commands.add_parser(
-        "import",
-        help="turn logs (UR RTDE, KUKA traces, CSV, Parquet) into bags",
-        description="Convert logs of robots to bags that replay like others. Rows that "
-        "cannot be used are counted by reason and reported.",
-    )
-    kinds = parser.add_subparsers(title="kinds of logs", metavar="KIND", required=True)
-    for kind in LOG_FORMATS.values():
-        own = add_command(kinds, kind.name, run, kind.line, kind.description, kind.epilog)
-        kind.add_arguments(own)
-        own.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
-        own.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-        own.set_defaults(log_format=kind.name)
+    def options(parser: ArgumentParser) -> None:
+        kind.add_arguments(parser)
+        add_option(parser, "--out BAG", "folder of the new bag", required=True)
+        add_option(parser, "--overwrite", "replace the bag of --out")
 
+    def run(args: Namespace) -> int:
+        _print(kind.run(args))
+        return 0
 
-def run(args: Namespace) -> int:
-    """Import logs of one recording.
-
-    Args:
-        args: Of the command, with those of the format of its logs.
-
-    Returns:
-        Exit code 0, also where some rows could not be used: they are counted and printed.
-
-    Raises:
-        RobotEnergyError: If logs, mapping or bag cannot be used.
-    """
-    _print(LOG_FORMATS[args.log_format].run(args))
-    return 0
+    return Command(kind.name, kind.line, run, options, kind.description, kind.epilog)
 
 
 def _print(report: ImportReport) -> None:
@@ -76,3 +55,14 @@ def _print(report: ImportReport) -> None:
         )
     for note in report.notes:
         out.print(f"note: {note}", soft_wrap=True)
+
+
+COMMAND = Group(
+    "import",
+    "turn logs (UR RTDE, KUKA traces, CSV, Parquet) into bags",
+    "Convert logs of robots to bags that replay like others. Rows that "
+    "cannot be used are counted by reason and reported.",
+    "kinds of logs",
+    "KIND",
+    lambda: map(_command, LOG_FORMATS.values()),
+)

@@ -3,44 +3,20 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.terminal import add_command, console
+from robot_energy.cli.command import Command
+from robot_energy.cli.replay_options import DAMAGED
+from robot_energy.cli.terminal import console
 
 if TYPE_CHECKING:
     from robot_energy.bag import BagReader
 
-DAMAGED = 3
 
-
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "topics, types, counts and time span of a bag"
-    description = "Print the topics of a bag and what replay can use them for."
-    parser = add_command(commands, "info", run, text, description)
-    parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
-
-
-def run(args: Namespace) -> int:
-    """Print what a bag holds.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if the bag is damaged.
-
-    Raises:
-        BagError: If it cannot be read.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.bag import BagReader
     from robot_energy.report.document import Document
-    from robot_energy.report.model import bag_document
+    from robot_energy.report.formats import utc
     from robot_energy.report.printing import print_document
 
     bag = BagReader(args.bag)
@@ -50,14 +26,18 @@ def run(args: Namespace) -> int:
         counts, start, end = _read(bag, counts)
     span = None
     if start is not None and end is not None:
-        first = datetime.fromtimestamp(start // 10**9, tz=UTC)
-        span = f"from {first:%Y-%m-%d %H:%M:%S} UTC, {(end - start) * 1e-9:.3f} s"
+        span = f"from {utc(start, '%F %T')} UTC, {(end - start) * 1e-9:.3f} s"
     rows = [
         (name, info.msgtype, "?" if counts[name] is None else str(counts[name]), _use(info.msgtype))
         for name, info in bag.topics.items()
     ]
     page = Document()
-    bag_document(str(args.bag), span, rows, bag.problems, bag.origin, page)
+    page.paragraph(f"{args.bag}: {span or 'no messages'}", "strong")
+    if bag.origin:
+        page.paragraph(f"origin: {bag.origin}")
+    for problem in bag.problems:
+        page.paragraph(problem, "problem")
+    page.table("", ("topic", "type", "messages", "used as"), rows)
     print_document(page, console())
     return DAMAGED if bag.problems else 0
 
@@ -88,3 +68,12 @@ def _read(
             start = low if start is None else min(start, low)
             end = high if end is None else max(end, high)
     return found, start, end
+
+
+COMMAND = Command(
+    "info",
+    "topics, types, counts and time span of a bag",
+    _run,
+    {"bag": "MCAP file, or rosbag2 folder"},
+    "Print the topics of a bag and what replay can use them for.",
+)

@@ -19,30 +19,11 @@ from io import TextIOWrapper
 from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
-from robot_energy.cli import (
-    advise,
-    check,
-    completion,
-    export,
-    fleet,
-    identify,
-    import_logs,
-    info,
-    kinds,
-    layouts,
-    models,
-    monitoring,
-    optimize,
-    predict,
-    replay,
-    report,
-    schema,
-    simulate,
-    test,
-)
+from robot_energy.cli.command import Command
+from robot_energy.cli.commands import COMMANDS
 from robot_energy.cli.help_text import WrappedHelp
+from robot_energy.cli.listings import COMPLETION
 from robot_energy.cli.stopping import Stopped, stoppable
-from robot_energy.cli.terminal import add_command
 from robot_energy.errors import KindError, RobotEnergyError
 from robot_energy.kinds import LIKELY, load_kinds
 from robot_energy.shown_text import shown_lines
@@ -65,7 +46,7 @@ EXTRAS = {
     "fsspec": "fleet",
 }
 FEW = 6  # choices that are all named, even where one of them is near
-COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
+ENTRY_POINTS = "robot_energy.commands"  # group of those that have an add_parser
 
 EPILOG = """\
 examples:
@@ -162,29 +143,17 @@ def build_parser() -> ArgumentParser:
         epilog=EPILOG,
     )
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
-    parser.set_defaults(debug=False, run=run_help)
+    parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for module in (
-        replay, report, export, import_logs, check, test, identify, fleet, predict, optimize,
-        advise, models, kinds, info, simulate, schema, layouts, monitoring,
-        *_further(),
-        completion,
-    ):  # fmt: skip
-        module.add_parser(commands)
-    explained = add_command(commands, "help", run_help, "show the help of a command")
-    explained.add_argument("words", nargs="*", metavar="COMMAND", help="and its subject, if any")
+    # Those of other packages, such as that of the papers, by the entry points they declare.
+    further = [entry.load() for entry in entry_points(group=ENTRY_POINTS)]
+    for command in (*COMMANDS, *further, COMPLETION, HELP):
+        command.add_parser(commands)
     return parser
 
 
-def run_help(args: Namespace) -> int:
-    """Show the help of the whole or of a command.
-
-    Args:
-        args: Of the command line; without a command: of the whole.
-
-    Returns:
-        Exit code.
-    """
+def _run_help(args: Namespace) -> int:
+    """Show the help of a command, or of the whole."""
     try:
         build_parser().parse_args([*getattr(args, "words", ()), "--help"])
     except SystemExit as exit_:
@@ -192,9 +161,12 @@ def run_help(args: Namespace) -> int:
     return DONE
 
 
-def _further() -> list[Any]:
-    """Commands of other packages, such as that of the papers, by the entry points they declare."""
-    return [entry.load() for entry in entry_points(group=COMMANDS)]
+HELP = Command(
+    "help",
+    "show the help of a command",
+    _run_help,
+    {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

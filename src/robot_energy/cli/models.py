@@ -4,96 +4,26 @@ from __future__ import annotations
 
 import os
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
-from typing import Any
 
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, present, wrote
+from robot_energy.cli.command import REQUIRED, Command, Group, Options
+from robot_energy.cli.terminal import JSON_OPTION, check_outputs, console, present, wrote
 
-
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    _add(commands, "models", "list the shipped models", "List the models that come with the tool.")
-    _add(
-        commands,
-        "model",
-        "check a model file; begin one from a URDF; its schema",
-        "Check a model file (model check), begin one from a URDF (model init), or print the schema "
-        "of model files.",
-    )
+INIT: Options = {
+    "source URDF|XACRO|BAG": "file or bag with the URDF",
+    "arguments NAME:=VALUE": ("arguments of the xacro file", {"nargs": "*"}),
+    "--out FILE": ("model file to write; it must not exist", REQUIRED),
+    "--class": (
+        "priors to take (default: by peak power and mass)",
+        {"dest": "robot_class", "choices": ("cobot", "industrial")},
+    ),
+    "--joints NAMES": "joints to model, separated by commas (default: all that move, without "
+    "gripper; of a bag, those in its joint states)",
+}
 
 
-def _add(commands: Any, name: str, text: str, description: str) -> None:
-    """Add one of the two names of the sub-command; both have all actions."""
-    parser: ArgumentParser = commands.add_parser(name, help=text, description=description)
-    parser.set_defaults(run=run_list)
-    actions = parser.add_subparsers(title="actions", metavar="ACTION")
-    listing: ArgumentParser = actions.add_parser("list", help="list shipped models (default)")
-    listing.set_defaults(run=run_list)
-    check = add_command(
-        actions,
-        "check",
-        run_check,
-        "validate a model file and print what it models",
-        "Validate a model file with its URDF and print what is modelled, and how "
-        "many of its figures are published, identified, derived or assumed.",
-    )
-    check.add_argument("model", metavar="FILE|NAME", help="model file, or name of a shipped one")
-    add_json(check)
-    schema = add_command(
-        actions,
-        "schema",
-        run_schema,
-        "print the JSON schema of model files",
-        "Print the JSON schema of model files, for editors that complete and check "
-        "YAML, or the same as a page of Markdown.",
-    )
-    schema.add_argument("--markdown", action="store_true", help="print the reference page instead")
-    init = add_command(
-        actions,
-        "init",
-        run_init,
-        "begin a model file from a URDF, a xacro file or a bag",
-        "Write a complete model file of a robot nobody has measured: gears, rotors, "
-        "friction, drives and cabinet are assumed, scaled from the limits in its URDF.",
-    )
-    init.add_argument("source", metavar="URDF|XACRO|BAG", help="file or bag with the URDF")
-    init.add_argument(
-        "arguments", metavar="NAME:=VALUE", nargs="*", help="arguments of the xacro file"
-    )
-    init.add_argument(
-        "--out", metavar="FILE", required=True, help="model file to write; it must not exist"
-    )
-    init.add_argument(
-        "--class",
-        dest="robot_class",
-        choices=("cobot", "industrial"),
-        help="priors to take (default: by peak power and mass)",
-    )
-    init.add_argument(
-        "--joints",
-        metavar="NAMES",
-        help="joints to model, separated by commas (default: all that move, without gripper; "
-        "of a bag, those in its joint states)",
-    )
-
-
-def run_list(args: Namespace) -> int:
-    """List the shipped models.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        Exit code.
-
-    Raises:
-        RobotEnergyError: If a shipped model is broken.
-    """
+def _run_list(args: Namespace) -> int:
     from robot_energy.model import load, shipped_models
     from robot_energy.report.formats import tags_text
     from robot_energy.results.model import count_tags
@@ -111,18 +41,7 @@ def run_list(args: Namespace) -> int:
     return 0
 
 
-def run_check(args: Namespace) -> int:
-    """Validate a model and print what it holds.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        Exit code.
-
-    Raises:
-        RobotEnergyError: If the file or its URDF cannot be used.
-    """
+def _run_check(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
     from robot_energy.report.document import Document
@@ -137,15 +56,7 @@ def run_check(args: Namespace) -> int:
     return 0
 
 
-def run_schema(args: Namespace) -> int:
-    """Print the schema of model files.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        Exit code.
-    """
+def _run_schema(args: Namespace) -> int:
     import json
 
     from robot_energy.model.reference import json_schema, reference_page
@@ -155,19 +66,7 @@ def run_schema(args: Namespace) -> int:
     return 0
 
 
-def run_init(args: Namespace) -> int:
-    """Write a first model file.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        Exit code.
-
-    Raises:
-        ModelFileError: If the file exists.
-        RobotEnergyError: If the URDF cannot be used.
-    """
+def _run_init(args: Namespace) -> int:
     from robot_energy.config_file import parse_yaml
     from robot_energy.errors import ModelFileError
     from robot_energy.files.output_files import TEXT, write_file
@@ -213,3 +112,44 @@ def run_init(args: Namespace) -> int:
         highlight=False,
     )
     return 0
+
+
+def _group(name: str, text: str, description: str) -> Group:
+    """One of the two names; both have all actions."""
+    listing = "list", "list shipped models (default)", _run_list
+    return Group(name, text, description, "actions", "ACTION", lambda: ACTIONS, listing)
+
+
+ACTIONS = (
+    Command(
+        "check",
+        "validate a model file and print what it models",
+        _run_check,
+        {"model FILE|NAME": "model file, or name of a shipped one", **JSON_OPTION},
+        "Validate a model file with its URDF and print what is modelled, and how "
+        "many of its figures are published, identified, derived or assumed.",
+    ),
+    Command(
+        "schema",
+        "print the JSON schema of model files",
+        _run_schema,
+        {"--markdown": "print the reference page instead"},
+        "Print the JSON schema of model files, for editors that complete and check "
+        "YAML, or the same as a page of Markdown.",
+    ),
+    Command(
+        "init",
+        "begin a model file from a URDF, a xacro file or a bag",
+        _run_init,
+        INIT,
+        "Write a complete model file of a robot nobody has measured: gears, rotors, "
+        "friction, drives and cabinet are assumed, scaled from the limits in its URDF.",
+    ),
+)
+LIST = _group("models", "list the shipped models", "List the models that come with the tool.")
+MODEL = _group(
+    "model",
+    "check a model file; begin one from a URDF; its schema",
+    "Check a model file (model check), begin one from a URDF (model init), or print the schema "
+    "of model files.",
+)

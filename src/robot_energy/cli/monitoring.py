@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
-from typing import Any
 
-from robot_energy.cli.terminal import add_command
+from robot_energy.cli.command import REQUIRED, Command, Options
 from robot_energy.errors import PageError
 from robot_energy.files.output_files import JSON, TEXT, check_file, json_bytes, write_file
 from robot_energy.files.placement import all_or_none
@@ -24,34 +23,14 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: Sub-commands that it joins.
-    """
-    text = "files for Prometheus and Grafana"
-    parser = add_command(commands, "monitoring", run, text, DESCRIPTION, EPILOG)
-    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder for the three files")
-    parser.add_argument("--target", metavar="HOST:PORT", help="the energy page")
-    parser.add_argument(
-        "--token-file", default="", metavar="FILE", help="file with its token, for Prometheus"
-    )
+OPTIONS: Options = {
+    "--out FOLDER": ("folder for the three files", REQUIRED),
+    "--target HOST:PORT": "the energy page",
+    "--token-file FILE": ("file with its token, for Prometheus", {"default": ""}),
+}
 
 
-def run(args: Namespace) -> int:
-    """Write the files.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0.
-
-    Raises:
-        PageError: If the folder is none.
-        RobotEnergyError: If a file cannot be written.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.page.monitoring import (
         DEFAULT_TARGET,
         alert_rules,
@@ -75,3 +54,8 @@ def run(args: Namespace) -> int:
         write_file(folder / "grafana.json", json_bytes(grafana_dashboard()), JSON, "grafana.json")
     print(f"written to {shown(args.out)}: {', '.join([*texts, 'grafana.json'])}")
     return 0
+
+
+COMMAND = Command(
+    "monitoring", "files for Prometheus and Grafana", _run, OPTIONS, DESCRIPTION, EPILOG
+)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.numbers import number, whole
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.cli.command import SEVERAL, Command, add_options
+from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy.cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
+from robot_energy.errors import MotionError
 
 if TYPE_CHECKING:
     from robot_energy.blocks import Float
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
 MAX_SAMPLES_OPTION = 1_000_000_000
+SEVERAL_REQUIRED: dict[str, Any] = {"required": True, "action": "append"}
 PAYLOAD_LINK = "tool0"
 DESCRIPTION = """\
 Predict the energy of motion programs before they are run, for one or several robots, at
@@ -42,87 +44,45 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
+OPTIONS = {
+    "--model FILE|NAME": (
+        "model of the robot; several times for several robots",
+        SEVERAL_REQUIRED,
+    ),
+    "--temperature DEGC[,DEGC...]": (
+        "of all motors, or one per joint, held throughout; several times to compare",
+        SEVERAL_REQUIRED,
+    ),
+    "--payload KG[,X,Y,Z][@LINK]": "what the robot carries, its centre of mass in the frame of "
+    f"the link [m] (default link {PAYLOAD_LINK})",
+    "--auxiliary LOAD=STATE": (
+        "state of an auxiliary load of the models (default: as the model says)",
+        SEVERAL,
+    ),
+    "--repeat N": "how often (default: as the program says, or 1)",
+    "--topic NAME": "of the JointTrajectory in a bag",
+    "--max-samples N": "longest prediction, all programs, robots and temperatures together "
+    "(default 5,000,000: hours of motion at 100 to 200 samples per second)",
+}
+SHAPE = {
+    "--layer-height MM": "default 10 mm",
+    "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
+    "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
+    "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
+}
 
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "the energy of motion programs before they are run"
-    parser = add_command(commands, "predict", run, text, DESCRIPTION, EPILOG)
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
-    parser.add_argument(
-        "--model",
-        required=True,
-        action="append",
-        metavar="FILE|NAME",
-        help="model of the robot; several times for several robots",
-    )
-    parser.add_argument(
-        "--temperature",
-        required=True,
-        action="append",
-        metavar="DEGC[,DEGC...]",
-        help="of all motors, or one per joint, held throughout; several times to compare",
-    )
-    parser.add_argument(
-        "--payload",
-        metavar="KG[,X,Y,Z][@LINK]",
-        help=f"what the robot carries, its centre of mass in the frame of the link [m] "
-        f"(default link {PAYLOAD_LINK})",
-    )
-    parser.add_argument(
-        "--auxiliary",
-        action="append",
-        default=[],
-        metavar="LOAD=STATE",
-        help="state of an auxiliary load of the models (default: as the model says)",
-    )
-    parser.add_argument(
-        "--repeat", type=whole, metavar="N", help="how often (default: as the program says, or 1)"
-    )
-    parser.add_argument("--topic", metavar="NAME", help="of the JointTrajectory in a bag")
-    parser.add_argument(
-        "--max-samples",
-        type=whole,
-        metavar="N",
-        help="longest prediction, all programs, robots and temperatures together (default "
-        "5,000,000: hours of motion at 100 to 200 samples per second)",
-    )
+    add_options(parser, OPTIONS)
     output = parser.add_argument_group("output")
-    add_json(output)
-    output.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
-    output.add_argument("--plot", metavar="FILE", help="draw energy and power: png, svg or pdf")
+    add_options(output, OUTPUTS | {"--plot FILE": "draw energy and power: png, svg or pdf"})
     add_tool(parser.add_argument_group("G-code and shapes"), several=True, also=("--start",))
     shape = parser.add_argument_group("shapes", "an STL file is cut into layers; no infill")
-    shape.add_argument("--layer-height", type=number, metavar="MM", help="default 10 mm")
-    shape.add_argument(
-        "--print-speed", type=number, metavar="MM_PER_S", help="of the tool, default 125 mm/s"
-    )
-    shape.add_argument(
-        "--bead-width",
-        type=number,
-        metavar="MM",
-        help="the tool runs half of it inside the surface; default 0 mm",
-    )
-    shape.add_argument("--stl-unit", choices=("mm", "m", "inch"), default="mm", help="default mm")
+    add_options(shape, SHAPE)
 
 
-def run(args: Namespace) -> int:
-    """Predict and print.
-
-    Args:
-        args: Of the command.
-
-    Returns:
-        Exit code 0.
-
-    Raises:
-        MotionError: If more predictions are asked for than one command makes, or a program or
-            what goes with it cannot be used.
-        RobotEnergyError: If a model or program cannot be used.
-    """
-    from robot_energy.errors import MotionError
+def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.prediction import labels, prediction_document
     from robot_energy.report.prediction_figure import energy_and_power
@@ -152,7 +112,6 @@ def run(args: Namespace) -> int:
 
 def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     """All programs by all robots at all temperatures."""
-    from robot_energy.errors import MotionError
     from robot_energy.model import load
     from robot_energy.motion.load_motion import joint_list, load_motion
     from robot_energy.physics.rigid_body import Robot
@@ -202,8 +161,6 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
 
 def _load_state(text: str) -> tuple[str, str]:
     """Name and state of ``LOAD=STATE``."""
-    from robot_energy.errors import MotionError
-
     name, sign, state = text.partition("=")
     if not sign:
         raise MotionError(f"--auxiliary is '{text}'", "LOAD=STATE, such as pump=on")
@@ -212,7 +169,6 @@ def _load_state(text: str) -> tuple[str, str]:
 
 def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
     """Say how long a prediction is before it begins, and refuse one that is too long."""
-    from robot_energy.errors import MotionError
     from robot_energy.prediction import planned_samples
 
     samples = sum(planned_samples(plan.motion, repeat) for plan, repeat in plans)
@@ -229,8 +185,6 @@ def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
 
 
 def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[str | None]:
-    from robot_energy.errors import MotionError
-
     if values is None:
         return [None] * count
     if len(values) not in (1, count):
@@ -261,3 +215,13 @@ def _payload(text: str) -> Payload:
     figures, _, link = text.partition("@")
     values = joint_list(figures, "--payload", (1, 4)).tolist()
     return payload(link or PAYLOAD_LINK, values[0], values[1:] or (0.0, 0.0, 0.0), source=text)
+
+
+COMMAND = Command(
+    "predict",
+    "the energy of motion programs before they are run",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

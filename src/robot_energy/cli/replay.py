@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+import time
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.page import add_page, page_settings, recorded_page, serve_page
+from robot_energy.cli.command import Command, add_options
 from robot_energy.cli.replay_options import (
     BAG,
     DAMAGED,
+    JOBS,
+    PAGE,
     PROCESSES,
-    add_jobs,
     add_replay,
+    model_named,
     options_of,
 )
-from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
-    add_command,
-    add_json,
+    JSON_OPTION,
     check_bag,
     check_outputs,
     present,
     progress,
 )
-from robot_energy.errors import ReportError
+from robot_energy.errors import PageError, ReportError
 from robot_energy.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
     from robot_energy.page.recording import RecordedPage
+    from robot_energy.page.settings import PageSettings
     from robot_energy.pipeline import Output
     from robot_energy.report.temperature_figure import TemperatureHistory
 
@@ -57,32 +59,22 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
+OUTPUTS = {
+    "--out BAG": "write the energy topics (/energy/...) into a new bag",
+    "--overwrite": "replace the bag of --out",
+    **JSON_OPTION,
+    "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
+    "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium is "
+    "installed",
+}
 
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "where the energy of a recorded bag went"
-    parser = add_command(commands, "replay", run, text, DESCRIPTION, EPILOG)
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", help=BAG)
-    parser.add_argument("--processes", **PROCESSES)
-    outputs = parser.add_argument_group("outputs")
-    outputs.add_argument(
-        "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"
-    )
-    outputs.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-    add_json(outputs)
-    outputs.add_argument(
-        "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
-    )
-    outputs.add_argument(
-        "--report",
-        metavar="FILE",
-        help="write tables and figures as one file: .html, or .pdf where a Chromium is installed",
-    )
-    add_page(parser)
-    add_jobs(parser)
+    add_options(parser, PROCESSES)
+    add_options(parser.add_argument_group("outputs"), OUTPUTS)
+    add_options(parser.add_argument_group("energy page"), PAGE)
+    add_options(parser, JOBS)
     add_replay(
         parser,
         "averaging period of /energy/power (default 0.02 s)",
@@ -91,18 +83,7 @@ def add_parser(commands: Any) -> None:
     )
 
 
-def run(args: Namespace) -> int:
-    """Replay and report.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if the bag is damaged and was read in part.
-
-    Raises:
-        RobotEnergyError: If model, bag or outputs cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.api.replay import fixed_friction
     from robot_energy.files.placement import all_or_none
     from robot_energy.model import load
@@ -120,8 +101,8 @@ def run(args: Namespace) -> int:
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
-    settings = page_settings(args)
-    recorded = recorded_page(args, model, settings)
+    settings = _page_settings(args)
+    recorded = _recorded_page(args, model, settings)
     runs = [(model, change)]
     if args.compare is not None:
         runs.append(fixed_friction(model, args.compare))
@@ -139,7 +120,7 @@ def run(args: Namespace) -> int:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
         replay_document(report, page, curves, settings=settings)
         present(args, report, page, "bag", lambda path: _plot(path, results, changes))
-    serve_page(args, recorded, results[0])
+    _serve_page(args, recorded, results[0])
     return DAMAGED if results[0].problems else 0
 
 
@@ -175,6 +156,47 @@ def _replay(
         )
 
 
+def _page_settings(args: Namespace) -> PageSettings:
+    """Prices and emissions of what is shown."""
+    from robot_energy.page.settings import load_settings
+
+    if args.page_settings is not None and not args.serve and args.report is None:
+        raise PageError("--page-settings was given alone", "--serve or --report FILE")
+    return load_settings(args.page_settings or "")
+
+
+def _recorded_page(
+    args: Namespace, model: RobotModel, settings: PageSettings
+) -> RecordedPage | None:
+    """The page to fill; None where none is asked for."""
+    if args.port is not None and not args.serve:
+        raise PageError("--port was given without --serve", "--serve --port N")
+    if not args.serve:
+        return None
+    from robot_energy.page.recording import RecordedPage
+
+    return RecordedPage(Path(args.bag).name, model, settings)
+
+
+def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> None:
+    """Serve the page, if there is one, until the command is stopped."""
+    if page is None:
+        return
+    page.finish(result)
+    from robot_energy.page.access import page_access
+    from robot_energy.page.web_server import PageServer
+
+    access = page_access(port=int(args.port or 0))
+    server = PageServer(page.hub, access)
+    try:
+        for sentence in access.sentences(server.url):
+            print(sentence, flush=True)
+        while True:
+            time.sleep(3600.0)
+    finally:
+        server.close()
+
+
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     from robot_energy.blocks import MeterLocation
     from robot_energy.report.power_figure import power_and_energy
@@ -190,3 +212,8 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     if first.origin:
         title = f"{title}\n{first.origin}"
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
+
+
+COMMAND = Command(
+    "replay", "where the energy of a recorded bag went", _run, _options, DESCRIPTION, EPILOG
+)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.page import add_page_settings
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
-from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, check_report, console, progress, sign, wrote
+from robot_energy.cli.command import Command, add_option, add_options
+from robot_energy.cli.replay_options import (
+    BAG,
+    DAMAGED,
+    JOBS,
+    PAGE_SETTINGS,
+    add_replay,
+    model_named,
+    options_of,
+)
+from robot_energy.cli.terminal import check_report, console, progress, sign, wrote
 from robot_energy.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
@@ -32,38 +39,19 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "one page about recorded bags, or about the JSON of a result"
-    parser = add_command(commands, "report", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("source", nargs="+", metavar="BAG|JSON", help=f"{BAG}; or a JSON file")
-    parser.add_argument(
-        "--out",
+    add_option(
+        parser,
+        "--out FILE",
+        "the report: .html, or .pdf where a Chromium is installed",
         required=True,
-        metavar="FILE",
-        help="the report: .html, or .pdf where a Chromium is installed",
     )
     add_replay(parser)
-    add_page_settings(parser)
-    add_jobs(parser)
+    add_options(parser, {**PAGE_SETTINGS, **JOBS})
 
 
-def run(args: Namespace) -> int:
-    """Replay or read, and write the page.
-
-    Args:
-        args: Of the sub-command.
-
-    Returns:
-        0, or 3 if a bag is damaged and was read in part.
-
-    Raises:
-        RobotEnergyError: If a source, the model or the output cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.page.settings import load_settings
     from robot_energy.report.document import Document
     from robot_energy.report.headline import headline
@@ -129,3 +117,13 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
         )
     curves = ReplayCurves(curves_of([result], [change]), temperatures)
     return replay_report(result, change), curves, bool(result.problems)
+
+
+COMMAND = Command(
+    "report",
+    "one page about recorded bags, or about the JSON of a result",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy.cli.numbers import number, whole
-from robot_energy.cli.terminal import add_command, check_bag, console, wrote
+from robot_energy.cli.command import REQUIRED, Command, add_options
+from robot_energy.cli.terminal import check_bag, console, wrote
 
 if TYPE_CHECKING:
     from robot_energy.motion import Program
@@ -34,107 +34,34 @@ example:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "record the virtual test rig to a bag"
-    parser = add_command(commands, "simulate", run, text, DESCRIPTION, EPILOG)
-    parser.add_argument(
-        "--robot",
-        default="kr16",
-        metavar="NAME",
-        help=f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
-    )
-    parser.add_argument(
-        "--plant-seed",
-        type=whole,
-        metavar="N",
-        help="draw friction, losses and constants of the plant at random",
-    )
-    parser.add_argument("--hard", action="store_true", help="effects without a term in models")
-    parser.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
-    parser.add_argument("--duration", type=number, default=60.0, metavar="S", help="default 60 s")
-    parser.add_argument(
-        "--start-temperature",
-        type=number,
-        default=20.0,
-        metavar="DEGC",
-        help="of motors and gears (default 20 degC)",
-    )
-    parser.add_argument(
-        "--ambient", type=number, default=20.0, metavar="DEGC", help="default 20 degC"
-    )
-    parser.add_argument(
-        "--seed",
-        type=whole,
-        default=0,
-        metavar="N",
-        help="of program and sensor errors; the same seed gives the same bag",
-    )
-    parser.add_argument(
-        "--device-seed",
-        type=whole,
-        metavar="N",
-        help="of the constant errors of meter and sensors: recordings of one robot have the same "
-        "(default: that of --seed)",
-    )
-    parser.add_argument(
-        "--speedup",
-        type=number,
-        default=1.0,
-        metavar="FACTOR",
-        help="factor on how fast temperatures change (default 1)",
-    )
-    parser.add_argument(
-        "--rate",
-        type=number,
-        default=RATE,
-        metavar="HZ",
-        help=f"of the joint states (default {RATE:g} Hz)",
-    )
-    parser.add_argument(
-        "--override",
-        type=number,
-        default=1.0,
-        metavar="SHARE",
-        help="share of full speed, above 0 to 1 (default 1)",
-    )
-    parser.add_argument(
-        "--dwell",
-        type=number,
-        default=0.2,
-        metavar="S",
-        help="rest after every motion (default 0.2 s)",
-    )
-    parser.add_argument(
-        "--drive-power",
-        action="store_true",
-        help="record the electrical input of each drive as well, on /drive_power",
-    )
-    parser.add_argument(
-        "--auxiliary",
-        action="store_true",
-        help="record a pump and an extruder as well, with meters and states of their own",
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
+OPTIONS = {
+    "--robot NAME": f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
+    "--plant-seed N": "draw friction, losses and constants of the plant at random",
+    "--hard": "effects without a term in models",
+    "--out BAG": ("folder of the new bag", REQUIRED),
+    "--duration S": "default 60 s",
+    "--start-temperature DEGC": "of motors and gears (default 20 degC)",
+    "--ambient DEGC": "default 20 degC",
+    "--seed N": "of program and sensor errors; the same seed gives the same bag",
+    "--device-seed N": "of the constant errors of meter and sensors: recordings of one robot "
+    "have the same (default: that of --seed)",
+    "--speedup FACTOR": "factor on how fast temperatures change (default 1)",
+    "--rate HZ": f"of the joint states (default {RATE:g} Hz)",
+    "--override SHARE": "share of full speed, above 0 to 1 (default 1)",
+    "--dwell S": "rest after every motion (default 0.2 s)",
+    "--drive-power": "record the electrical input of each drive as well, on /drive_power",
+    "--auxiliary": "record a pump and an extruder as well, with meters and states of their own",
+    "--overwrite": "replace the bag of --out",
+}
 
 
-def run(args: Namespace) -> int:
-    """Record the rig.
+def _options(parser: ArgumentParser) -> None:
+    add_options(parser, OPTIONS)
+    rig = {"robot": "kr16", "start_temperature": 20.0, "ambient": 20.0, "seed": 0, "speedup": 1.0}
+    parser.set_defaults(**rig, duration=60.0, rate=RATE, override=1.0, dwell=0.2)
 
-    Args:
-        args: Of the command.
 
-    Returns:
-        Exit code 0.
-
-    Raises:
-        RigError: If the seed is negative, or the figures of the rig do not fit together.
-        RobotEnergyError: If the rig cannot be set up so, or the bag not be written.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.errors import RigError
     from robot_energy.rig import RigConfig, VirtualRig, load_profile, random_profile
     from robot_energy.rig.record import record
@@ -188,3 +115,8 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
         override=args.override,
         accept=above,
     )
+
+
+COMMAND = Command(
+    "simulate", "record the virtual test rig to a bag", _run, _options, DESCRIPTION, EPILOG
+)

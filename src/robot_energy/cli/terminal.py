@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from robot_energy.report.document import Document
     from robot_energy.results.base import Result
 
+JSON_OPTION = {"--json FILE": "write all figures as JSON; - for standard output, without tables"}
+OUTPUTS = {**JSON_OPTION, "--report FILE": "write one HTML file with everything"}
+TABLE_OUTPUTS = {**JSON_OPTION, "--report FILE": "write tables and figures as one HTML file"}
 WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
     "json": (JSON, "the JSON report"),
@@ -91,48 +94,6 @@ def progress(label: str) -> Generator[Callable[[float], None], None, None]:
     with Progress(console=Console(file=sys.stderr), transient=True) as bar:
         task = bar.add_task(escape(shown_lines(label)), total=1.0)
         yield lambda share: bar.update(task, completed=share)
-
-
-def add_command(
-    commands: Any,
-    name: str,
-    run: Callable[[Namespace], int],
-    text: str,
-    description: str = "",
-    epilog: str = "",
-) -> ArgumentParser:
-    """Add a sub-command with the option that all of them have.
-
-    Args:
-        commands: Sub-commands that it joins.
-        name: As it is typed.
-        run: Runs it and returns the exit code.
-        text: What it does, in the list of commands.
-        description: What it does, in its own help; empty for that of the list.
-        epilog: Examples.
-
-    Returns:
-        Its parser.
-    """
-    parser: ArgumentParser = commands.add_parser(
-        name, help=text, description=description or text, epilog=epilog
-    )
-    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
-    parser.set_defaults(run=run)
-    return parser
-
-
-def add_json(parser: Any) -> None:
-    """Add the option of all commands that have a result.
-
-    Args:
-        parser: Of the command, or a group of its options.
-    """
-    parser.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write all figures as JSON; - for standard output, without tables",
-    )
 
 
 def check_outputs(
@@ -300,4 +261,4 @@ def sign(args: Namespace, page: Document) -> None:
     """
     with page.only("page"):
         page.paragraph("This report was made by")
-        page.command(shlex.join(["robot-energy", *getattr(args, "command", ())]))
+        page.paragraph(shlex.join(["robot-energy", *getattr(args, "command", ())]), "command")

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.replay_options import AT_FALLBACK, BAG, DAMAGED, add_replay, options_of
-from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.cli.command import Command, add_option, add_options
+from robot_energy.cli.replay_options import (
+    AT_FALLBACK,
+    BAG,
+    DAMAGED,
+    add_replay,
+    model_named,
+    options_of,
+)
+from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
 from robot_energy.errors import ModelFileError
 from robot_energy.freed_memory import keep_freed_memory
 
@@ -30,28 +37,18 @@ examples:
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command.
-
-    Args:
-        commands: What `ArgumentParser.add_subparsers` returned.
-    """
-    text = "how good a model is on recordings: torque, shafts, power and energy at the meter"
-    parser = add_command(commands, "test", run, text, DESCRIPTION, EPILOG)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bags", nargs="*", metavar="BAG", help=BAG)
-    parser.add_argument(
-        "--log",
-        nargs="+",
-        metavar="LOG",
-        help="instead of bags: tables (CSV, plain or .gz, Parquet), each a recording; or their "
+    add_option(
+        parser,
+        "--log LOG",
+        "instead of bags: tables (CSV, plain or .gz, Parquet), each a recording; or their "
         "folder, if the mapping names the files",
+        nargs="+",
     )
-    parser.add_argument("--mapping", metavar="FILE", help="what the columns of the log mean")
+    add_option(parser, "--mapping FILE", "what the columns of the log mean")
     outputs = parser.add_argument_group("outputs")
-    add_json(outputs)
-    outputs.add_argument(
-        "--report", metavar="FILE", help="write tables and figures as one HTML file"
-    )
+    add_options(outputs, TABLE_OUTPUTS)
     add_replay(
         parser,
         compare="temperature of the fixed friction that the model is compared with (default: the "
@@ -60,19 +57,7 @@ def add_parser(commands: Any) -> None:
     )
 
 
-def run(args: Namespace) -> int:
-    """Compare, and say how good the model is.
-
-    Args:
-        args: Of the command line.
-
-    Returns:
-        0, or 3 if a bag is damaged and was read in part.
-
-    Raises:
-        ModelFileError: If neither bags nor a log with its mapping are named.
-        RobotEnergyError: If a recording, the model or an output cannot be used.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.evaluation import evaluation_document
     from robot_energy.report.formats import counted
@@ -130,3 +115,13 @@ def _of_logs(args: Namespace, model: str) -> EvaluationReport:
         replace(one, sha256=sha256) for one, sha256 in zip(report.recordings, hashes, strict=True)
     ]
     return replace(report, recordings=tuple(recordings))
+
+
+COMMAND = Command(
+    "test",
+    "how good a model is on recordings: torque, shafts, power and energy at the meter",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

@@ -7,7 +7,7 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.numbers import number
+from robot_energy.cli.command import Options, add_option, add_options
 
 if TYPE_CHECKING:
     from robot_energy.motion.load_motion import ToolOptions
@@ -17,6 +17,14 @@ AT_ORIGIN = (
     "not turned"
 )
 START = "--start-position"
+TOOL: Options = {
+    "--tool LINK": ("default tool0", {"default": "tool0"}),
+    "--tool-acceleration A": "greatest, default 2 m/s^2, assumed",
+    "--corner-tolerance MM": "greatest distance from a corner, default 3 mm; 0 stops in every "
+    "corner",
+    "--smoothing S": "of the tool's motion, default 0.02 s",
+    "--rapid M_PER_S": "speed of G0 without F, default 0.25 m/s",
+}
 
 
 def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> None:
@@ -29,12 +37,12 @@ def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> N
     """
     action = "append" if several else "store"
     each = "; once for all robots, or once per model" if several else ""
-    group.add_argument(
-        "--base",
-        action=action,
-        metavar="X,Y,Z[,YAW]",
-        help="where the robot's base stands in the frame of the program [m], and its turn about "
+    add_option(
+        group,
+        "--base X,Y,Z[,YAW]",
+        "where the robot's base stands in the frame of the program [m], and its turn about "
         f"the vertical axis [deg]{each}",
+        action=action,
     )
     group.add_argument(
         START,
@@ -44,22 +52,7 @@ def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> N
         help="joint positions near the first one [rad or m], which decide elbow and wrist"
         f"{each} (default: middle of the ranges, bent)",
     )
-    group.add_argument("--tool", default="tool0", metavar="LINK", help="default tool0")
-    group.add_argument(
-        "--tool-acceleration", type=number, metavar="A", help="greatest, default 2 m/s^2, assumed"
-    )
-    group.add_argument(
-        "--corner-tolerance",
-        type=number,
-        metavar="MM",
-        help="greatest distance from a corner, default 3 mm; 0 stops in every corner",
-    )
-    group.add_argument(
-        "--smoothing", type=number, metavar="S", help="of the tool's motion, default 0.02 s"
-    )
-    group.add_argument(
-        "--rapid", type=number, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
-    )
+    add_options(group, TOOL)
 
 
 def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:

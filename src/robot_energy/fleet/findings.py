@@ -89,7 +89,7 @@ def compare(
         own = levels(figure, bags.robot, bags.work[:, joint], recent)
         friction.append(own)
         findings += [
-            _friction(bags.robots[one.robot], name, one)
+            _relative(bags.robots[one.robot], "friction", name, one)
             for one in found(own)
             if abs(expm1(one.size)) >= MIN_FRICTION
         ]
@@ -105,7 +105,7 @@ def compare(
     for name in programmes:
         part = jobs.filter(pl.col("name") == name)
         findings += [
-            _energy(bags.robots[one.robot], name, one)
+            _relative(bags.robots[one.robot], "energy", name, one)
             for one in found(_of_jobs(part, tables.runs, bags.robots))
             if abs(expm1(one.size)) >= MIN_ENERGY
         ]
@@ -229,19 +229,14 @@ def _payload(robot: str, one: Deviation) -> FleetFinding:
     return FleetFinding(robot, "payload", "", one.size, one.std, one.certainty, None, text)
 
 
-def _friction(robot: str, joint: str, one: Deviation) -> FleetFinding:
+def _relative(robot: str, kind: str, subject: str, one: Deviation) -> FleetFinding:
+    """Friction of a joint or energy of a job, whose levels are logarithms."""
     size, std = expm1(one.size), exp(one.size) * one.std
-    text = (
-        f"friction of {joint} is {_percent(size, std)} that of its sisters at equal temperature "
-        "and speed"
-    )
-    return FleetFinding(robot, "friction", joint, size, std, one.certainty, None, text)
-
-
-def _energy(robot: str, name: str, one: Deviation) -> FleetFinding:
-    size, std = expm1(one.size), exp(one.size) * one.std
-    text = f"a job '{name}' takes {_percent(size, std)} what its sisters need, equally warm"
-    return FleetFinding(robot, "energy", name, size, std, one.certainty, None, text)
+    how = _percent(size, std)
+    text = f"a job '{subject}' takes {how} what its sisters need, equally warm"
+    if kind == "friction":
+        text = f"friction of {subject} is {how} that of its sisters at equal temperature and speed"
+    return FleetFinding(robot, kind, subject, size, std, one.certainty, None, text)
 
 
 def _standing(robot: str, one: Deviation, by_day: Levels) -> FleetFinding:

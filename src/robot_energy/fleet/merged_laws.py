@@ -169,18 +169,8 @@ def constant_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
     return ConstantLaw(law="constant", viscous=identified(value, std, merged.source)), fit
 
 
-def exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
-    """Search the temperature scale c; everything else is linear for a given c.
-
-    Args:
-        merged: Sums of the joint.
-
-    Returns:
-        The law, and fc with its coefficients.
-
-    Raises:
-        NotIdentifiableError: If bags of one temperature, or no falling friction, are all there is.
-    """
+def _exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Search the temperature scale c; everything else is linear for a given c."""
     span = float(np.ptp(merged.bags.degc))
     if span < MIN_RANGE:
         raise NotIdentifiableError(f"its bags lie within {span:.1f} K", f"{MIN_RANGE:g} K or more")
@@ -234,18 +224,8 @@ def exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
     return law.model_copy(update={"std": float(greatest)}), fit
 
 
-def table_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
-    """Fit the viscous coefficient at every node that the bags have seen.
-
-    Args:
-        merged: Sums of the joint.
-
-    Returns:
-        The law, and fc with its coefficients.
-
-    Raises:
-        NotIdentifiableError: If they have seen one.
-    """
+def _table_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Fit the viscous coefficient at every node that the bags have seen."""
     seen = merged.whole[VISCOUS, VISCOUS].sum(axis=1)
     kept = np.flatnonzero(seen >= MIN_SHARE * seen.sum())
     if len(kept) < 2:
@@ -270,8 +250,8 @@ def table_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
 
 LAWS: dict[str, Callable[[MergedSums], tuple[LawEntry, Fit]]] = {
     "constant": constant_law,
-    "exponential": exponential_law,
-    "table": table_law,
+    "exponential": _exponential_law,
+    "table": _table_law,
 }
 """The simplest first."""
 

@@ -11,61 +11,40 @@ import polars as pl
 from robot_energy.report.repeats import overlaps
 
 FLOATS = pl.List(pl.Float64)
+
+
+def _columns(*groups: tuple[Any, str]) -> dict[str, Any]:
+    """Columns in groups of one type, in their order."""
+    return {name: kind for kind, names in groups for name in names.split()}
+
+
 SCHEMAS: dict[str, dict[str, Any]] = {
-    "runs": {
-        "key": pl.String,
-        "bag": pl.String,
-        "robot": pl.String,
-        "model_id": pl.String,
-        "reason": pl.String,
-        "problems": pl.List(pl.String),
-        "start_ns": pl.Int64,
-        "end_ns": pl.Int64,
-        "observed_time": pl.Float64,
-        "grid_energy": pl.Float64,
-        "brake_energy": pl.Float64,
-        "measured_energy": pl.Float64,
-        "predicted_energy_at_meter": pl.Float64,
-        "motor_temperature_degc": pl.Float64,
-        "jobs_left_out": pl.Int64,
-    },
-    "jobs": {
-        "key": pl.String,
-        "robot": pl.String,
-        "name": pl.String,
-        "start_ns": pl.Int64,
-        "end_ns": pl.Int64,
-        "time": pl.Float64,
-        "gap_time": pl.Float64,
-        "energy": pl.Float64,
-        "measured_energy": pl.Float64,
-        "predicted_energy_at_meter": pl.Float64,
-    },
-    "hours": {
-        "key": pl.String,
-        "robot": pl.String,
-        "hour_ns": pl.Int64,
-        "observed_time": pl.Float64,
-        "motion_time": pl.Float64,
-        "grid_energy": pl.Float64,
-        "standby_time": pl.Float64,
-        "standby_energy": pl.Float64,
-    },
-    "joints": {
-        "key": pl.String,
-        "robot": pl.String,
-        "joint": pl.String,
-        "friction_rows": pl.Int64,
-        "motion_time": pl.Float64,
-        "motor_temperature_degc": pl.Float64,
-        "friction_sums": FLOATS,
-        "wear_stamp_ns": pl.List(pl.Int64),
-        "wear_hours": FLOATS,
-        "wear_time": FLOATS,
-        "wear_excess": FLOATS,
-        "wear_variance": FLOATS,
-        "wear_features": FLOATS,
-    },
+    "runs": _columns(
+        (pl.String, "key bag robot model_id reason"),
+        (pl.List(pl.String), "problems"),
+        (pl.Int64, "start_ns end_ns"),
+        (pl.Float64, "observed_time grid_energy brake_energy measured_energy"),
+        (pl.Float64, "predicted_energy_at_meter motor_temperature_degc"),
+        (pl.Int64, "jobs_left_out"),
+    ),
+    "jobs": _columns(
+        (pl.String, "key robot name"),
+        (pl.Int64, "start_ns end_ns"),
+        (pl.Float64, "time gap_time energy measured_energy predicted_energy_at_meter"),
+    ),
+    "hours": _columns(
+        (pl.String, "key robot"),
+        (pl.Int64, "hour_ns"),
+        (pl.Float64, "observed_time motion_time grid_energy standby_time standby_energy"),
+    ),
+    "joints": _columns(
+        (pl.String, "key robot joint"),
+        (pl.Int64, "friction_rows"),
+        (pl.Float64, "motion_time motor_temperature_degc"),
+        (FLOATS, "friction_sums"),
+        (pl.List(pl.Int64), "wear_stamp_ns"),
+        (FLOATS, "wear_hours wear_time wear_excess wear_variance wear_features"),
+    ),
 }
 """Columns of the tables: energies in J, times in s, stamps in ns since 1970."""
 

@@ -13,12 +13,8 @@ MARK = {"made_by": "robot-energy"}
 COLUMNS = 2  # of plots on a page
 
 
-def message_path(curve: PlotCurve) -> str:
-    """Return the message path of a curve, in the syntax that both viewers share.
-
-    Args:
-        curve: The curve.
-    """
+def _message_path(curve: PlotCurve) -> str:
+    """Return the message path of a curve, in the syntax that both viewers share."""
     if curve.nested:
         return f'{curve.topic}.{JOINTS}[:]{{name=="{curve.name}"}}.{curve.field}'
     index = "" if curve.joint is None else f"[{curve.joint}]"
@@ -115,7 +111,7 @@ def _panel(kind: str, title: str, config: dict[str, Any]) -> dict[str, Any]:
 def _series(plot: Plot) -> list[dict[str, Any]]:
     return [
         {
-            "value": message_path(curve),
+            "value": _message_path(curve),
             "label": curve.label,
             "enabled": True,
             "timestampMethod": "headerStamp",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -92,33 +93,14 @@ class PageReaders:
         if not runs:
             return None
         run = runs[-1]
-        names = run.names("joints.name")
         return {
             "stamp_ns": int(stamp_ns(run)[-1]),
             "start_ns": int(stamp_ns(run, "energy_start")[-1]),
             "persisted": bool(run.array("persisted")[-1]),
             "model_id": run.columns["model_id"],
             **{name: float(run.array(name)[-1]) for name in ENERGIES + TIMES + OUTLET},
-            "joints": [
-                {
-                    "name": name,
-                    **{
-                        field: float(run.array(f"joints.{field}")[-1, place])
-                        for field in JOINT_ENERGIES
-                    },
-                }
-                for place, name in enumerate(names)
-            ],
-            "auxiliary": [
-                {
-                    "name": name,
-                    **{
-                        field: float(run.array(f"auxiliary.{field}")[-1, place])
-                        for field in LOAD_ENERGIES
-                    },
-                }
-                for place, name in enumerate(run.names("auxiliary.name"))
-            ],
+            "joints": _newest_rows(run, "joints", JOINT_ENERGIES),
+            "auxiliary": _newest_rows(run, "auxiliary", LOAD_ENERGIES),
         }
 
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
@@ -145,6 +127,15 @@ class PageReaders:
             }
             for place, name in enumerate(names)
         }
+
+
+def _newest_rows(run: Run, entries: str, fields: Sequence[str]) -> list[dict[str, Any]]:
+    """Name and fields of each joint or load in the newest message of a run."""
+    newest = {field: run.array(f"{entries}.{field}")[-1] for field in fields}
+    return [
+        {"name": name, **{field: float(newest[field][place]) for field in fields}}
+        for place, name in enumerate(run.names(f"{entries}.name"))
+    ]
 
 
 def _usable(decoder: Decoder, batch: RawBatch, names: str) -> list[Run]:

@@ -137,7 +137,8 @@ class _Robots(Collector):
             )
         for robot in self._robots:
             for name, labels, value in _first_of_each(_gauges(robot)):
-                families[name].add_metric((robot["name"], *labels), _number(value))
+                known = math.nan if value is None else value
+                families[name].add_metric((robot["name"], *labels), known)
             registers = robot["registers"]
             if registers is not None:
                 counters = _counters(registers, robot["auxiliary"])
@@ -201,7 +202,3 @@ def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
             yield "robot_energy_at_meter_joules", (source,), registers[name]
         yield "robot_energy_band_joules", (), registers["predicted_energy_band"]
         yield "robot_outlet_energy_joules", (), registers["outlet_energy"]
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

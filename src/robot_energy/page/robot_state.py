@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -42,8 +41,7 @@ MAX_FINDINGS = 64  # statuses kept, so that ever new names cannot fill the memor
 LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, one hour
 
 
-@dataclass(frozen=True)
-class _Recent:
+class _Recent(NamedTuple):
     """Power states of about the last second, in order."""
 
     stamp_ns: Any
@@ -190,6 +188,8 @@ class RobotState:
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
         seen = newest is not None and not stale
+        registers, loads = self._registers, () if newest is None else newest["auxiliary"]
+        flow = None if registers is None else registers_picture(registers)
         return {
             "name": self.name,
             "model_id": newest["model_id"] if newest else None,
@@ -199,10 +199,10 @@ class RobotState:
             **{name: json_number(newest[name], 4) if newest and seen else None for name in STATE},
             "means": self._means() if seen else None,
             "joints": self._joints(now),
-            "auxiliary": self._loads(seen),
+            "auxiliary": load_rows(loads, (registers or {}).get("auxiliary", ()), seen),
             "outlet_power": json_number(newest["outlet_power"], 5) if newest and seen else None,
             "flow": self._power_flow() if seen else None,
-            "energy_flow": self._energy_flow(),
+            "energy_flow": flow and flow.plain(JOULE_PER_WH),
             "phases": [
                 {
                     "name": phase.name,
@@ -242,14 +242,9 @@ class RobotState:
         powers, period = parts[:, -powers.shape[1] :], _possible(period, MAX_PERIOD)
         recent = _Recent(stamp, period, parts)
         if self._recent is not None:
-            before = self._recent
-            recent = _Recent(
-                np.concatenate([before.stamp_ns, stamp]),
-                np.concatenate([before.period, period]),
-                np.concatenate([before.parts, parts]),
-            )
+            recent = _Recent(*map(np.concatenate, zip(self._recent, recent, strict=True)))
         keep = recent.stamp_ns > stamp[-1] - MEAN_OVER / NANOSECOND
-        self._recent = _Recent(recent.stamp_ns[keep], recent.period[keep], recent.parts[keep])
+        self._recent = _Recent(*(part[keep] for part in recent))
         covered = np.where(np.isfinite(period) & (period > 0), period, 0.0)
         for ring in self.rings.values():
             ring.add(stamp, powers, covered)
@@ -307,14 +302,6 @@ class RobotState:
         parts = FlowParts(self._shown_names(), rigid, friction, loss, *totals, auxiliary=loads)
         picture = flow_picture(parts)
         return None if picture is None else picture.plain()
-
-    def _energy_flow(self) -> dict[str, Any] | None:
-        picture = None if self._registers is None else registers_picture(self._registers)
-        return None if picture is None else picture.plain(JOULE_PER_WH)
-
-    def _loads(self, live: bool) -> list[dict[str, Any]]:
-        newest, registers = self._newest or {}, self._registers or {}
-        return load_rows(newest.get("auxiliary", ()), registers.get("auxiliary", ()), live)
 
     def _shown_names(self) -> list[str]:
         return [shown(name) for name in self._joint_names]

@@ -224,14 +224,6 @@ class Document:
         for text in texts:
             self.note(text)
 
-    def command(self, text: str) -> None:
-        """Add a command line that makes what is shown.
-
-        Args:
-            text: The command line.
-        """
-        self.paragraph(text, "command")
-
     def pairs(self, rows: Sequence[tuple[str, str]]) -> None:
         """Add names and values.
 

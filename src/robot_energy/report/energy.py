@@ -6,12 +6,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields
 
+from robot_energy.blocks import NANOSECOND
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.page.energy_flow import FlowParts, flow_picture
+from robot_energy.page.energy_flow import FlowParts, flow_picture, known_label
 from robot_energy.report.document import Column, Document, FlowDiagram
-from robot_energy.report.formats import EnergyFormat, energy_text, fixed, percent
-from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
-from robot_energy.results.uncertainty import EnergyUncertainty
+from robot_energy.report.formats import (
+    EnergyFormat,
+    energy_text,
+    fixed,
+    percent,
+    seconds,
+)
+from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
 from robot_energy.shown_text import shown
 from robot_energy.units import JOULE_PER_WH
 
@@ -44,12 +51,8 @@ def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
     return EnergyFormat(max(max(energy.grid_import, energy.grid_return) for energy in energies))
 
 
-def part_names(drive: str) -> dict[str, str]:
-    """Return the names of the parts of the energy from the grid, in their order.
-
-    Args:
-        drive: Drive model of the robot.
-    """
+def _part_names(drive: str) -> dict[str, str]:
+    """Return the names of the parts of the energy from the grid, in their order."""
     unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
     return {
         "rigid": "lifting and accelerating, net",
@@ -101,164 +104,206 @@ def add_flow(
         page.add(FlowDiagram(picture, caption))
 
 
-def energy_table(
-    page: Document,
-    title: str,
-    report: EnergyReport,
-    scale: EnergyFormat,
-    other: tuple[str, EnergyBreakdown] | None = None,
-) -> None:
-    """Add where the energy goes.
+class EnergySections:
+    """Sections about the energy of one result, for replay and prediction.
 
     Args:
         page: Where to.
-        title: Above the table.
         report: The result.
-        scale: Unit of the energies.
-        other: A second result and its name.
     """
-    energy = report.energy
-    net = energy.net
 
-    columns = ["", f"energy [{scale.unit}]", "", "share"]
-    second: dict[str, float] = {}
-    if other is not None:
-        change = other[0].replace("friction ", "friction\n")
-        columns.append(f"{change}\n[{scale.unit}]")
-        second = {entry.name: getattr(other[1], entry.name) for entry in fields(other[1])}
-        second["net"] = other[1].net
-    names = {
-        key: text
-        for key, text in part_names(report.model.drive).items()
-        if getattr(energy, key) or second.get(key) or key not in ("brake", "capacitor")
-    }
-    values = [getattr(energy, key) for key in names]
-    one = 1.0 if net > 0 else None
-    cells = [[*names.values(), "from the grid"]]
-    for texts, whole in (
-        (scale.parts(values), scale.joule(net)),
-        (scale.watt_hour_parts(values), scale.watt_hour(net)),
-        ([percent(value / net if net > 0 else None) for value in values], percent(one)),
-    ):
-        cells.append([*texts, whole])
-    if other is not None:
-        cells.append([*scale.parts([second[key] for key in names]), scale.joule(second["net"])])
-    *rows, total = zip(*cells, strict=True)
-    page.table(title, columns, rows, total)
+    def __init__(self, page: Document, report: EnergyReport) -> None:
+        self._page, self._report = page, report
+        self._scale = scale_of([report.energy])
+
+    def energy(self, title: str, other: tuple[str, EnergyBreakdown] | None = None) -> None:
+        """Add where the energy goes.
+
+        Args:
+            title: Above the table.
+            other: A second result and its name.
+        """
+        energy, scale = self._report.energy, self._scale
+        net = energy.net
+        columns = ["", f"energy [{scale.unit}]", "", "share"]
+        second: dict[str, float] = {}
+        if other is not None:
+            change = other[0].replace("friction ", "friction\n")
+            columns.append(f"{change}\n[{scale.unit}]")
+            second = {entry.name: getattr(other[1], entry.name) for entry in fields(other[1])}
+            second["net"] = other[1].net
+        names = {
+            key: text
+            for key, text in _part_names(self._report.model.drive).items()
+            if getattr(energy, key) or second.get(key) or key not in ("brake", "capacitor")
+        }
+        values = [getattr(energy, key) for key in names]
+        one = 1.0 if net > 0 else None
+        cells = [[*names.values(), "from the grid"]]
+        for texts, whole in (
+            (scale.parts(values), scale.joule(net)),
+            (scale.watt_hour_parts(values), scale.watt_hour(net)),
+            ([percent(value / net if net > 0 else None) for value in values], percent(one)),
+        ):
+            cells.append([*texts, whole])
+        if other is not None:
+            cells.append([*scale.parts([second[key] for key in names]), scale.joule(second["net"])])
+        *rows, total = zip(*cells, strict=True)
+        self._page.table(title, columns, rows, total)
+
+    def certainty(self) -> None:
+        """Add how sure the energy is, and what to measure next to make it more so."""
+        sure = self._report.uncertainty
+        shown = [one for one in sure.contributions if (one.share or 0.0) >= MIN_SHARE]
+        self._page.paragraph(f"How sure: {energy_text(self._report.energy.net)} {_band_text(sure)}")
+        if sure.readings:
+            self._page.paragraph(
+                f"  {percent(sure.inside)} of {sure.readings} meter readings lay in the 90 % band "
+                f"of power; before calibration {percent(sure.inside_parametric)} did"
+            )
+        self._page.rows(
+            "What makes the energy from the grid unsure, the largest first: measure that next",
+            [
+                Column("", "name"),
+                Column("standard deviation", "std", self._scale.joule, self._scale.unit),
+                Column("share of variance", "share", percent),
+            ],
+            shown[:MAX_CONTRIBUTIONS],
+        )
+
+    def joints(self) -> None:
+        """Add where the energy of each joint goes."""
+        scale = self._scale
+        energies = {
+            "shaft\nout": "shaft_energy_positive",
+            "shaft\nback": "shaft_energy_negative",
+            "rigid": "rigid_energy",
+            "friction": "friction_energy",
+            "drive\nloss": "drive_loss_energy",
+            "drive\ninput": "drive_input_energy",
+        }
+        self._page.rows(
+            f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input",
+            [
+                Column("", "name"),
+                *(Column(name, key, scale.joule, total=True) for name, key in energies.items()),
+                Column("share\nof grid", "share_of_grid", percent, total=True),
+                Column("last\ndegC", "last_motor_temperature_degc", fixed(1)),
+            ],
+            self._report.joints,
+            "all joints",
+        )
+
+    def phases(self) -> None:
+        """Add time and energy of the phases."""
+        scale, phases = self._scale, self._report.phases.items()
+        self._page.rows(
+            "Phases, predicted",
+            [
+                Column("", lambda entry: entry[0]),
+                Column("time", lambda entry: f"{entry[1].time:.3f} s"),
+                Column("drawn", lambda entry: entry[1].grid_import_energy, scale.joule, scale.unit),
+                Column(
+                    "mean power",
+                    lambda entry: (
+                        f"{entry[1].grid_import_energy / entry[1].time:.1f} W"
+                        if entry[1].time
+                        else None
+                    ),
+                ),
+            ],
+            [(name, one) for name, one in phases if name != "unknown" or one.time],
+        )
+
+    def quality(self) -> None:
+        """Add which samples are marked, where any is."""
+        quality = self._report.quality
+        if quality.counts:
+            self._page.table(
+                f"Quality: marked of {quality.samples} samples",
+                ("", "samples", "share"),
+                [
+                    (
+                        QUALITY_NAMES.get(name, name),
+                        str(count),
+                        percent(count / quality.samples if quality.samples else None),
+                    )
+                    for name, count in quality.counts.items()
+                ],
+            )
 
 
-def band_text(sure: EnergyUncertainty) -> str:
-    """Return the 90 % band of an energy in words.
-
-    Args:
-        sure: How sure it is.
-    """
+def _band_text(sure: EnergyUncertainty) -> str:
+    """Return the 90 % band of an energy in words."""
     half = 0.5 * (sure.upper - sure.lower)
     relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
     return f"+- {energy_text(half)}{relative}, 90 % band {BANDS[sure.band]}"
 
 
-def uncertainty_table(page: Document, report: EnergyReport, scale: EnergyFormat) -> None:
-    """Add how sure the energy is, and what to measure next to make it more so.
+def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
+    """Add the loads, their states and the balance of the outlet.
 
     Args:
         page: Where to.
-        report: The result.
-        scale: Unit of the energies.
+        report: What to say; None says nothing.
     """
-    sure = report.uncertainty
-    shown = [one for one in sure.contributions if (one.share or 0.0) >= MIN_SHARE]
-    page.paragraph(f"How sure: {energy_text(report.energy.net)} {band_text(sure)}")
-    if sure.readings:
-        page.paragraph(
-            f"  {percent(sure.inside)} of {sure.readings} meter readings lay in the 90 % band of "
-            f"power; before calibration {percent(sure.inside_parametric)} did"
-        )
+    if report is None:
+        return
+    scale = EnergyFormat(max(report.outlet_energy, *(one.known_energy for one in report.loads)))
+
+    def coverage(load: LoadEnergy) -> float | None:
+        observed_ns = load.known_ns + load.missing_ns
+        return load.known_ns / observed_ns if observed_ns else None
+
     page.rows(
-        "What makes the energy from the grid unsure, the largest first: measure that next",
+        f"Loads outside of the cabinet [{scale.unit}]",
         [
             Column("", "name"),
-            Column("standard deviation", "std", scale.joule, scale.unit),
-            Column("share of variance", "share", percent),
+            Column("power by", lambda load: "meter" if load.metered else "state"),
+            Column("energy\nwhile known", "known_energy", scale.joule),
+            Column("mean", "mean_power", fixed(1), "W"),
+            Column("time\nknown", coverage, percent),
+            Column("ceased to\nbe known", "missing_count"),
         ],
-        shown[:MAX_CONTRIBUTIONS],
+        report.loads,
     )
-
-
-def joint_table(page: Document, joints: Sequence[JointEnergy], scale: EnergyFormat) -> None:
-    """Add where the energy of each joint goes.
-
-    Args:
-        page: Where to.
-        joints: In model order.
-        scale: Unit of the energies.
-    """
-    energies = {
-        "shaft\nout": "shaft_energy_positive",
-        "shaft\nback": "shaft_energy_negative",
-        "rigid": "rigid_energy",
-        "friction": "friction_energy",
-        "drive\nloss": "drive_loss_energy",
-        "drive\ninput": "drive_input_energy",
-    }
-    page.rows(
-        f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input",
-        [
-            Column("", "name"),
-            *(Column(name, key, scale.joule, total=True) for name, key in energies.items()),
-            Column("share\nof grid", "share_of_grid", percent, total=True),
-            Column("last\ndegC", "last_motor_temperature_degc", fixed(1)),
-        ],
-        joints,
-        "all joints",
-    )
-
-
-def phase_table(page: Document, report: EnergyReport, scale: EnergyFormat) -> None:
-    """Add time and energy of the phases.
-
-    Args:
-        page: Where to.
-        report: The result.
-        scale: Unit of the energies.
-    """
-    page.rows(
-        "Phases, predicted",
-        [
-            Column("", lambda entry: entry[0]),
-            Column("time", lambda entry: f"{entry[1].time:.3f} s"),
-            Column("drawn", lambda entry: entry[1].grid_import_energy, scale.joule, scale.unit),
-            Column(
-                "mean power",
-                lambda entry: (
-                    f"{entry[1].grid_import_energy / entry[1].time:.1f} W"
-                    if entry[1].time
-                    else None
-                ),
-            ),
-        ],
-        [(name, one) for name, one in report.phases.items() if name != "unknown" or one.time],
-    )
-
-
-def quality_table(page: Document, report: EnergyReport) -> None:
-    """Add which samples are marked, where any is.
-
-    Args:
-        page: Where to.
-        report: The result.
-    """
-    quality = report.quality
-    if quality.counts:
-        page.table(
-            f"Quality: marked of {quality.samples} samples",
-            ("", "samples", "share"),
-            [
-                (
-                    QUALITY_NAMES.get(name, name),
-                    str(count),
-                    percent(count / quality.samples if quality.samples else None),
-                )
-                for name, count in quality.counts.items()
-            ],
+    rows = [
+        (
+            load.name,
+            name,
+            fixed(1)(state.time),
+            fixed(1)(state.mean_power),
+            fixed(1)(state.model_power),
         )
+        for load in report.loads
+        for name, state in load.states.items()
+        if len(load.states) > 1
+    ]
+    if rows:
+        columns = ("", "state", "time [s]", "mean power [W]", "in the model [W]")
+        page.table("Mean power by state", columns, rows)
+    known = seconds(report.balanced_ns)
+    page.table(
+        f"Balance of the outlet over the {known} in which all loads are known",
+        ("", f"energy [{scale.unit}]"),
+        [
+            ("cabinet, predicted", scale.joule(report.cabinet_energy)),
+            ("other loads", scale.joule(report.auxiliary_energy)),
+        ],
+        ("from the outlet", scale.joule(report.outlet_energy)),
+    )
+
+
+def flow_labels(report: AuxiliaryReport | None) -> list[tuple[str, float]]:
+    """Return name and known energy of each load for the picture of the flows. [J]
+
+    Args:
+        report: The loads; None for none.
+    """
+    return [
+        (
+            known_label(load.name, load.known_ns * NANOSECOND, load.missing_ns * NANOSECOND),
+            load.known_energy,
+        )
+        for load in (report.loads if report is not None else ())
+    ]

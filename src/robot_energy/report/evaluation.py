@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
+from robot_energy.errors import ShapeError
+from robot_energy.report.canvas import COLOURS, Target, canvas, named_ticks
 from robot_energy.report.document import Column, Document
-from robot_energy.report.energy_figure import Bars, error_bars
 from robot_energy.report.formats import (
     aligned,
     energy_text,
@@ -26,6 +29,54 @@ from robot_energy.results.evaluation import (
     ModelScore,
     RecordingScore,
 )
+
+Bars = tuple[str, Role, Sequence[float]]  # label, role, and an error for each name [-]
+
+
+def error_bars(
+    names: Sequence[str],
+    bars: Sequence[Bars],
+    path: Target,
+    label: str = "predicted minus measured energy [%]",
+    beyond: Sequence[bool] = (),
+) -> None:
+    """Draw one bar per name and prediction.
+
+    Args:
+        names: Of the recordings or joints.
+        bars: Of each prediction: label, role, and its relative errors. [-]
+        path: File to write: PNG, SVG or PDF by its suffix.
+        label: Of the axis of the errors.
+        beyond: Which names have hatched bars: recordings at temperatures that their fit has
+            not seen.
+
+    Raises:
+        ShapeError: If there is nothing to draw.
+    """
+    if not names or not bars or any(len(values) != len(names) for _, _, values in bars):
+        raise ShapeError("nothing to draw, or not one error for each name", "one or more")
+    place, height = np.arange(len(names)), 0.76 / len(bars)
+    hatch = ["////" if off else "" for off in (*beyond, *[False] * (len(names) - len(beyond)))]
+    with canvas(path, (8.0, 0.42 * len(names) + 1.1)) as figure:
+        axes = figure.subplots()
+        for number, (name, role, values) in enumerate(bars):
+            axes.barh(
+                place + (number - 0.5 * (len(bars) - 1)) * height,
+                100.0 * np.asarray(values),
+                0.95 * height,
+                color=COLOURS[role],
+                hatch=hatch,
+                edgecolor="white",
+                linewidth=0.0,
+                label=name,
+            )
+        axes.axvline(0.0, color=COLOURS["measured"], linewidth=0.8)
+        named_ticks(axes.yaxis, place, names)
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel(label)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(bars))
+
 
 SEEN = {"held_out": "held out", "fitted": "used in the fit", "unknown": "not known"}
 ROLES: dict[str, Role] = {MODEL: "predicted", FIXED: "fixed"}
@@ -143,7 +194,7 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
     labels = _labels(report.together)
 
     def errors(name: str) -> list[float]:
-        return [_known(_energy(one, name)) for one in metered]
+        return [_known(_of(one, name, "energy_relative")) for one in metered]
 
     def mean_size(name: str) -> str:
         return percent(sum(map(abs, errors(name))) / len(metered))
@@ -157,7 +208,7 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
             *(
                 Column(
                     label,
-                    lambda one, name=name: _energy(one, name),
+                    lambda one, name=name: _of(one, name, "energy_relative"),
                     signed_percent,
                     total=lambda _, name=name: mean_size(name),
                 )
@@ -169,13 +220,13 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
         metered,
         "mean size" if len(metered) > 1 else "",
     )
-    watt = aligned([_power(one, name) for one in metered for name in labels], 4)
+    watt = aligned([_of(one, name, "power_error_rms") for one in metered for name in labels], 4)
     page.rows(
         f"Power at {place} from reading to reading, RMS error [W]",
         [
             Column("", "recording"),
             *(
-                Column(label, lambda one, name=name: _power(one, name), watt)
+                Column(label, lambda one, name=name: _of(one, name, "power_error_rms"), watt)
                 for name, label in labels.items()
             ),
             Column("readings\nin the band", "band_inside", percent),
@@ -264,14 +315,9 @@ def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:
     return next((one for one in scores if one.name == name), None)
 
 
-def _energy(one: RecordingScore, name: str) -> float | None:
-    score = one.score(name)
-    return None if score is None else score.energy_relative
-
-
-def _power(one: RecordingScore, name: str) -> float | None:
-    score = one.score(name)
-    return None if score is None else score.power_error_rms
+def _of(one: RecordingScore, name: str, what: str) -> float | None:
+    """One figure of a prediction; None where there is none."""
+    return getattr(one.score(name), what, None)
 
 
 def _known(value: float | None) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from datetime import UTC, datetime
 
 from robot_energy.page.settings import PageSettings
 from robot_energy.report.document import Column, Document, Tiles
@@ -24,6 +23,7 @@ from robot_energy.report.formats import (
     significant,
     some_names,
     uncertain,
+    utc,
 )
 from robot_energy.report.headline import duration
 from robot_energy.report.identification import friction_document
@@ -198,7 +198,7 @@ def _findings(report: FleetReport, page: Document) -> None:
                 Column("of", lambda one: one.subject or None),
                 Column("size", _size),
                 Column("certainty", _sure),
-                Column("since, UTC", _since),
+                Column("since, UTC", lambda one: utc(one.since_ns, "%F")),
             ],
             report.findings,
         )
@@ -221,12 +221,6 @@ def _size(one: FleetFinding) -> str:
 
 def _sure(one: FleetFinding) -> str:
     return "> 99.99 %" if one.certainty > 0.9999 else percent(one.certainty, digits=2)
-
-
-def _since(one: FleetFinding) -> str | None:
-    if one.since_ns is None:
-        return None
-    return f"{datetime.fromtimestamp(one.since_ns // 10**9, tz=UTC):%F}"
 
 
 def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None:
@@ -367,7 +361,7 @@ def _method(report: FleetReport, page: Document) -> None:
         page.pairs(
             [
                 ("dataset", report.dataset),
-                ("from, to (UTC)", f"{_date(report.start_ns)} to {_date(report.end_ns)}"),
+                ("from, to (UTC)", f"{utc(report.start_ns)} to {utc(report.end_ns)}"),
                 ("models", ", ".join(report.model_ids)),
                 ("kinds of figures compared", str(report.comparisons)),
             ]
@@ -384,9 +378,3 @@ def _method(report: FleetReport, page: Document) -> None:
 
 def _listed(bags: Sequence[object]) -> str:
     return f"{len(bags)}" + (f", the first {MAX_LISTED}" if len(bags) > MAX_LISTED else "")
-
-
-def _date(stamp_ns: int | None) -> str:
-    if stamp_ns is None:
-        return "-"
-    return f"{datetime.fromtimestamp(stamp_ns // 10**9, tz=UTC):%F %R}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
 
 from robot_energy.page.energy_flow import rounded_parts
 from robot_energy.units import JOULE_PER_WH
@@ -208,6 +209,18 @@ def seconds(time_ns: int) -> str:
         time_ns: Any span. [ns]
     """
     return f"{time_ns * 1e-9:.3f} s"
+
+
+def utc(stamp_ns: int | None, form: str = "%F %R") -> str:
+    """Return a stamp as date and time.
+
+    Args:
+        stamp_ns: None where there is none. [ns since 1970]
+        form: Of `strftime`.
+    """
+    if stamp_ns is None:
+        return NOTHING
+    return f"{datetime.fromtimestamp(stamp_ns // 10**9, UTC):{form}}"
 
 
 def uncertain(value: float, std: float) -> str:

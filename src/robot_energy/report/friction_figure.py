@@ -32,7 +32,6 @@ def friction_over_temperature(
 
     Raises:
         ShapeError: If there is no axis.
-        ReportError: If the suffix is none of these, or the file cannot be written.
     """
     if not fits:
         raise ShapeError("no axis to draw", "at least one")

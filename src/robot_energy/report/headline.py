@@ -109,7 +109,8 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         found.append(
             ("Into friction", percent(friction / net), f"{scale.watt_hour(friction)} of all joints")
         )
-    prices = [settings.mean_price(*_span(one)) for one in reports]
+    spans = [(one.time.start_ns or 0, one.time.span_ns) for one in reports]
+    prices = [settings.mean_price(start_ns, start_ns + span_ns) for start_ns, span_ns in spans]
     cost = sum(
         one.energy.grid_import / JOULE_PER_KWH * (price or 0.0)
         for one, price in zip(reports, prices, strict=True)
@@ -170,8 +171,3 @@ def duration(time: float) -> str:
         if time >= 2 * size:
             return f"{time / size:.1f} {unit}"
     return f"{time:.1f} s"
-
-
-def _span(report: ReplayReport) -> tuple[int, int]:
-    start_ns = report.time.start_ns or 0
-    return start_ns, start_ns + report.time.span_ns

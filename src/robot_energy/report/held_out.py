@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from robot_energy.blocks import MeterLocation
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_energy.blocks import Float, MeterLocation
 from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
+from robot_energy.report.canvas import COLOURS, LINES, Target, canvas, panel_grid, panels
 from robot_energy.report.document import Column, Document
-from robot_energy.report.energy_figure import error_bars
+from robot_energy.report.evaluation import error_bars
 from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.series import Role, Series, series_of
-from robot_energy.report.torque_figure import TorqueCurve, torque_over_time
 from robot_energy.timeline.pieces import Compared
 
 KINDS = {
@@ -20,16 +24,6 @@ KINDS = {
 }
 PLACES = {MeterLocation.GRID: "the grid", MeterLocation.DC_BUS: "the DC bus"}
 LABELS = {GIVEN: "as given"}
-
-
-def stages_shown(test: HeldOutEnergy) -> list[str]:
-    """Return the model as given and the steps that changed a held-out prediction.
-
-    Args:
-        test: The test.
-    """
-    taken = {subject for entry in test.tested for subject in entry.taken}
-    return [GIVEN, *(stage for stage in test.stages if stage in taken)]
 
 
 def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
@@ -104,7 +98,9 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
     """
     page.paragraph(f"held out: {KINDS[test.kind]}")
     verdict_line(test, page)
-    stages, last = stages_shown(test), test.stages[-1]
+    taken = {subject for entry in test.tested for subject in entry.taken}
+    stages = [GIVEN, *(stage for stage in test.stages if stage in taken)]  # that changed something
+    last = test.stages[-1]
     if test.metered:
         _energy_tables(test, stages, page)
     if test.with_torque:
@@ -211,18 +207,12 @@ def _figures(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> Non
     )
     if shown is None or not test.with_torque:
         return
-    curves = [
-        TorqueCurve("as given", "fixed", shown.predictions[GIVEN].motor_torque),
-        TorqueCurve("new model", "predicted", shown.predictions[last].motor_torque),
-    ]
     for residual, text in (
         (False, "Motor torque on a held-out piece"),
         (True, "Residual torque, predicted minus measured, on the same piece"),
     ):
         page.figure(
-            lambda path, residual=residual: torque_over_time(
-                names, shown.time, shown.motor_torque, curves, path, residual
-            ),
+            lambda path, residual=residual: _torque_over_time(names, shown, last, path, residual),
             f"{text} of `{shown.name}`."
             + (" Peaks beyond the axis: 1 % of the samples." if residual else ""),
         )
@@ -247,3 +237,51 @@ def _power(test: HeldOutEnergy, worst: Tested) -> tuple[list[Series], str]:
     return curves, f"on `{worst.name}`, the held-out recording with the greatest energy error" + (
         " at temperatures of its fit" if test.beyond else ""
     )
+
+
+def _torque_over_time(
+    names: Sequence[str], piece: Tested, last: str, path: Target, residual: bool
+) -> None:
+    """Draw one panel per joint: both torques, or predicted minus measured of both models."""
+    time, measured = piece.time, piece.motor_torque
+    curves: tuple[tuple[str, Role, Float], ...] = (
+        ("as given", "fixed", piece.predictions[GIVEN].motor_torque),
+        ("new model", "predicted", piece.predictions[last].motor_torque),
+    )
+    wide, high = panel_grid(len(names), 2)
+    with canvas(path, (4.6 * wide, 1.7 * high + 0.6)) as figure:
+        grid = panels(figure, len(names), 2)
+        for joint, (axes, name) in enumerate(zip(grid.flat, names, strict=False)):
+            if residual:
+                axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
+            else:
+                axes.plot(time, measured[:, joint], color=COLOURS["measured"], label="measured")
+            for label, role, torque in curves:
+                axes.plot(
+                    time,
+                    torque[:, joint] - measured[:, joint] if residual else torque[:, joint],
+                    LINES[role],
+                    color=COLOURS[role],
+                    label=label,
+                    linewidth=0.9,
+                )
+            axes.set_title(name, fontsize=9, loc="left")
+            axes.margins(x=0.0)
+            if residual:
+                _limits(axes, measured[:, joint], [torque[:, joint] for _, _, torque in curves])
+        for axes in grid[:, 0]:
+            axes.set_ylabel("residual [N m]" if residual else "motor torque [N m]")
+        for axes in grid[-1]:
+            axes.set_xlabel("time since the start of the recording [s]")
+        handles, labels = grid.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+
+
+def _limits(axes: object, measured: Float, predicted: Sequence[Float]) -> None:
+    """Peaks at reversals, where friction changes its sign at once, must not hide the rest."""
+    error = np.abs(np.concatenate([measured - torque for torque in predicted]))
+    known = error[np.isfinite(error)]
+    if len(known):
+        reach = 1.3 * float(np.quantile(known, 0.99))
+        if reach > 0:
+            axes.set_ylim(-reach, reach)  # type: ignore[attr-defined]

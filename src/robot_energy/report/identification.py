@@ -11,6 +11,7 @@ from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.identify.friction.laws import fitted_laws
 from robot_energy.identify.stats.lag import Delay
+from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.report.canvas import COLOURS, Target, canvas
 from robot_energy.report.document import Column, Document
@@ -23,7 +24,13 @@ from robot_energy.report.formats import (
     uncertain,
 )
 from robot_energy.report.friction_figure import friction_over_temperature
-from robot_energy.results.identification import CabinetReport, FrictionReport, FrictionStudyReport
+from robot_energy.results.identification import (
+    CabinetReport,
+    FrictionReport,
+    FrictionStudyReport,
+    LoadStatesReport,
+    ThermalReport,
+)
 
 AT_BOUND = "0, at bound"
 HELD_OUT = {
@@ -68,7 +75,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         report.axes,
     )
     coulomb = {fit.name: fit.parts["coulomb"] for fit in report.axes if "coulomb" in fit.parts}
-    deviations_table(f"{unit}, Coulomb", coulomb, page)
+    _deviations_table(f"{unit}, Coulomb", coulomb, page)
     page.rows(
         f"RMS torque error on what the fit has not seen [{unit}]",
         [
@@ -185,18 +192,12 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
             ("DC", loss(fit.loss_dc, fit.loss_dc_std)),
         ],
     )
-    deviations_table("W", fit.parts, page)
+    _deviations_table("W", fit.parts, page)
     page.notes(fit.notes)
 
 
-def deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: Document) -> None:
-    """Add what standard deviations are made of.
-
-    Args:
-        unit: Of the figures.
-        parts: By figure and cause. [of the figure]
-        page: Where to.
-    """
+def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: Document) -> None:
+    """Add what standard deviations are made of."""
     causes = list(dict.fromkeys(cause for own in parts.values() for cause in own))
     if not causes:
         return
@@ -226,7 +227,7 @@ def link_section(fit: LinkFit, page: Document) -> None:
         f"{fit.interval[1]:.0f} J; full {fit.events} times, empty again "
         f"{fit.emptying:.2g} s after it begins to fill (median)"
     )
-    deviations_table("J", {"energy": fit.parts}, page)
+    _deviations_table("J", {"energy": fit.parts}, page)
     page.rows(
         f"Power at the grid, {fit.readings} readings of {fit.spacing:.2g} s; "
         f"{HELD_OUT[fit.held_out]} held out, drives and constants as fitted to all",
@@ -242,7 +243,7 @@ def link_section(fit: LinkFit, page: Document) -> None:
         f"{uncertain(fit.loss_dc_shift, fit.loss_dc_shift_std)} W; it stays"
     )
     page.figure(
-        lambda path: error_over_energy(fit, path),
+        lambda path: _error_over_energy(fit, path),
         "Error of the predicted power at the grid over the energy of the DC link, the "
         "constant of the DC side free as well; shaded: 95 % interval.",
     )
@@ -289,16 +290,8 @@ def delay_use(delay: Delay, done: str) -> str:
     return done if delay.applied else "not applied"
 
 
-def error_over_energy(fit: LinkFit, path: Target) -> None:
-    """Draw the error that every energy leaves.
-
-    Args:
-        fit: What was found.
-        path: File to write: PNG, SVG or PDF by its suffix.
-
-    Raises:
-        ReportError: If the suffix is none of these, or the file cannot be written.
-    """
+def _error_over_energy(fit: LinkFit, path: Target) -> None:
+    """Draw the error that every energy leaves."""
     shown = fit.tried <= 3.0 * fit.energy
     with canvas(path, (6.0, 2.8)) as figure:
         axes = figure.subplots()
@@ -308,3 +301,89 @@ def error_over_energy(fit: LinkFit, path: Target) -> None:
         axes.set_ylim(bottom=0.0)
         axes.set_xlabel("energy of the DC link [J]")
         axes.set_ylabel("RMS error of power [W]")
+
+
+def thermal_document(report: ThermalReport, page: Document) -> None:
+    """Add the thermal networks of the motors.
+
+    Args:
+        report: What was found.
+        page: Where to.
+    """
+    unit = "J/K" if report.heat == "losses" else "A2 s/K"
+    page.rows(
+        f"Thermal networks, air at {report.ambient_degc:.1f} degC",
+        [
+            Column("motor", "name"),
+            Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
+            Column(
+                "time constant", lambda fit: fixed(0)(fit.motor_time_constant / 60.0), unit="min"
+            ),
+            Column("structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit),
+            Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
+            Column("hours", "hours", fixed(1)),
+        ],
+        report.axes,
+    )
+    page.rows(
+        "RMS error of a free run on temperatures that the fit has not seen [K]",
+        [
+            Column("motor", "name"),
+            Column("tested on", "held_out"),
+            *(
+                Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
+                for order in ("one node", "two nodes")
+            ),
+            Column("chosen", "rms", fixed(2)),
+            Column("first reading held", "held_rms", fixed(2)),
+        ],
+        report.axes,
+    )
+    page.notes(grouped(list(report.refused)))
+
+
+def _thermal_figure(fit: ThermalFit, key: str) -> str | None:
+    figure = getattr(fit.network, key)
+    return None if figure is None else uncertain(figure.value, figure.std or 0.0)
+
+
+def states_document(report: LoadStatesReport, page: Document) -> None:
+    """Add the identified powers of states.
+
+    Args:
+        report: What was found.
+        page: Where to.
+    """
+    page.table(
+        "Power of each state [W]",
+        ("load", "state", "power", "given", "readings", "times", "by"),
+        [
+            (
+                one.load,
+                one.state,
+                fixed(1)(one.power) if one.std is None else uncertain(one.power, one.std),
+                fixed(1)(one.before),
+                str(one.readings),
+                str(one.visits),
+                fit.source,
+            )
+            for fit in report.fits
+            for one in fit.states
+        ],
+    )
+    rows = [
+        (
+            ", ".join(fit.loads),
+            held.what,
+            fixed(1)(held.rms),
+            fixed(1)(held.rms_before),
+            signed_percent(held.energy_error),
+            "yes" if fit.used else "no",
+        )
+        for fit in report.fits
+        if (held := fit.held_out) is not None
+    ]
+    if rows:
+        columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
+        page.table("What the fit has not seen: predicted less measured", columns, rows)
+    page.notes([note for fit in report.fits for note in fit.notes] + list(report.refused))

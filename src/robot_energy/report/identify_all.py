@@ -23,14 +23,18 @@ from robot_energy.report.identification import (
     link_section,
     losses_section,
     low_pass_text,
+    thermal_document,
 )
 from robot_energy.report.parameters import changes_document
-from robot_energy.report.thermal import thermal_document
 from robot_energy.results.drives import DrivesReport, TotalPower
 from robot_energy.results.dynamics import DynamicsReport
-from robot_energy.results.identification import FrictionReport, IdentificationReport, StepReport
+from robot_energy.results.identification import (
+    FrictionReport,
+    IdentificationReport,
+    StepReport,
+    ThermalReport,
+)
 from robot_energy.results.model import count_tags
-from robot_energy.results.thermal import ThermalReport
 
 TITLES = {
     "dynamics": "Dynamics: bodies, rotors and friction",

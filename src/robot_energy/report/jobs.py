@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import scale_of
-from robot_energy.report.formats import EnergyFormat, counted, fixed, signed_percent
+from robot_energy.report.formats import EnergyFormat, counted, fixed, signed_percent, utc
 from robot_energy.report.headline import duration, place_of
 from robot_energy.results.replay import JobFigures, ReplayReport
 
@@ -111,9 +110,7 @@ def summary_section(page: Document, report: ReplayReport) -> None:
             "six-axis industrial robots): conditions, energy per defined cycle, energy per state. "
             "The text of the draft is not public; no conformity is claimed."
         )
-        begun = "unknown"
-        if time.start_ns is not None:
-            begun = f"{datetime.fromtimestamp(time.start_ns // 10**9, tz=UTC):%F %R} UTC"
+        begun = "unknown" if time.start_ns is None else f"{utc(time.start_ns)} UTC"
         degc = [joint.last_motor_temperature_degc for joint in report.joints]
         known = [one for one in degc if one is not None]
         payload = "as in the model file"

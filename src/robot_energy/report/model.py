@@ -1,8 +1,6 @@
-"""What a model file and a bag hold."""
+"""What a model file holds."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.document import Column, Document
@@ -73,29 +71,3 @@ def _fitted(joint: JointOfModel) -> str:
     if joint.fitted_degc is None:
         return "any"
     return "{:g} to {:g}".format(*joint.fitted_degc)
-
-
-def bag_document(
-    name: str,
-    span: str | None,
-    topics: Sequence[tuple[str, str, str, str]],
-    problems: Sequence[str],
-    origin: str,
-    page: Document,
-) -> None:
-    """Add what a bag holds.
-
-    Args:
-        name: The bag.
-        span: Its time in words; None if it holds no message.
-        topics: Topic, type, count and use of each.
-        problems: What is wrong with it.
-        origin: Where it comes from; empty if it does not say.
-        page: Where to.
-    """
-    page.paragraph(f"{name}: {span or 'no messages'}", "strong")
-    if origin:
-        page.paragraph(f"origin: {origin}")
-    for problem in problems:
-        page.paragraph(problem, "problem")
-    page.table("", ("topic", "type", "messages", "used as"), topics)

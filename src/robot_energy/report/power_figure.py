@@ -34,7 +34,6 @@ def power_and_energy(
 
     Raises:
         ShapeError: If there are no curves, or several measured ones.
-        ReportError: If the suffix is none of these, or the file cannot be written.
     """
     measured = [curve for curve in series if curve.role == "measured"]
     if not series or len(measured) > 1:

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robot_energy.prediction import Prediction
-from robot_energy.report.auxiliary import auxiliary_section, flow_labels
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import (
+    EnergySections,
     add_flow,
-    energy_table,
-    joint_table,
-    phase_table,
-    quality_table,
+    auxiliary_section,
+    flow_labels,
     scale_of,
-    uncertainty_table,
 )
 from robot_energy.report.formats import (
     energy_text,
@@ -145,12 +142,12 @@ def _run(page: Document, run: PredictionReport) -> None:
     page.notes(run.notes)
     page.paragraph()
     page.pairs(_facts(run))
-    scale = scale_of([run.energy])
-    energy_table(page, "Where the energy goes, predicted", run, scale)
+    sections = EnergySections(page, run)
+    sections.energy("Where the energy goes, predicted")
     auxiliary_section(page, run.auxiliary)
-    uncertainty_table(page, run, scale)
-    joint_table(page, run.joints, scale)
-    phase_table(page, run, scale)
+    sections.certainty()
+    sections.joints()
+    sections.phases()
     page.rows(
         "Greatest use of the limits of the URDF",
         [
@@ -160,7 +157,7 @@ def _run(page: Document, run: PredictionReport) -> None:
         ],
         run.limits,
     )
-    quality_table(page, run)
+    sections.quality()
 
 
 def _facts(run: PredictionReport) -> list[tuple[str, str]]:

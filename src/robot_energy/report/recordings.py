@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import UTC, datetime
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from robot_energy.blocks import Float
 from robot_energy.page.settings import PageSettings
+from robot_energy.report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import add_flow, scale_of
 from robot_energy.report.formats import (
@@ -16,15 +21,17 @@ from robot_energy.report.formats import (
     number,
     percent,
     signed_percent,
+    utc,
 )
 from robot_energy.report.headline import error_of, headline, observed_time, tiles
 from robot_energy.report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy.report.prediction_figure import energy_bars
 from robot_energy.report.repeats import given_once, overlaps
 from robot_energy.report.replay import FIRST, ReplayCurves, replay_document
-from robot_energy.report.trend_figure import trend
 from robot_energy.results.model import ModelUsed
 from robot_energy.results.replay import ReplayReport
+from robot_energy.shown_text import shown
+from robot_energy.units import JOULE_PER_WH
 
 Recording = tuple[ReplayReport, ReplayCurves | None]
 
@@ -49,7 +56,9 @@ def recordings_document(
         return
     ordered = sorted(recordings, key=lambda one: one[0].time.start_ns or 0)
     reports = [report for report, _ in ordered]
-    groups = by_robot(reports)
+    groups: dict[str, list[ReplayReport]] = {}
+    for one in reports:
+        groups.setdefault(robot_name(one.model), []).append(one)
     page.heading(FIRST)
     page.notes(notes)
     page.add(tiles(reports, settings))
@@ -71,7 +80,7 @@ def recordings_document(
         "Predicted energy from the grid and where it went.",
     )
     page.figure(
-        lambda path: trend(groups, path),
+        lambda path: _trend(groups, path),
         "Trend: predicted minus measured energy, and "
         + ("mean energy per job" if job_kinds(reports) else "mean power from the grid")
         + ", recording by recording in order of time.",
@@ -79,18 +88,6 @@ def recordings_document(
     for place, (report, curves) in enumerate(ordered, 1):
         page.heading(f"{place}. {_name(report)}")
         replay_document(report, page, curves, 3, settings)
-
-
-def by_robot(reports: Sequence[ReplayReport]) -> dict[str, list[ReplayReport]]:
-    """Return recordings by robot and model, each under a name that tells it from the others.
-
-    Args:
-        reports: In order of time.
-    """
-    found: dict[str, list[ReplayReport]] = {}
-    for one in reports:
-        found.setdefault(robot_name(one.model), []).append(one)
-    return found
 
 
 def robot_name(model: ModelUsed) -> str:
@@ -143,7 +140,7 @@ def _table(
 
     columns = [
         Column("recording", lambda one: f"{place_of[id(one)]}. {_name(one)}"),
-        Column("begun, UTC", _begun),
+        Column("begun, UTC", lambda one: utc(one.time.start_ns)),
         Column("time", lambda one: one.time.observed_time, fixed(1), "s", total=True),
         Column("covered", lambda one: one.time.coverage, percent),
         Column("predicted", lambda one: one.energy.net, scale.joule, scale.unit, total=True),
@@ -192,11 +189,6 @@ def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None
     return f"{scale.watt_hour(mean_energy(next(iter(kinds.values()))))}" if kinds else None
 
 
-def _begun(report: ReplayReport) -> str | None:
-    start = report.time.start_ns
-    return None if start is None else f"{datetime.fromtimestamp(start // 10**9, tz=UTC):%F %R}"
-
-
 def _share(reports: Sequence[ReplayReport]) -> float | None:
     net = sum(one.energy.net for one in reports)
     return sum(one.energy.friction for one in reports) / net if net > 0 else None
@@ -205,3 +197,50 @@ def _share(reports: Sequence[ReplayReport]) -> float | None:
 def _known(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return sum(known) if known else None
+
+
+MARKERS = "osD^v"  # of the jobs of one robot
+
+
+def _trend(groups: Mapping[str, Sequence[ReplayReport]], path: Target) -> None:
+    """Draw the error of the prediction, and energy per job or mean power, by recording."""
+    ordered = sorted(
+        (one for group in groups.values() for one in group), key=lambda one: one.time.start_ns or 0
+    )
+    number = {id(one): place for place, one in enumerate(ordered, 1)}
+    with_jobs = any(one.jobs for one in ordered)
+    with canvas(path, (8.0, 4.4)) as figure:
+        axes: Any = figure.subplots(2, 1, sharex=True)
+        for colour, (name, group) in enumerate(groups.items()):
+            style: dict[str, Any] = {
+                "color": SERIES[colour % len(SERIES)],
+                "label": shown(name, 2 * MAX_TICK),
+            }
+            errors = [error_of([one])[0] for one in group]
+            place = [number[id(one)] for one in group]
+            _line(axes[0], place, [None if one is None else 100 * one for one in errors], style)
+            if not with_jobs:
+                power = [(one.energy.net, observed_time([one])) for one in group]
+                _line(axes[1], place, [net / time if time else None for net, time in power], style)
+            for marker, kind in zip(cycle(MARKERS), job_kinds(group), strict=False):
+                jobs = [[job for job in one.jobs if job.name == kind] for one in group]
+                values = [mean_energy(one) / JOULE_PER_WH if one else None for one in jobs]
+                label = shown(f"{name}: {kind}" if len(groups) > 1 else kind, 2 * MAX_TICK)
+                _line(axes[1], place, values, style | {"marker": marker, "label": label})
+        axes[0].axhline(0.0, color="#9a9a9a", linewidth=0.8)
+        axes[0].set_ylabel("predicted -\nmeasured [%]")
+        axes[1].set_ylabel("energy per job [Wh]" if with_jobs else "mean power\nfrom the grid [W]")
+        axes[1].set_xlabel("recording, in order of time")
+        axes[1].xaxis.get_major_locator().set_params(integer=True)
+        axes[1].set_ylim(bottom=min(0.0, axes[1].get_ylim()[0]))
+        if len(groups) > 1:
+            axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        if with_jobs:
+            axes[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _line(
+    axes: Axes, place: Sequence[int], values: Sequence[float | None], style: dict[str, Any]
+) -> None:
+    known: Float = np.array(values, dtype=np.float64)  # NaN where nothing is known
+    axes.plot(place, known, "-", **{"marker": "o", "markersize": 4.0} | style)

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.settings import PageSettings
-from robot_energy.report.auxiliary import auxiliary_section, flow_labels
-from robot_energy.report.condition import condition_section
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
+    EnergySections,
     add_flow,
-    energy_table,
-    joint_table,
-    phase_table,
-    quality_table,
+    auxiliary_section,
+    flow_labels,
     scale_of,
-    uncertainty_table,
 )
 from robot_energy.report.formats import (
     EnergyFormat,
@@ -28,6 +23,7 @@ from robot_energy.report.formats import (
     seconds,
     signed_percent,
     tags_text,
+    utc,
 )
 from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
 from robot_energy.report.jobs import job_section, summary_section
@@ -124,10 +120,8 @@ def _recording(report: ReplayReport) -> list[tuple[str, str]]:
         ("meter", topics.meter or "none"),
     ]
     if time.start_ns is not None:
-        start = datetime.fromtimestamp(time.start_ns // 10**9, tz=UTC)
-        rows.append(
-            ("recorded", f"from {start:%Y-%m-%d %H:%M:%S} UTC, span {seconds(time.span_ns)}")
-        )
+        start = utc(time.start_ns, "%F %T")
+        rows.append(("recorded", f"from {start} UTC, span {seconds(time.span_ns)}"))
     for change in report.payload.changes if report.payload is not None else ():
         after = (change.from_ns - (time.start_ns or 0)) * NANOSECOND
         when = f"from {after:.3f} s on" if after > 0 else "from the start"
@@ -174,7 +168,8 @@ def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> Non
             "The same with friction at measured and at one temperature.",
         )
     over = seconds(report.time.observed_ns)
-    energy_table(page, f"Where the energy went, predicted, over {over}", report, scale, second)
+    sections = EnergySections(page, report)
+    sections.energy(f"Where the energy went, predicted, over {over}", second)
     if energy.grid_return:
         page.paragraph(
             f"  drawn {scale.joule(energy.grid_import)} {scale.unit}, "
@@ -237,19 +232,10 @@ def _compared(page: Document, report: ReplayReport) -> None:
     )
 
 
-def _certainty(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
-    uncertainty_table(page, report, scale_of([report.energy]))
-
-
 def _joints(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
-    scale = scale_of([report.energy])
-    joint_table(page, report.joints, scale)
+    EnergySections(page, report).joints()
     if report.shaft is not None:
-        _shaft(page, report.shaft, scale)
-
-
-def _phases(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
-    phase_table(page, report, scale_of([report.energy]))
+        _shaft(page, report.shaft, scale_of([report.energy]))
 
 
 def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
@@ -315,11 +301,39 @@ def _temperatures(page: Document, report: ReplayReport, curves: ReplayCurves | N
         )
 
 
+def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> None:
+    """What was learned of the robot: lasting changes, and figures against the model file."""
+    report = whole.condition
+    if report is None:
+        return
+    for change in report.wear:
+        page.paragraph(change.sentence, "note" if change.fell else "problem")
+    known = [joint for joint in report.joints if joint.valid]
+    with page.only("page"):
+        if known:
+            page.rows(
+                "Friction against the model file, from measured torque",
+                [
+                    Column("", "name"),
+                    Column("multiplier", "multiplier", fixed(3)),
+                    Column("last minute", "multiplier_raw", fixed(3)),
+                    Column("records", "records"),
+                ],
+                known,
+            )
+        if report.meter_valid:
+            page.paragraph(
+                f"from the power meter: constant losses {report.loss_offset:+.1f} W"
+                + ("" if known else f", friction x {report.friction_factor:.3f}")
+                + " against the model file"
+            )
+
+
 def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     with page.only("page"):
         page.pairs(_recording(report))
     _inputs(page, report)
-    quality_table(page, report)
+    EnergySections(page, report).quality()
 
 
 def _inputs(page: Document, report: ReplayReport) -> None:
@@ -347,11 +361,11 @@ Section = Callable[[Document, ReplayReport, ReplayCurves | None], None]
 SECTIONS: dict[str, Section] = {
     FIRST: _energy,
     "Predicted against measured": _comparison,
-    "How sure": _certainty,
+    "How sure": lambda page, report, _: EnergySections(page, report).certainty(),
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
-    "Condition": lambda page, report, _: condition_section(page, report.condition),
-    "Phases": _phases,
+    "Condition": _condition,
+    "Phases": lambda page, report, _: EnergySections(page, report).phases(),
     "Job intervals": lambda page, report, _: job_section(page, report),
     "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),
     "Data quality": _quality,

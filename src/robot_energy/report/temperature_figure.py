@@ -58,9 +58,6 @@ def temperature_and_friction(history: TemperatureHistory, path: Target) -> None:
     Args:
         history: Of a recording.
         path: File to write: PNG, SVG or PDF by its suffix.
-
-    Raises:
-        ReportError: If the suffix is none of these, or the file cannot be written.
     """
     time, means = history.means()
     degc, friction = means[:, :-1], means[:, -1]

@@ -1,8 +1,6 @@
 """Loads outside of the cabinet: energy of each, mean power of its states, balance of the outlet."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
@@ -10,71 +8,41 @@ from robot_energy.blocks import NANOSECOND
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class LoadState(Result):
-    """One state of a load, over the time in which the power of the load is known.
+    """One state of a load, over the time in which the power of the load is known."""
 
-    Attributes:
-        time: In this state. [s]
-        energy: Over that time. [J]
-        mean_power: Over that time: with a meter, what the state draws. [W]
-        model_power: Power of the state in the model file. [W]
-    """
-
-    time: float
-    energy: float
-    mean_power: Number
-    model_power: float
+    time: Annotated[float, "In this state. [s]"]
+    energy: Annotated[float, "Over that time. [J]"]
+    mean_power: Annotated[Number, "Over that time: with a meter, what the state draws. [W]"]
+    model_power: Annotated[float, "Power of the state in the model file. [W]"]
 
 
-@dataclass(frozen=True)
 class LoadEnergy(Result):
-    """One load.
+    """One load."""
 
-    Attributes:
-        name: Of the load.
-        metered: Whether a meter of its own says its power.
-        energy: Over the observed time; None where part of it is not known. [J]
-        known_energy: Over the time in which it is known. [J]
-        known_energy_microjoule: The same, exact. [uJ]
-        known_ns: That time. [ns]
-        missing_ns: Observed time in which it is not known. [ns]
-        missing_count: How often it ceased to be known.
-        mean_power: Over the known time. [W]
-        states: By their names.
-    """
-
-    name: str
-    metered: bool
-    energy: Number
-    known_energy: float
-    known_energy_microjoule: int
-    known_ns: int
-    missing_ns: int
-    missing_count: int
-    mean_power: Number
-    states: dict[str, LoadState]
+    name: Annotated[str, "Of the load."]
+    metered: Annotated[bool, "Whether a meter of its own says its power."]
+    energy: Annotated[Number, "Over the observed time; None where part of it is not known. [J]"]
+    known_energy: Annotated[float, "Over the time in which it is known. [J]"]
+    known_energy_microjoule: Annotated[int, "The same, exact. [uJ]"]
+    known_ns: Annotated[int, "That time. [ns]"]
+    missing_ns: Annotated[int, "Observed time in which it is not known. [ns]"]
+    missing_count: Annotated[int, "How often it ceased to be known."]
+    mean_power: Annotated[Number, "Over the known time. [W]"]
+    states: Annotated[dict[str, LoadState], "By their names."]
 
 
-@dataclass(frozen=True)
 class AuxiliaryReport(Result):
-    """The auxiliary branch, and the outlet that feeds it and the cabinet.
+    """The auxiliary branch, and the outlet that feeds it and the cabinet."""
 
-    Attributes:
-        loads: In the order of the model file.
-        balanced_ns: Time in which all loads are known. [ns]
-        outlet_energy_microjoule: From the outlet over that time: cabinet and loads, exact. [uJ]
-        outlet_energy: The same. [J]
-        cabinet_energy: Of the cabinet over that time, as predicted. [J]
-        auxiliary_energy: Of all loads over that time. [J]
-    """
-
-    loads: tuple[LoadEnergy, ...]
-    balanced_ns: int
-    outlet_energy_microjoule: int
-    outlet_energy: float
-    cabinet_energy: float
-    auxiliary_energy: float
+    loads: Annotated[tuple[LoadEnergy, ...], "In the order of the model file."]
+    balanced_ns: Annotated[int, "Time in which all loads are known. [ns]"]
+    outlet_energy_microjoule: Annotated[
+        int, "From the outlet over that time: cabinet and loads, exact. [uJ]"
+    ]
+    outlet_energy: Annotated[float, "The same. [J]"]
+    cabinet_energy: Annotated[float, "Of the cabinet over that time, as predicted. [J]"]
+    auxiliary_energy: Annotated[float, "Of all loads over that time. [J]"]
 
 
 def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None:

@@ -1,13 +1,17 @@
-"""What all results share: their documented fields are their JSON."""
+"""What all results share: their fields are their JSON.
+
+The annotation of a field says what it is: ``Annotated[float, "Drawn from the grid. [J]"]``.
+"""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, cast, dataclass_transform
 
 import numpy as np
 from pydantic import BaseModel
@@ -17,6 +21,7 @@ from robot_energy.model import RobotModel
 
 SCHEMA_VERSION = 3  # rises when a key goes, is renamed, or changes its meaning
 Number = float | None  # None where nothing is known
+Texts = tuple[str, ...]
 
 
 def known(value: float) -> Number:
@@ -28,11 +33,31 @@ def known(value: float) -> Number:
     return float(value) if math.isfinite(value) else None
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
 @dataclass(frozen=True)
 class Result:
-    """Base of the results. A number that is not finite becomes None: it is not known."""
+    """Base of the results, which are frozen dataclasses without being decorated.
+
+    A number that is not finite becomes None: it is not known.
+    """
 
     NAME: ClassVar[str] = ""  # of the JSON document; empty for a part of one
+
+    def __init_subclass__(cls, name: str = "") -> None:
+        """Make a dataclass with what its fields are in its docstring.
+
+        Help, documentation and schema show the docstring.
+
+        Args:
+            name: Of the JSON document; empty for a part of one.
+        """
+        known = inspect.get_annotations(cls)
+        texts = {key: getattr(kind, "__metadata__", ("",))[0] for key, kind in known.items()}
+        described = "".join(f"\n    {key}: {text}" for key, text in texts.items() if text)
+        if described and cls.__doc__:
+            cls.__doc__ += f"\n\nAttributes:{described}"
+        cls.NAME = name
+        dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
         for entry in fields(self):

@@ -1,22 +1,12 @@
 """Whether recordings fit a model."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
 from robot_energy.check import CheckResult
 from robot_energy.results.base import Result
 
 
-@dataclass(frozen=True)
-class CheckReport(Result):
-    """Findings of recordings with one model.
+class CheckReport(Result, name="check"):
+    """Findings of recordings with one model."""
 
-    Attributes:
-        recordings: One for each.
-    """
-
-    NAME: ClassVar[str] = "check"
-
-    recordings: tuple[CheckResult, ...]
+    recordings: Annotated[tuple[CheckResult, ...], "One for each."]

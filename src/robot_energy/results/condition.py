@@ -1,8 +1,6 @@
 """What was learned of a robot over one recording, or over many in the order of time."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.condition.wear import WearAlarm
@@ -10,70 +8,44 @@ from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result
 
 
-@dataclass(frozen=True)
 class LearnedJoint(Result):
-    """Friction of one joint against the model file, from measured torque.
+    """Friction of one joint against the model file, from measured torque."""
 
-    Attributes:
-        name: Of the joint.
-        multiplier: Measured over model friction, mean over speeds and temperatures, within its
-            bounds; None where nothing is known. [-]
-        multiplier_raw: That of the newest minute of motion. [-]
-        valid: Whether it can be used.
-        motion: Time in motion behind it. [s]
-        records: Records of motion that the test for wear keeps.
-    """
-
-    name: str
-    multiplier: Number
-    multiplier_raw: Number
-    valid: bool
-    motion: float
-    records: int
+    name: Annotated[str, "Of the joint."]
+    multiplier: Annotated[
+        Number,
+        "Measured over model friction, mean over speeds and temperatures, within its bounds; "
+        "None where nothing is known. [-]",
+    ]
+    multiplier_raw: Annotated[Number, "That of the newest minute of motion. [-]"]
+    valid: Annotated[bool, "Whether it can be used."]
+    motion: Annotated[float, "Time in motion behind it. [s]"]
+    records: Annotated[int, "Records of motion that the test for wear keeps."]
 
 
-@dataclass(frozen=True)
 class WearFinding(Result):
-    """A lasting change of friction.
+    """A lasting change of friction."""
 
-    Attributes:
-        joint: Its name; empty for the whole robot, as one power meter sees it.
-        fell: Whether friction has fallen, as after re-greasing; else it has risen.
-        change: Friction now over that of the first records, less 1. [-]
-        change_std: Its standard deviation. [-]
-        since_ns: When the change began. [ns since 1970]
-        certainty: Probability that it is no chance. [-]
-        sentence: The same in words.
-    """
-
-    joint: str
-    fell: bool
-    change: float
-    change_std: Number
-    since_ns: int | None
-    certainty: float
-    sentence: str
+    joint: Annotated[str, "Its name; empty for the whole robot, as one power meter sees it."]
+    fell: Annotated[bool, "Whether friction has fallen, as after re-greasing; else it has risen."]
+    change: Annotated[float, "Friction now over that of the first records, less 1. [-]"]
+    change_std: Annotated[Number, "Its standard deviation. [-]"]
+    since_ns: Annotated[int | None, "When the change began. [ns since 1970]"]
+    certainty: Annotated[float, "Probability that it is no chance. [-]"]
+    sentence: Annotated[str, "The same in words."]
 
 
-@dataclass(frozen=True)
 class ConditionReport(Result):
-    """Learned figures and lasting changes of friction.
+    """Learned figures and lasting changes of friction."""
 
-    Attributes:
-        learning: What was done with them: ``off``, ``observe`` or ``apply``.
-        joints: In model order.
-        friction_factor: On the friction of joints without torque, from the meter. [-]
-        loss_offset: Added to the constant losses, from the meter. [W]
-        meter_valid: Whether both can be used.
-        wear: Lasting changes; empty while there are none.
-    """
-
-    learning: str
-    joints: tuple[LearnedJoint, ...]
-    friction_factor: float
-    loss_offset: float
-    meter_valid: bool
-    wear: tuple[WearFinding, ...]
+    learning: Annotated[str, "What was done with them: ``off``, ``observe`` or ``apply``."]
+    joints: Annotated[tuple[LearnedJoint, ...], "In model order."]
+    friction_factor: Annotated[
+        float, "On the friction of joints without torque, from the meter. [-]"
+    ]
+    loss_offset: Annotated[float, "Added to the constant losses, from the meter. [W]"]
+    meter_valid: Annotated[bool, "Whether both can be used."]
+    wear: Annotated[tuple[WearFinding, ...], "Lasting changes; empty while there are none."]
 
 
 def condition_report(learner: ConditionLearner, model: RobotModel) -> ConditionReport:

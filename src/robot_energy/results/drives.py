@@ -1,10 +1,7 @@
 """Electrical power of the drives, identified from their own power or from one meter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
 from robot_energy.blocks import MeterLocation
 from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound
@@ -13,99 +10,60 @@ from robot_energy.identify.drives.total_power import TotalFit
 from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy.identify.stats.cross_validation import EnergyScore
 from robot_energy.identify.stats.lag import Delay
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 
 
-@dataclass(frozen=True)
 class LossTerm(Result):
-    """One coefficient of the loss model.
+    """One coefficient of the loss model."""
 
-    Attributes:
-        value: In the unit of its term.
-        std: Standard deviation; None where it is not told.
-        at_bound: Whether the value came out negative and stays at 0.
-    """
-
-    value: float
-    std: Number
-    at_bound: bool
+    value: Annotated[float, "In the unit of its term."]
+    std: Annotated[Number, "Standard deviation; None where it is not told."]
+    at_bound: Annotated[bool, "Whether the value came out negative and stays at 0."]
 
 
-@dataclass(frozen=True)
 class AxisLosses(Result):
-    """Losses of one drive behind one meter for all.
+    """Losses of one drive behind one meter for all."""
 
-    Attributes:
-        name: Of the joint.
-        copper: Over squared motor torque. [W/(N m)^2]
-        linear: Over motor speed. [W s/rad]
-        quadratic: Over squared motor speed. [W s2/rad2]
-    """
-
-    name: str
-    copper: LossTerm
-    linear: LossTerm
-    quadratic: LossTerm
+    name: Annotated[str, "Of the joint."]
+    copper: Annotated[LossTerm, "Over squared motor torque. [W/(N m)^2]"]
+    linear: Annotated[LossTerm, "Over motor speed. [W s/rad]"]
+    quadratic: Annotated[LossTerm, "Over squared motor speed. [W s2/rad2]"]
 
 
-@dataclass(frozen=True)
 class TotalPower(Result):
-    """Losses of all drives, from one meter.
+    """Losses of all drives, from one meter."""
 
-    Attributes:
-        location: Where the meter sits.
-        readings: Of the meter.
-        duration: That they cover. [s]
-        recordings: That they come from.
-        structure: What the readings tell apart.
-        constant: Constant power. [W]
-        constant_std: [W]
-        axes: One per joint.
-        block_rms: RMS error on blocks not seen, by structure. [W]
-        held_out: ``recordings`` or ``blocks``.
-        ways: Predictions of held-out readings, by way.
-        meter_delay: Of the meter behind the joint states; None where it cannot be told.
-        meter_time_constant: Of a low pass in the meter; likewise.
-        notes: What the readings do not tell, one sentence each.
-        parts: Of the standard deviations, by column of the fit and cause.
-    """
-
-    location: MeterLocation
-    readings: int
-    duration: float
-    recordings: int
-    structure: str
-    constant: float
-    constant_std: Number
-    axes: tuple[AxisLosses, ...]
-    block_rms: dict[str, float]
-    held_out: str
-    ways: dict[str, EnergyScore]
-    meter_delay: Delay | None
-    meter_time_constant: Delay | None
-    notes: tuple[str, ...]
-    parts: dict[str, dict[str, float]]
+    location: Annotated[MeterLocation, "Where the meter sits."]
+    readings: Annotated[int, "Of the meter."]
+    duration: Annotated[float, "That they cover. [s]"]
+    recordings: Annotated[int, "That they come from."]
+    structure: Annotated[str, "What the readings tell apart."]
+    constant: Annotated[float, "Constant power. [W]"]
+    constant_std: Annotated[Number, "[W]"]
+    axes: Annotated[tuple[AxisLosses, ...], "One per joint."]
+    block_rms: Annotated[dict[str, float], "RMS error on blocks not seen, by structure. [W]"]
+    held_out: Annotated[str, "``recordings`` or ``blocks``."]
+    ways: Annotated[dict[str, EnergyScore], "Predictions of held-out readings, by way."]
+    meter_delay: Annotated[
+        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+    ]
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    notes: Annotated[Texts, "What the readings do not tell, one sentence each."]
+    parts: Annotated[
+        dict[str, dict[str, float]], "Of the standard deviations, by column of the fit and cause."
+    ]
 
 
-@dataclass(frozen=True)
-class DrivesReport(Result):
-    """Electrical power of the drives.
+class DrivesReport(Result, name="drives"):
+    """Electrical power of the drives."""
 
-    Attributes:
-        torque: Where the torque comes from; empty if that was not asked.
-        drives: From the power of each drive; None without.
-        delay: Of that power behind the joint states; None where it cannot be told.
-        total: From one meter for all drives; None without.
-        notes: What was decided for the model file without data, one sentence each.
-    """
-
-    NAME: ClassVar[str] = "drives"
-
-    torque: str
-    drives: DrivesFit | None
-    delay: Delay | None
-    total: TotalPower | None
-    notes: tuple[str, ...]
+    torque: Annotated[str, "Where the torque comes from; empty if that was not asked."]
+    drives: Annotated[DrivesFit | None, "From the power of each drive; None without."]
+    delay: Annotated[
+        Delay | None, "Of that power behind the joint states; None where it cannot be told."
+    ]
+    total: Annotated[TotalPower | None, "From one meter for all drives; None without."]
+    notes: Annotated[Texts, "What was decided for the model file without data, one sentence each."]
 
 
 def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = ()) -> DrivesReport:

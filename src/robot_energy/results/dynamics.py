@@ -1,64 +1,46 @@
 """Identified dynamics: bodies, rotors and friction."""
 
-from __future__ import annotations
+from dataclasses import field
+from typing import Annotated
 
-from dataclasses import dataclass, field
-from typing import ClassVar
+import numpy as np
 
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.leave_one_out import LeaveOneOut
 from robot_energy.identify.dynamics.validation import TorqueError
+from robot_energy.identify.excitation.criterion import ExcitationScore
+from robot_energy.identify.excitation.excitation import Excitation, ExcitationSettings
+from robot_energy.identify.excitation.limits import Floor
 from robot_energy.identify.stats.lag import Delay
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts, known
 
 
-@dataclass(frozen=True)
 class BaseParameter(Result):
-    """One group of inertial, rotor and friction parameters.
+    """One group of inertial, rotor and friction parameters."""
 
-    Attributes:
-        name: Of the standard parameter that stands for the group.
-        sum: The group.
-        value: In the unit of that parameter.
-        std: Standard deviation.
-        interval_95: Half width of the 95 % interval.
-        weakly_excited: Whether the interval is wider than the value.
-        told_less_than_urdf: Whether the recording tells less of it than the URDF.
-        parts: Of the standard deviation, by cause.
-    """
-
-    name: str
-    sum: str
-    value: float
-    std: Number
-    interval_95: Number
-    weakly_excited: bool
-    told_less_than_urdf: bool
-    parts: dict[str, float]
+    name: Annotated[str, "Of the standard parameter that stands for the group."]
+    sum: Annotated[str, "The group."]
+    value: Annotated[float, "In the unit of that parameter."]
+    std: Annotated[Number, "Standard deviation."]
+    interval_95: Annotated[Number, "Half width of the 95 % interval."]
+    weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
+    told_less_than_urdf: Annotated[bool, "Whether the recording tells less of it than the URDF."]
+    parts: Annotated[dict[str, float], "Of the standard deviation, by cause."]
 
 
-@dataclass(frozen=True)
-class DynamicsReport(Result):
-    """Bodies, rotors and friction.
+class DynamicsReport(Result, name="dynamics"):
+    """Bodies, rotors and friction."""
 
-    Attributes:
-        base_parameters: Groups of parameters that torque tells.
-        torque_error: By ``held_out`` (least squares) and ``held_out_model_file`` (bodies that
-            can exist); ``held_out_given_bodies`` where it was compared.
-        delay: Of the torque behind the positions.
-        across: Recordings held out whole; None for a single one.
-        notes: What the user should know, one sentence each.
-        result: The identification behind it.
-    """
-
-    NAME: ClassVar[str] = "dynamics"
-
-    base_parameters: tuple[BaseParameter, ...]
-    torque_error: dict[str, TorqueError]
-    delay: Delay
-    across: LeaveOneOut | None
-    notes: tuple[str, ...]
-    result: Dynamics = field(repr=False)
+    base_parameters: Annotated[tuple[BaseParameter, ...], "Groups of parameters that torque tells."]
+    torque_error: Annotated[
+        dict[str, TorqueError],
+        "By ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can exist); "
+        "``held_out_given_bodies`` where it was compared.",
+    ]
+    delay: Annotated[Delay, "Of the torque behind the positions."]
+    across: Annotated[LeaveOneOut | None, "Recordings held out whole; None for a single one."]
+    notes: Annotated[Texts, "What the user should know, one sentence each."]
+    result: Annotated[Dynamics, "The identification behind it."] = field(repr=False)
 
 
 def dynamics_report(
@@ -98,4 +80,61 @@ def dynamics_report(
         across=across,
         notes=result.notes,
         result=result,
+    )
+
+
+KINDS = ("position", "velocity", "acceleration", "torque")
+
+
+class ExcitedJoint(Result):
+    """One joint of the motion."""
+
+    name: Annotated[str, "Of the joint."]
+    start: Annotated[float, "Position at the start. [rad] or [m]"]
+    use: Annotated[dict[str, Number], "Of each limit, by kind; None without a limit. [-]"]
+
+
+class ExcitationReport(Result, name="excitation"):
+    """A motion for the identification of the dynamics."""
+
+    settings: Annotated[ExcitationSettings, "Of the search."]
+    before: Annotated[ExcitationScore, "How well the best random start tells the base parameters."]
+    after: Annotated[ExcitationScore, "How well the optimised motion does."]
+    base_parameters: Annotated[
+        dict[str, str], "All that a motion can tell: sum of each group by its name."
+    ]
+    without_effect: Annotated[Texts, "Parameters that no torque depends on."]
+    margin: Annotated[float, "Share of every limit that was allowed. [-]"]
+    acceleration_assumed: Annotated[bool, "Whether the limits of the acceleration were not given."]
+    joints: Annotated[tuple[ExcitedJoint, ...], "In model order."]
+    floor: Annotated[Floor | None, "Height that a link keeps; None without one."]
+    least_height: Annotated[Number, "That it reaches; None without a floor. [m]"]
+
+
+def excitation_report(found: Excitation) -> ExcitationReport:
+    """Return what an excitation motion tells and uses.
+
+    Args:
+        found: The motion.
+    """
+    limits = found.limits
+    start = found.motion.sample(np.zeros(1)).joint_position[0].tolist()
+    use = {kind: found.use[kind] * limits.margin for kind in KINDS}
+    use["torque"] = np.where(np.isfinite(limits.torque), use["torque"], np.nan)
+    return ExcitationReport(
+        settings=found.settings,
+        before=found.start,
+        after=found.quality,
+        base_parameters={
+            name: found.base.expression(place) for place, name in enumerate(found.base.labels)
+        },
+        without_effect=found.base.without_effect,
+        margin=limits.margin,
+        acceleration_assumed=limits.acceleration_assumed,
+        joints=tuple(
+            ExcitedJoint(name, start[joint], {kind: known(use[kind][joint]) for kind in KINDS})
+            for joint, name in enumerate(limits.robot.joint_names)
+        ),
+        floor=limits.floor,
+        least_height=found.height,
     )

@@ -1,11 +1,8 @@
 """Where the energy of a robot went: in all, per joint, per phase, and against the meter."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
@@ -14,47 +11,35 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
 from robot_energy.model import RobotModel
 from robot_energy.model.constant_power import constant_power
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
-from robot_energy.results.uncertainty import EnergyUncertainty, uncertainty_of
+from robot_energy.uncertainty.band import energy_variances
+from robot_energy.uncertainty.deviation import names_of
 
 BALANCE_RELATIVE = 1e-9
 
 
-@dataclass(frozen=True)
 class EnergyBreakdown(Result):
     """Where the energy went. [J]
 
     ``grid_import - grid_return`` is the sum of the joints' parts, both constant losses, brake
     and capacitor.
-
-    Attributes:
-        grid_import: Drawn from the grid.
-        grid_return: Fed back by a regenerative supply.
-        brake: Into the brake resistor.
-        loss_dc: Constant loss on the DC side.
-        loss_grid: Loss on the grid side.
-        capacitor: Into the DC-link capacitor, signed.
-        rigid: Moving the bodies, all joints.
-        friction: All joints.
-        drive_loss: Drive input less shaft energy, all joints.
-        sum_of_parts: Of all parts.
-        balance_residual: What the grid gave less the sum of the parts; rounding only.
-        balanced: Whether it is no more than rounding.
     """
 
-    grid_import: float
-    grid_return: float
-    brake: float
-    loss_dc: float
-    loss_grid: float
-    capacitor: float
-    rigid: float
-    friction: float
-    drive_loss: float
-    sum_of_parts: float
-    balance_residual: float
-    balanced: bool
+    grid_import: Annotated[float, "Drawn from the grid."]
+    grid_return: Annotated[float, "Fed back by a regenerative supply."]
+    brake: Annotated[float, "Into the brake resistor."]
+    loss_dc: Annotated[float, "Constant loss on the DC side."]
+    loss_grid: Annotated[float, "Loss on the grid side."]
+    capacitor: Annotated[float, "Into the DC-link capacitor, signed."]
+    rigid: Annotated[float, "Moving the bodies, all joints."]
+    friction: Annotated[float, "All joints."]
+    drive_loss: Annotated[float, "Drive input less shaft energy, all joints."]
+    sum_of_parts: Annotated[float, "Of all parts."]
+    balance_residual: Annotated[
+        float, "What the grid gave less the sum of the parts; rounding only."
+    ]
+    balanced: Annotated[bool, "Whether it is no more than rounding."]
 
     @property
     def net(self) -> float:
@@ -62,139 +47,153 @@ class EnergyBreakdown(Result):
         return self.grid_import - self.grid_return
 
 
-@dataclass(frozen=True)
 class JointEnergy(Result):
-    """Where the energy of one joint went. [J]
+    """Where the energy of one joint went. [J]"""
 
-    Attributes:
-        name: Of the joint.
-        shaft_energy_positive: Given by the motor.
-        shaft_energy_negative: Taken back by the motor, >= 0.
-        rigid_energy: Moving the bodies.
-        friction_energy: Lost in friction.
-        drive_loss_energy: Drive input less shaft energy.
-        drive_input_energy: Sum of the three.
-        share_of_grid: Of the energy from the grid. [-]
-        last_motor_temperature_degc: Newest temperature, or the assumed one. [degC]
-    """
-
-    name: str
-    shaft_energy_positive: float
-    shaft_energy_negative: float
-    rigid_energy: float
-    friction_energy: float
-    drive_loss_energy: float
-    drive_input_energy: float
-    share_of_grid: Number
-    last_motor_temperature_degc: Number
+    name: Annotated[str, "Of the joint."]
+    shaft_energy_positive: Annotated[float, "Given by the motor."]
+    shaft_energy_negative: Annotated[float, "Taken back by the motor, >= 0."]
+    rigid_energy: Annotated[float, "Moving the bodies."]
+    friction_energy: Annotated[float, "Lost in friction."]
+    drive_loss_energy: Annotated[float, "Drive input less shaft energy."]
+    drive_input_energy: Annotated[float, "Sum of the three."]
+    share_of_grid: Annotated[Number, "Of the energy from the grid. [-]"]
+    last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
 
 
-@dataclass(frozen=True)
 class MeterComparison(Result):
-    """Predicted and measured over the same intervals; None where nothing was measured.
+    """Predicted and measured over the same intervals; None where nothing was measured."""
 
-    Attributes:
-        meter_location: ``grid`` or ``dc_bus``.
-        compared_ns: Time that both cover. [ns]
-        compared_time: The same. [s]
-        coverage: Compared share of the observed time. [-]
-        predicted_energy_at_meter: Over that time. [J]
-        measured_energy: Over that time. [J]
-        predicted_minus_measured_energy: The error. [J]
-        predicted_minus_measured_relative: The error over the measured energy. [-]
-        predicted_mean_power_at_meter: Over that time. [W]
-        measured_mean_power: Over that time. [W]
-        constant_power_at_meter: Losses of the model that flow whether the robot moves or
-            not. They can hide how well motion is predicted. [W]
-        predicted_energy_beyond_constant: Without them. [J]
-        measured_energy_beyond_constant: Without them. [J]
-        beyond_constant_relative: The error over the measured energy without them. [-]
-        power_error_rms: Predicted less measured mean power from reading to reading. [W]
-        measured_power_rms: Of the measured power: the error of a prediction of 0 W. [W]
-    """
-
-    meter_location: str | None
-    compared_ns: int
-    compared_time: float
-    coverage: Number
-    predicted_energy_at_meter: Number
-    measured_energy: Number
-    predicted_minus_measured_energy: Number
-    predicted_minus_measured_relative: Number
-    predicted_mean_power_at_meter: Number
-    measured_mean_power: Number
-    constant_power_at_meter: float
-    predicted_energy_beyond_constant: Number
-    measured_energy_beyond_constant: Number
-    beyond_constant_relative: Number
-    power_error_rms: Number = None
-    measured_power_rms: Number = None
+    meter_location: Annotated[str | None, "``grid`` or ``dc_bus``."]
+    compared_ns: Annotated[int, "Time that both cover. [ns]"]
+    compared_time: Annotated[float, "The same. [s]"]
+    coverage: Annotated[Number, "Compared share of the observed time. [-]"]
+    predicted_energy_at_meter: Annotated[Number, "Over that time. [J]"]
+    measured_energy: Annotated[Number, "Over that time. [J]"]
+    predicted_minus_measured_energy: Annotated[Number, "The error. [J]"]
+    predicted_minus_measured_relative: Annotated[Number, "The error over the measured energy. [-]"]
+    predicted_mean_power_at_meter: Annotated[Number, "Over that time. [W]"]
+    measured_mean_power: Annotated[Number, "Over that time. [W]"]
+    constant_power_at_meter: Annotated[
+        float,
+        "Losses of the model that flow whether the robot moves or not. They can hide how well "
+        "motion is predicted. [W]",
+    ]
+    predicted_energy_beyond_constant: Annotated[Number, "Without them. [J]"]
+    measured_energy_beyond_constant: Annotated[Number, "Without them. [J]"]
+    beyond_constant_relative: Annotated[
+        Number, "The error over the measured energy without them. [-]"
+    ]
+    power_error_rms: Annotated[
+        Number, "Predicted less measured mean power from reading to reading. [W]"
+    ] = None
+    measured_power_rms: Annotated[
+        Number, "Of the measured power: the error of a prediction of 0 W. [W]"
+    ] = None
 
 
-@dataclass(frozen=True)
 class PhaseEnergy(Result):
-    """One phase of the motion.
+    """One phase of the motion."""
 
-    Attributes:
-        time: How long it held. [s]
-        grid_import_energy: Drawn from the grid meanwhile. [J]
-    """
-
-    time: float
-    grid_import_energy: float
+    time: Annotated[float, "How long it held. [s]"]
+    grid_import_energy: Annotated[float, "Drawn from the grid meanwhile. [J]"]
 
 
-@dataclass(frozen=True)
 class GridPower(Result):
-    """Predicted power at the grid. [W]
+    """Predicted power at the grid. [W]"""
 
-    Attributes:
-        predicted_peak_grid_power: The highest.
-        predicted_mean_grid_power: The mean over the observed time.
-    """
-
-    predicted_peak_grid_power: Number
-    predicted_mean_grid_power: Number
+    predicted_peak_grid_power: Annotated[Number, "The highest."]
+    predicted_mean_grid_power: Annotated[Number, "The mean over the observed time."]
 
 
-@dataclass(frozen=True)
 class SampleQuality(Result):
-    """How good the samples were.
+    """How good the samples were."""
 
-    Attributes:
-        samples: All that gave a power.
-        counts: Samples with each quality bit that is set somewhere, by its name.
+    samples: Annotated[int, "All that gave a power."]
+    counts: Annotated[
+        dict[str, int], "Samples with each quality bit that is set somewhere, by its name."
+    ]
+
+
+class Contribution(Result):
+    """What one figure of the model, or several of one kind, add to the uncertainty."""
+
+    name: Annotated[str, "Of the figures."]
+    std: Annotated[float, "Standard deviation of the energy that they alone cause. [J]"]
+    share: Annotated[Number, "Of the variance. [-]"]
+
+
+class EnergyUncertainty(Result):
+    """How sure the predicted net energy from the grid is."""
+
+    std: Annotated[float, "Standard deviation from the figures of the model. [J]"]
+    band: Annotated[
+        str,
+        "``parametric``: from that alone; ``calibrated``: scaled by the errors that a meter "
+        "showed in windows of 5 s.",
+    ]
+    lower: Annotated[float, "Of the 90 % band. [J]"]
+    upper: Annotated[float, "Of the 90 % band. [J]"]
+    half_relative: Annotated[Number, "Half width over the energy. [-]"]
+    readings: Annotated[int, "Of the meter that were compared with the band of power."]
+    inside: Annotated[Number, "Share of them that lay within it. [-]"]
+    inside_parametric: Annotated[
+        Number, "The same of a band from the standard deviation alone. [-]"
+    ]
+    contributions: Annotated[
+        tuple[Contribution, ...], "What adds how much, the largest first: what to measure next."
+    ]
+
+
+def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> EnergyUncertainty:
+    """Return how sure the predicted net energy of an account is.
+
+    Args:
+        account: Of one robot.
+        joint_names: In model order.
     """
+    registers, calibration, band = account.registers, account.calibration, account.energy_band
+    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    variances = energy_variances(registers.deviation)
+    total = float(variances.sum())
+    found = [
+        Contribution(name, variance**0.5, variance / total if total else None)
+        for name, variance in zip(names_of(joint_names), variances.tolist(), strict=True)
+        if variance > 0
+    ]
+    count = calibration.readings
+    return EnergyUncertainty(
+        std=band.std,
+        band=band.kind.name.lower(),
+        lower=net - band.half,
+        upper=net + band.half,
+        half_relative=band.half / net if net > 0 else None,
+        readings=count,
+        inside=calibration.inside / count if count else None,
+        inside_parametric=calibration.inside_parametric / count if count else None,
+        contributions=tuple(sorted(found, key=lambda one: -one.std)),
+    )
 
-    samples: int
-    counts: dict[str, int]
 
-
-@dataclass(frozen=True)
 class EnergyReport(Result):
-    """What a replay and a prediction have in common.
+    """What a replay and a prediction have in common."""
 
-    Attributes:
-        model: The model used.
-        energy: Where the energy went, over the observed time.
-        power: Predicted power at the grid.
-        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.
-        joints: Where the energy of each joint went, in model order.
-        quality: How good the samples were.
-        uncertainty: How sure the predicted energy is.
-        problems: What makes the figures doubtful, one sentence each.
-        notes: What a reader should know before trusting the figures, one sentence each.
-    """
-
-    model: ModelUsed
-    energy: EnergyBreakdown
-    power: GridPower
-    phases: dict[str, PhaseEnergy]
-    joints: tuple[JointEnergy, ...]
-    quality: SampleQuality
-    uncertainty: EnergyUncertainty
-    problems: tuple[str, ...]
-    notes: tuple[str, ...]
+    model: Annotated[ModelUsed, "The model used."]
+    energy: Annotated[EnergyBreakdown, "Where the energy went, over the observed time."]
+    power: Annotated[GridPower, "Predicted power at the grid."]
+    phases: Annotated[
+        dict[str, PhaseEnergy],
+        "Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.",
+    ]
+    joints: Annotated[
+        tuple[JointEnergy, ...], "Where the energy of each joint went, in model order."
+    ]
+    quality: Annotated[SampleQuality, "How good the samples were."]
+    uncertainty: Annotated[EnergyUncertainty, "How sure the predicted energy is."]
+    problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
+    notes: Annotated[
+        Texts, "What a reader should know before trusting the figures, one sentence each."
+    ]
 
 
 def common_figures(
@@ -219,7 +218,7 @@ def common_figures(
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
-        "joints": joints_of(registers, model.joint_names, temperature_degc),
+        "joints": _joints_of(registers, model.joint_names, temperature_degc),
         "quality": SampleQuality(
             account.samples,
             {str(Quality(b).name).lower(): account.quality[b] for b in sorted(account.quality)},
@@ -254,16 +253,10 @@ def energy_of(registers: Registers) -> EnergyBreakdown:
     )
 
 
-def joints_of(
+def _joints_of(
     registers: Registers, names: Sequence[str], temperature_degc: Sequence[float]
 ) -> tuple[JointEnergy, ...]:
-    """Return where each joint's energy went.
-
-    Args:
-        registers: Energy registers of one robot.
-        names: Of the joints, in their order.
-        temperature_degc: Of their motors; NaN where unknown. [degC]
-    """
+    """Return where each joint's energy went."""
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
     rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)

@@ -1,120 +1,88 @@
 """How good a model is on recordings: torque, shaft energy, power and energy at the meter."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import Annotated, Literal
 
 import numpy as np
 
 from robot_energy.accounting.prediction_errors import PowerErrorSums, TorqueErrorSums
-from robot_energy.blocks import EffortMeaning, Float
+from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result
-from robot_energy.results.energy import MeterComparison
-from robot_energy.results.model import ModelUsed
+from robot_energy.results.base import Number, Result, Texts
+from robot_energy.results.model import ModelUsed, tagged_entries
 from robot_energy.results.replay import JointShaft, ReplayReport
 
 Seen = Literal["held_out", "fitted", "unknown"]
 MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
 
 
-@dataclass(frozen=True)
 class JointScore(Result):
-    """Errors at one motor, predicted less measured; None where torque was not measured.
+    """Errors at one motor, predicted less measured; None where torque was not measured."""
 
-    Attributes:
-        name: Of the joint; of the row of all joints, ``all joints``.
-        samples: That counted.
-        moving_samples: Of them, those in which the joint moved.
-        torque_rms: RMS error of the motor torque; None for all joints. [N m]
-        torque_rms_moving: The same while the joint moved. [N m]
-        torque_relative: Norm of the error over that of the measured torque. [-]
-        torque_relative_moving: The same while the joint moved. [-]
-        shaft_energy_error: Error of the shaft energy. [J]
-        shaft_energy_relative: The same over the measured energy that went either way. [-]
-    """
-
-    name: str
-    samples: int
-    moving_samples: int
-    torque_rms: Number
-    torque_rms_moving: Number
-    torque_relative: Number
-    torque_relative_moving: Number
-    shaft_energy_error: Number
-    shaft_energy_relative: Number
+    name: Annotated[str, "Of the joint; of the row of all joints, ``all joints``."]
+    samples: Annotated[int, "That counted."]
+    moving_samples: Annotated[int, "Of them, those in which the joint moved."]
+    torque_rms: Annotated[Number, "RMS error of the motor torque; None for all joints. [N m]"]
+    torque_rms_moving: Annotated[Number, "The same while the joint moved. [N m]"]
+    torque_relative: Annotated[Number, "Norm of the error over that of the measured torque. [-]"]
+    torque_relative_moving: Annotated[Number, "The same while the joint moved. [-]"]
+    shaft_energy_error: Annotated[Number, "Error of the shaft energy. [J]"]
+    shaft_energy_relative: Annotated[
+        Number, "The same over the measured energy that went either way. [-]"
+    ]
 
 
-@dataclass(frozen=True)
 class ModelScore(Result):
-    """Errors of one prediction.
+    """Errors of one prediction."""
 
-    Attributes:
-        name: ``model``; ``fixed_friction``, the same with friction at one temperature; or
-            ``zero``, which predicts no torque and no power.
-        change: What was changed about the model.
-        joints: In model order; empty where no torque was measured.
-        all_joints: All of them together; None where no torque was measured.
-        predicted_energy: At the meter, over the compared time. [J]
-        energy_error: Predicted less measured. [J]
-        energy_relative: The same over the measured energy. [-]
-        power_error_rms: Of the mean power from reading to reading. [W]
-    """
-
-    name: str
-    change: str | None
-    joints: tuple[JointScore, ...]
-    all_joints: JointScore | None
-    predicted_energy: Number
-    energy_error: Number
-    energy_relative: Number
-    power_error_rms: Number
+    name: Annotated[
+        str,
+        "``model``; ``fixed_friction``, the same with friction at one temperature; or ``zero``, "
+        "which predicts no torque and no power.",
+    ]
+    change: Annotated[str | None, "What was changed about the model."]
+    joints: Annotated[tuple[JointScore, ...], "In model order; empty where no torque was measured."]
+    all_joints: Annotated[
+        JointScore | None, "All of them together; None where no torque was measured."
+    ]
+    predicted_energy: Annotated[Number, "At the meter, over the compared time. [J]"]
+    energy_error: Annotated[Number, "Predicted less measured. [J]"]
+    energy_relative: Annotated[Number, "The same over the measured energy. [-]"]
+    power_error_rms: Annotated[Number, "Of the mean power from reading to reading. [W]"]
 
 
-@dataclass(frozen=True)
 class RecordingScore(Result):
-    """The predictions on one recording.
+    """The predictions on one recording."""
 
-    Attributes:
-        recording: Its name.
-        sha256: First digits of the hash of its messages.
-        seen: ``held_out`` if no figure of the model was identified from it, ``fitted`` if
-            some were, ``unknown`` if the model does not say what its figures come from.
-        reason: Why, in one sentence.
-        origin: Where the recording comes from, as its writer said.
-        observed_time: Predicted. [s]
-        lowest_degc: Of all motor temperatures; None without any. [degC]
-        highest_degc: Of all motor temperatures. [degC]
-        meter_location: ``grid`` or ``dc_bus``; None without a meter.
-        compared_time: Time that prediction and meter cover. [s]
-        measured_energy: At the meter, over that time. [J]
-        band_relative: Half width of the 90 % band of the predicted energy, over the energy. [-]
-        band_inside: Share of the readings of the meter within the band of power. [-]
-        scores: Of the model, of fixed friction if that differs, and of zero.
-        problems: What makes the figures doubtful, one sentence each.
-        notes: What a reader should know, one sentence each.
-    """
-
-    recording: str
-    sha256: str
-    seen: Seen
-    reason: str
-    origin: str | None
-    observed_time: float
-    lowest_degc: Number
-    highest_degc: Number
-    meter_location: str | None
-    compared_time: float
-    measured_energy: Number
-    band_relative: Number
-    band_inside: Number
-    scores: tuple[ModelScore, ...]
-    problems: tuple[str, ...]
-    notes: tuple[str, ...]
+    recording: Annotated[str, "Its name."]
+    sha256: Annotated[str, "First digits of the hash of its messages."]
+    seen: Annotated[
+        Seen,
+        "``held_out`` if no figure of the model was identified from it, ``fitted`` if some were, "
+        "``unknown`` if the model does not say what its figures come from.",
+    ]
+    reason: Annotated[str, "Why, in one sentence."]
+    origin: Annotated[str | None, "Where the recording comes from, as its writer said."]
+    observed_time: Annotated[float, "Predicted. [s]"]
+    lowest_degc: Annotated[Number, "Of all motor temperatures; None without any. [degC]"]
+    highest_degc: Annotated[Number, "Of all motor temperatures. [degC]"]
+    meter_location: Annotated[str | None, "``grid`` or ``dc_bus``; None without a meter."]
+    compared_time: Annotated[float, "Time that prediction and meter cover. [s]"]
+    measured_energy: Annotated[Number, "At the meter, over that time. [J]"]
+    band_relative: Annotated[
+        Number, "Half width of the 90 % band of the predicted energy, over the energy. [-]"
+    ]
+    band_inside: Annotated[
+        Number, "Share of the readings of the meter within the band of power. [-]"
+    ]
+    scores: Annotated[
+        tuple[ModelScore, ...], "Of the model, of fixed friction if that differs, and of zero."
+    ]
+    problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
+    notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
     def score(self, name: str) -> ModelScore | None:
         """Return one of the scores; None if there is none of this name.
@@ -125,23 +93,16 @@ class RecordingScore(Result):
         return next((one for one in self.scores if one.name == name), None)
 
 
-@dataclass(frozen=True)
-class EvaluationReport(Result):
-    """How good a model is on recordings.
+class EvaluationReport(Result, name="test"):
+    """How good a model is on recordings."""
 
-    Attributes:
-        model: The model.
-        effort: What the effort in the joint states was taken for.
-        recordings: One by one.
-        together: The scores over all recordings: sums of energies, RMS over all samples.
-    """
-
-    NAME: ClassVar[str] = "test"
-
-    model: ModelUsed
-    effort: str
-    recordings: tuple[RecordingScore, ...]
-    together: tuple[ModelScore, ...]
+    model: Annotated[ModelUsed, "The model."]
+    effort: Annotated[str, "What the effort in the joint states was taken for."]
+    recordings: Annotated[tuple[RecordingScore, ...], "One by one."]
+    together: Annotated[
+        tuple[ModelScore, ...],
+        "The scores over all recordings: sums of energies, RMS over all samples.",
+    ]
 
 
 @dataclass
@@ -167,7 +128,9 @@ class ScoreSums:
     predicted: float = float("nan")
 
     @classmethod
-    def of(cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums) -> ScoreSums:
+    def of(
+        cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums
+    ) -> "ScoreSums":
         """Return the sums of a replay.
 
         Args:
@@ -188,7 +151,7 @@ class ScoreSums:
             _number(meter.predicted_energy_at_meter),
         )
 
-    def plus(self, other: ScoreSums) -> ScoreSums:
+    def plus(self, other: "ScoreSums") -> "ScoreSums":
         """Return the sums of both; what only one of them has counts alone.
 
         Args:
@@ -270,7 +233,8 @@ def seen_in_fit(model: RobotModel, name: str, sha256: str) -> tuple[Seen, str]:
     bags = model.provenance.bags
     if any(f"sha256:{sha256}" in entry for entry in bags):
         return "fitted", "the model's provenance has the hash of this recording"
-    sources = [*_identified(model.model_dump(exclude_none=True))]
+    entries = tagged_entries(model.model_dump(exclude_none=True))
+    sources = [str(one.get("source", "")) for one in entries if one["tag"] == "identified"]
     if not sources and not bags:
         return "held_out", "no figure of the model was identified from a recording"
     stem = re.escape(Path(name).name)
@@ -281,37 +245,6 @@ def seen_in_fit(model: RobotModel, name: str, sha256: str) -> tuple[Seen, str]:
     if bags and all("sha256:" in entry for entry in bags):
         return "held_out", "the model's provenance lists other recordings"
     return "unknown", "the model does not list the hashes of all recordings that it was made from"
-
-
-def _identified(value: object) -> Iterator[str]:
-    """Yield the source of every identified figure below an entry of a model."""
-    if isinstance(value, Mapping):
-        entries = cast("Mapping[str, Any]", value)
-        if entries.get("tag") == "identified":
-            yield str(entries.get("source", ""))
-        for entry in entries.values():
-            yield from _identified(entry)
-    elif isinstance(value, list | tuple):
-        for entry in cast("Sequence[object]", value):
-            yield from _identified(entry)
-
-
-def meaning_of(report: ReplayReport) -> str:
-    """Return what the effort of a replay was taken for.
-
-    Args:
-        report: Of the replay.
-    """
-    return report.shaft.effort if report.shaft is not None else EffortMeaning.NONE.value
-
-
-def location_of(meter: MeterComparison) -> str | None:
-    """Return where the meter sits; None where nothing was compared with it.
-
-    Args:
-        meter: The comparison with it.
-    """
-    return meter.meter_location if meter.measured_energy is not None else None
 
 
 def _parts(joint: JointShaft) -> list[float]:

@@ -1,14 +1,13 @@
 """What identification found; the fits of `identify` are parts of it as they are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.auxiliary.states import LoadsFit
 from robot_energy.identify.cabinet.cabinet import CabinetFit
 from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.cabinet.supply import SupplyFound
@@ -20,28 +19,45 @@ from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
+from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.drives import DrivesReport, drives_report
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
-from robot_energy.results.thermal import ThermalReport
 
 
-@dataclass(frozen=True)
-class FrictionReport(Result):
-    """Friction over motor temperature.
+class ThermalReport(Result, name="thermal"):
+    """Thermal networks of the motors of a robot."""
 
-    Attributes:
-        effort: What the torque was measured as; ``log`` for relative figures of a log.
-        axes: One per axis that could be identified.
-        refused: Why the others could not, one sentence each.
-    """
+    heat: Annotated[
+        str,
+        "What was taken as heat: ``losses`` of the model, or of a log ``squared_current``, whose "
+        "capacities are relative. [W] or [A^2]",
+    ]
+    ambient_degc: Annotated[float, "Temperature of the air that was taken. [degC]"]
+    axes: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
+    refused: Annotated[Texts, "Why the others could not, one sentence each."]
 
-    NAME: ClassVar[str] = "friction"
 
-    effort: str
-    axes: tuple[FrictionFit, ...]
-    refused: tuple[str, ...]
+class LoadStatesReport(Result, name="auxiliary"):
+    """Powers of the states of auxiliary loads."""
+
+    fits: Annotated[
+        tuple[LoadsFit, ...],
+        "One for each load with a meter of its own; one for all others together where the "
+        "recordings have a meter of the outlet.",
+    ]
+    refused: Annotated[Texts, "Why others could not be identified, one sentence each."]
+
+
+class FrictionReport(Result, name="friction"):
+    """Friction over motor temperature."""
+
+    effort: Annotated[
+        str, "What the torque was measured as; ``log`` for relative figures of a log."
+    ]
+    axes: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
+    refused: Annotated[Texts, "Why the others could not, one sentence each."]
 
     @property
     def torque_unit(self) -> str:
@@ -49,38 +65,23 @@ class FrictionReport(Result):
         return "A" if self.effort == "log" else "N m"
 
 
-@dataclass(frozen=True)
 class AxisStudy(Result):
-    """Laws of one axis, tested on temperatures that their fits have not seen.
+    """Laws of one axis, tested on temperatures that their fits have not seen."""
 
-    Attributes:
-        name: Of the axis.
-        study: The test.
-        gain: RMS of the exponential law over that of the constant; None without such a law. [-]
-        shuffles: How often the temperatures were shuffled between the runs.
-        median_gain: The same ratio then: its median. [-]
-        least_gain: Its least value. [-]
-    """
-
-    name: str
-    study: Study
-    gain: Number
-    shuffles: int
-    median_gain: Number
-    least_gain: Number
+    name: Annotated[str, "Of the axis."]
+    study: Annotated[Study, "The test."]
+    gain: Annotated[
+        Number, "RMS of the exponential law over that of the constant; None without such a law. [-]"
+    ]
+    shuffles: Annotated[int, "How often the temperatures were shuffled between the runs."]
+    median_gain: Annotated[Number, "The same ratio then: its median. [-]"]
+    least_gain: Annotated[Number, "Its least value. [-]"]
 
 
-@dataclass(frozen=True)
-class FrictionStudyReport(Result):
-    """Friction at temperatures that were not seen.
+class FrictionStudyReport(Result, name="friction_study"):
+    """Friction at temperatures that were not seen."""
 
-    Attributes:
-        studies: One per axis.
-    """
-
-    NAME: ClassVar[str] = "friction_study"
-
-    studies: tuple[AxisStudy, ...]
+    studies: Annotated[tuple[AxisStudy, ...], "One per axis."]
 
 
 def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
@@ -107,29 +108,18 @@ def exponential_gain(study: Study) -> float | None:
         return None
 
 
-@dataclass(frozen=True)
-class CabinetReport(Result):
-    """Constant losses of the cabinet, and energy of the DC link.
+class CabinetReport(Result, name="cabinet"):
+    """Constant losses of the cabinet, and energy of the DC link."""
 
-    Attributes:
-        losses: Constant losses.
-        meter_delay: Of the meter behind the joint states; None where it cannot be told.
-        meter_time_constant: Of a low pass in the meter; likewise.
-        link: Energy of the DC link; None where it was not told.
-        link_taken: Whether the model has it.
-        link_reason: Why not; empty if it has.
-        link_note: What was taken for its voltages; empty if it has it not.
-    """
-
-    NAME: ClassVar[str] = "cabinet"
-
-    losses: CabinetFit
-    meter_delay: Delay | None
-    meter_time_constant: Delay | None
-    link: LinkFit | None
-    link_taken: bool
-    link_reason: str
-    link_note: str
+    losses: Annotated[CabinetFit, "Constant losses."]
+    meter_delay: Annotated[
+        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+    ]
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not told."]
+    link_taken: Annotated[bool, "Whether the model has it."]
+    link_reason: Annotated[str, "Why not; empty if it has."]
+    link_note: Annotated[str, "What was taken for its voltages; empty if it has it not."]
 
 
 def cabinet_report(found: SupplyFound) -> CabinetReport:
@@ -153,56 +143,37 @@ def cabinet_report(found: SupplyFound) -> CabinetReport:
 StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
 
 
-@dataclass(frozen=True)
 class StepReport(Result):
-    """One step of the whole.
+    """One step of the whole."""
 
-    Attributes:
-        subject: What it is about.
-        taken: Whether the model has what was found.
-        reason: Why it was left out, or not taken; empty otherwise.
-        notes: What was decided without data, one sentence each.
-        found: What the recordings tell; None if the step was left out.
-        step: The step behind it.
-    """
-
-    subject: str
-    taken: bool
-    reason: str
-    notes: tuple[str, ...]
-    found: StepFound | None
-    step: Step = field(repr=False)
+    subject: Annotated[str, "What it is about."]
+    taken: Annotated[bool, "Whether the model has what was found."]
+    reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
+    notes: Annotated[Texts, "What was decided without data, one sentence each."]
+    found: Annotated[StepFound | None, "What the recordings tell; None if the step was left out."]
+    step: Annotated[Step, "The step behind it."] = field(repr=False)
 
 
-@dataclass(frozen=True)
-class IdentificationReport(Result):
-    """All that was identified, and the test on what was held out.
+class IdentificationReport(Result, name="identification"):
+    """All that was identified, and the test on what was held out."""
 
-    Attributes:
-        model: As it is written, with its provenance; in JSON its identity.
-        given: As it was before; likewise.
-        recordings: Bags of the fit.
-        tests: Bags of the test alone.
-        steps: In the order in which they were done.
-        meter_delay: Of the meter behind the joint states; None where it cannot be told.
-        meter_time_constant: Of a low pass in the meter; likewise.
-        energy: Energy on what was held out; None if there was no test.
-        mean_error: Mean size of its error at the meter, by stage; empty without a meter. [-]
-        notes: What does not fit the model as given, one sentence each.
-    """
-
-    NAME: ClassVar[str] = "identification"
-
-    model: RobotModel
-    given: RobotModel
-    recordings: tuple[BagFacts, ...]
-    tests: tuple[BagFacts, ...]
-    steps: tuple[StepReport, ...]
-    meter_delay: Delay | None
-    meter_time_constant: Delay | None
-    energy: HeldOutEnergy | None
-    mean_error: dict[str, float]
-    notes: tuple[str, ...] = ()
+    model: Annotated[RobotModel, "As it is written, with its provenance; in JSON its identity."]
+    given: Annotated[RobotModel, "As it was before; likewise."]
+    recordings: Annotated[tuple[BagFacts, ...], "Bags of the fit."]
+    tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
+    steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
+    meter_delay: Annotated[
+        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+    ]
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    energy: Annotated[
+        HeldOutEnergy | None, "Energy on what was held out; None if there was no test."
+    ]
+    mean_error: Annotated[
+        dict[str, float],
+        "Mean size of its error at the meter, by stage; empty without a meter. [-]",
+    ]
+    notes: Annotated[Texts, "What does not fit the model as given, one sentence each."] = ()
 
     def taken(self, subject: str) -> bool:
         """Whether the model has new figures of a subject.

@@ -1,104 +1,65 @@
 """What a model file holds: what is modelled, and how its figures are known."""
 
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import ClassVar, cast, get_args
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, cast, get_args
 
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Tag
 from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.results.base import Result
+from robot_energy.results.base import Result, Texts
 
 TAGS: tuple[str, ...] = get_args(Tag)
 
 
-@dataclass(frozen=True)
 class ModelUsed(Result):
-    """The model behind a result.
+    """The model behind a result."""
 
-    Attributes:
-        model_id: Of its content.
-        source: File, or name of a shipped model.
-        robot: Type.
-        serial: Of the robot; None if it has none.
-        drive: Drive model.
-        fallback_temperature_degc: Taken where no motor temperature is known. [degC]
-        figures: Count of its figures by how they are known.
-        change: What was changed about it, such as fixed friction; None for nothing.
-        notes: Of its provenance.
-    """
-
-    model_id: str
-    source: str
-    robot: str
-    serial: str | None
-    drive: str
-    fallback_temperature_degc: float
-    figures: dict[str, int]
-    change: str | None
-    notes: str | None
+    model_id: Annotated[str, "Of its content."]
+    source: Annotated[str, "File, or name of a shipped model."]
+    robot: Annotated[str, "Type."]
+    serial: Annotated[str | None, "Of the robot; None if it has none."]
+    drive: Annotated[str, "Drive model."]
+    fallback_temperature_degc: Annotated[float, "Taken where no motor temperature is known. [degC]"]
+    figures: Annotated[dict[str, int], "Count of its figures by how they are known."]
+    change: Annotated[
+        str | None, "What was changed about it, such as fixed friction; None for nothing."
+    ]
+    notes: Annotated[str | None, "Of its provenance."]
 
 
-@dataclass(frozen=True)
 class JointOfModel(Result):
-    """One joint of a model file, motor side.
+    """One joint of a model file, motor side."""
 
-    Attributes:
-        name: Of the joint.
-        gear_ratio: Motor turns per joint turn. [-]
-        rotor_inertia: [kg m^2]
-        coulomb: Coulomb friction. [N m]
-        viscous_law: Kind of the law of viscous friction.
-        fitted_degc: Temperatures of its fit, shape (2,); None for any. [degC]
-    """
-
-    name: str
-    gear_ratio: float
-    rotor_inertia: float
-    coulomb: float
-    viscous_law: str
-    fitted_degc: tuple[float, float] | None
+    name: Annotated[str, "Of the joint."]
+    gear_ratio: Annotated[float, "Motor turns per joint turn. [-]"]
+    rotor_inertia: Annotated[float, "[kg m^2]"]
+    coulomb: Annotated[float, "Coulomb friction. [N m]"]
+    viscous_law: Annotated[str, "Kind of the law of viscous friction."]
+    fitted_degc: Annotated[
+        tuple[float, float] | None, "Temperatures of its fit, shape (2,); None for any. [degC]"
+    ]
 
 
-@dataclass(frozen=True)
-class ModelReport(ModelUsed):
-    """What a model file holds.
+class ModelReport(ModelUsed, name="model"):
+    """What a model file holds."""
 
-    Attributes:
-        description: Of the robot.
-        joints: In model order.
-        locked_joints: Joints of the URDF that are held.
-        inventory: Joints and links of the URDF, one sentence each.
-        coupling: Motors that turn with another joint.
-        moving_mass: Payload included. [kg]
-        payload_mass: [kg]
-        loss_dc: Constant loss on the DC side. [W]
-        loss_grid: Constant loss on the grid side. [W]
-        regenerates: Whether braking energy returns to the grid.
-        capacitor: Whether the DC-link capacitor is modelled.
-        stale_after: Age from which a temperature counts as unknown. [s]
-        remarks: What contradicts the rest, as figures in wrong units do, one sentence each.
-    """
-
-    NAME: ClassVar[str] = "model"
-
-    description: str | None
-    joints: tuple[JointOfModel, ...]
-    locked_joints: tuple[str, ...]
-    inventory: tuple[str, ...]
-    coupling: tuple[str, ...]
-    moving_mass: float
-    payload_mass: float
-    loss_dc: float
-    loss_grid: float
-    regenerates: bool
-    capacitor: bool
-    stale_after: float
-    remarks: tuple[str, ...]
+    description: Annotated[str | None, "Of the robot."]
+    joints: Annotated[tuple[JointOfModel, ...], "In model order."]
+    locked_joints: Annotated[Texts, "Joints of the URDF that are held."]
+    inventory: Annotated[Texts, "Joints and links of the URDF, one sentence each."]
+    coupling: Annotated[Texts, "Motors that turn with another joint."]
+    moving_mass: Annotated[float, "Payload included. [kg]"]
+    payload_mass: Annotated[float, "[kg]"]
+    loss_dc: Annotated[float, "Constant loss on the DC side. [W]"]
+    loss_grid: Annotated[float, "Constant loss on the grid side. [W]"]
+    regenerates: Annotated[bool, "Whether braking energy returns to the grid."]
+    capacitor: Annotated[bool, "Whether the DC-link capacitor is modelled."]
+    stale_after: Annotated[float, "Age from which a temperature counts as unknown. [s]"]
+    remarks: Annotated[
+        Texts, "What contradicts the rest, as figures in wrong units do, one sentence each."
+    ]
 
 
 def count_tags(model: RobotModel) -> dict[str, int]:
@@ -113,22 +74,28 @@ def count_tags(model: RobotModel) -> dict[str, int]:
     Returns:
         Count for each tag, zeros included.
     """
-    counts: Counter[str] = Counter(model.urdf.tags.values())
-    _count(model.model_dump(exclude={"urdf"}, exclude_none=True), counts)
+    entries = tagged_entries(model.model_dump(exclude={"urdf"}, exclude_none=True))
+    counts = Counter([*model.urdf.tags.values(), *(entry["tag"] for entry in entries)])
     return {tag: counts[tag] for tag in TAGS}
 
 
-def _count(value: object, counts: Counter[str]) -> None:
-    if isinstance(value, dict):
-        entries = cast("dict[str, object]", value)
-        tag = entries.get("tag")
-        if isinstance(tag, str):
-            counts[tag] += 1
-        for entry in entries.values():
-            _count(entry, counts)
-    elif isinstance(value, list | tuple):
-        for entry in cast("Iterable[object]", value):
-            _count(entry, counts)
+def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
+    """Yield every entry of a model that says how it is known.
+
+    Args:
+        value: A model as plain values, or a part of one.
+
+    Yields:
+        The entries, each with its ``tag``.
+    """
+    if isinstance(value, Mapping):
+        entries = cast("Mapping[str, Any]", value)
+        if isinstance(entries.get("tag"), str):
+            yield entries
+        value = list(entries.values())
+    if isinstance(value, list | tuple):
+        for entry in cast("Sequence[object]", value):
+            yield from tagged_entries(entry)
 
 
 def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:

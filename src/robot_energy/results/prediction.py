@@ -1,9 +1,6 @@
 """Predictions: every figure that terminal, JSON and pages show of them."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
 from robot_energy.blocks import NANOSECOND, Quality
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -15,112 +12,72 @@ from robot_energy.results.auxiliary import (
     auxiliary_report,
     missing_sentences,
 )
-from robot_energy.results.base import Number, Result
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
 from robot_energy.results.model import count_tags
 
 
-@dataclass(frozen=True)
 class PredictedTime(Result):
-    """Time of a prediction.
+    """Time of a prediction."""
 
-    Attributes:
-        duration: Of all repetitions. [s]
-        predicted_time: Of which the energy is known. [s]
-        gap_ns: Of which it is not. [ns]
-    """
-
-    duration: float
-    predicted_time: float
-    gap_ns: int
+    duration: Annotated[float, "Of all repetitions. [s]"]
+    predicted_time: Annotated[float, "Of which the energy is known. [s]"]
+    gap_ns: Annotated[int, "Of which it is not. [ns]"]
 
 
-@dataclass(frozen=True)
 class ToolPathReport(Result):
-    """Path of the tool, of all repetitions.
+    """Path of the tool, of all repetitions."""
 
-    Attributes:
-        length: [m]
-        printed_length: Of which material is laid; None if the program prints nothing. [m]
-        stops: Of one repetition.
-        full_speed_share: Share of the length at the programmed speed. [-]
-        energy_per_printed_metre: From the grid. [J/m]
-    """
-
-    length: float
-    printed_length: Number
-    stops: int | None
-    full_speed_share: Number
-    energy_per_printed_metre: Number
+    length: Annotated[float, "[m]"]
+    printed_length: Annotated[
+        Number, "Of which material is laid; None if the program prints nothing. [m]"
+    ]
+    stops: Annotated[int | None, "Of one repetition."]
+    full_speed_share: Annotated[Number, "Share of the length at the programmed speed. [-]"]
+    energy_per_printed_metre: Annotated[Number, "From the grid. [J/m]"]
 
 
-@dataclass(frozen=True)
 class JointLimitUse(Result):
-    """Greatest use of the limits of the URDF by one joint.
+    """Greatest use of the limits of the URDF by one joint."""
 
-    Attributes:
-        name: Of the joint.
-        speed_use: Of the speed limit. [-]
-        torque_use: Of the torque limit; None without one. [-]
-    """
-
-    name: str
-    speed_use: Number
-    torque_use: Number
+    name: Annotated[str, "Of the joint."]
+    speed_use: Annotated[Number, "Of the speed limit. [-]"]
+    torque_use: Annotated[Number, "Of the torque limit; None without one. [-]"]
 
 
-@dataclass(frozen=True)
 class FrictionReach(Result):
-    """Joints whose friction law does not tell the assumed temperature.
+    """Joints whose friction law does not tell the assumed temperature."""
 
-    Attributes:
-        extrapolated_joints: Their law was never fitted there.
-        one_temperature_joints: Their law is the same at every temperature.
-    """
-
-    extrapolated_joints: tuple[str, ...]
-    one_temperature_joints: tuple[str, ...]
+    extrapolated_joints: Annotated[Texts, "Their law was never fitted there."]
+    one_temperature_joints: Annotated[Texts, "Their law is the same at every temperature."]
 
 
-@dataclass(frozen=True)
 class PredictionReport(EnergyReport):
-    """The energy of a motion that has not been made.
+    """The energy of a motion that has not been made."""
 
-    Attributes:
-        program: Name of the motion.
-        repeat: How often it is made.
-        motor_temperature_degc: Assumed and held, by joint. [degC]
-        payload: What the robot carries beside the payload of its model.
-        time: Of the motion.
-        tool: Path of the tool; None where it is not known.
-        limits: Use of the limits of the URDF, in model order.
-        friction: Joints whose friction law does not tell the assumed temperature.
-        auxiliary: Loads outside of the cabinet in the states that were given; None where the model
-            has none.
-    """
-
-    program: str
-    repeat: int
-    motor_temperature_degc: dict[str, float]
-    payload: tuple[Payload, ...]
-    time: PredictedTime
-    tool: ToolPathReport | None
-    limits: tuple[JointLimitUse, ...]
-    friction: FrictionReach
-    auxiliary: AuxiliaryReport | None = None
+    program: Annotated[str, "Name of the motion."]
+    repeat: Annotated[int, "How often it is made."]
+    motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]
+    payload: Annotated[
+        tuple[Payload, ...], "What the robot carries beside the payload of its model."
+    ]
+    time: Annotated[PredictedTime, "Of the motion."]
+    tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]
+    limits: Annotated[tuple[JointLimitUse, ...], "Use of the limits of the URDF, in model order."]
+    friction: Annotated[
+        FrictionReach, "Joints whose friction law does not tell the assumed temperature."
+    ]
+    auxiliary: Annotated[
+        AuxiliaryReport | None,
+        "Loads outside of the cabinet in the states that were given; None where the model has "
+        "none.",
+    ] = None
 
 
-@dataclass(frozen=True)
-class PredictionsReport(Result):
-    """All programs by all robots at all temperatures.
+class PredictionsReport(Result, name="prediction"):
+    """All programs by all robots at all temperatures."""
 
-    Attributes:
-        runs: One for each.
-    """
-
-    NAME: ClassVar[str] = "prediction"
-
-    runs: tuple[PredictionReport, ...]
+    runs: Annotated[tuple[PredictionReport, ...], "One for each."]
 
 
 def prediction_report(result: Prediction, motion: LoadedMotion | None = None) -> PredictionReport:

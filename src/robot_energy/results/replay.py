@@ -1,10 +1,7 @@
 """A replay: every figure that terminal, JSON and pages show of it."""
 
-from __future__ import annotations
-
-import math
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import replace
+from typing import Annotated
 
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
@@ -21,7 +18,6 @@ from robot_energy.results.auxiliary import (
 from robot_energy.results.base import Number, Result
 from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import (
-    EnergyBreakdown,
     EnergyReport,
     MeterComparison,
     common_figures,
@@ -30,170 +26,101 @@ from robot_energy.results.energy import (
 )
 
 
-@dataclass(frozen=True)
 class ObservedTime(Result):
-    """What part of the recording is predicted: ``span = observed + gap``, exact.
+    """What part of the recording is predicted: ``span = observed + gap``, exact."""
 
-    Attributes:
-        start_ns: Of the first sample; None if there is none. [ns since 1970]
-        end_ns: Of the last sample. [ns since 1970]
-        span_ns: From first to last. [ns]
-        observed_ns: Predicted. [ns]
-        gap_ns: Not predicted. [ns]
-        gap_count: Number of gaps.
-        backward_jumps: How often stamps jumped back.
-        coverage: Observed share of the span. [-]
-        observed_time: Predicted. [s]
-    """
-
-    start_ns: int | None
-    end_ns: int | None
-    span_ns: int
-    observed_ns: int
-    gap_ns: int
-    gap_count: int
-    backward_jumps: int
-    coverage: Number
-    observed_time: float
+    start_ns: Annotated[int | None, "Of the first sample; None if there is none. [ns since 1970]"]
+    end_ns: Annotated[int | None, "Of the last sample. [ns since 1970]"]
+    span_ns: Annotated[int, "From first to last. [ns]"]
+    observed_ns: Annotated[int, "Predicted. [ns]"]
+    gap_ns: Annotated[int, "Not predicted. [ns]"]
+    gap_count: Annotated[int, "Number of gaps."]
+    backward_jumps: Annotated[int, "How often stamps jumped back."]
+    coverage: Annotated[Number, "Observed share of the span. [-]"]
+    observed_time: Annotated[float, "Predicted. [s]"]
 
 
-@dataclass(frozen=True)
 class JointShaft(Result):
-    """Shaft energy of one joint, over the intervals in which its effort is known. [J]
+    """Shaft energy of one joint, over the intervals in which its effort is known. [J]"""
 
-    Attributes:
-        name: Of the joint.
-        compared_time: Of these intervals. [s]
-        coverage: Their share of the observed time. [-]
-        shaft_energy_positive_measured: Given by the motor.
-        shaft_energy_negative_measured: Taken back by the motor.
-        shaft_energy_positive_compared: Predicted over the same time.
-        shaft_energy_negative_compared: Predicted over the same time.
-        predicted_minus_measured_energy: The error.
-        predicted_minus_measured_relative: The error over the measured energy that went
-            either way. [-]
-    """
-
-    name: str
-    compared_time: float
-    coverage: Number
-    shaft_energy_positive_measured: Number
-    shaft_energy_negative_measured: Number
-    shaft_energy_positive_compared: Number
-    shaft_energy_negative_compared: Number
-    predicted_minus_measured_energy: Number
-    predicted_minus_measured_relative: Number
+    name: Annotated[str, "Of the joint."]
+    compared_time: Annotated[float, "Of these intervals. [s]"]
+    coverage: Annotated[Number, "Their share of the observed time. [-]"]
+    shaft_energy_positive_measured: Annotated[Number, "Given by the motor."]
+    shaft_energy_negative_measured: Annotated[Number, "Taken back by the motor."]
+    shaft_energy_positive_compared: Annotated[Number, "Predicted over the same time."]
+    shaft_energy_negative_compared: Annotated[Number, "Predicted over the same time."]
+    predicted_minus_measured_energy: Annotated[Number, "The error."]
+    predicted_minus_measured_relative: Annotated[
+        Number, "The error over the measured energy that went either way. [-]"
+    ]
 
 
-@dataclass(frozen=True)
 class ShaftComparison(Result):
-    """Measured and predicted shaft energy.
+    """Measured and predicted shaft energy."""
 
-    Attributes:
-        effort: What the effort in the joint states was taken for.
-        joints: In model order.
-    """
-
-    effort: str
-    joints: tuple[JointShaft, ...]
+    effort: Annotated[str, "What the effort in the joint states was taken for."]
+    joints: Annotated[tuple[JointShaft, ...], "In model order."]
 
 
-@dataclass(frozen=True)
 class PayloadHistory(Result):
-    """Payloads that the recording set at run time.
+    """Payloads that the recording set at run time."""
 
-    Attributes:
-        changes: In the order of time.
-        not_reached: Changes after the last sample.
-        last_mass: Payload of the robot at the end. [kg]
-    """
-
-    changes: tuple[PayloadChange, ...]
-    not_reached: int
-    last_mass: float
+    changes: Annotated[tuple[PayloadChange, ...], "In the order of time."]
+    not_reached: Annotated[int, "Changes after the last sample."]
+    last_mass: Annotated[float, "Payload of the robot at the end. [kg]"]
 
 
-@dataclass(frozen=True)
 class InputAccount(Result):
-    """Account of one input: received = accepted + sum of rejected.
+    """Account of one input: received = accepted + sum of rejected."""
 
-    Attributes:
-        received: All.
-        accepted: Of them.
-        rejected: Of them, by reason.
-        balanced: Whether the account balances.
-    """
-
-    received: int
-    accepted: int
-    rejected: dict[str, int]
-    balanced: bool
+    received: Annotated[int, "All."]
+    accepted: Annotated[int, "Of them."]
+    rejected: Annotated[dict[str, int], "Of them, by reason."]
+    balanced: Annotated[bool, "Whether the account balances."]
 
 
-@dataclass(frozen=True)
 class JobFigures(Result):
-    """Energy of one job or cycle; its bounds are stamps of counted samples.
+    """Energy of one job or cycle; its bounds are stamps of counted samples."""
 
-    Attributes:
-        name: Equal for all of one kind.
-        start_ns: Of its first sample. [ns since 1970]
-        end_ns: Of its last sample. [ns since 1970]
-        time: Observed. [s]
-        gap_time: Not observed. [s]
-        energy: Predicted from the grid, less what was returned. [J]
-        energy_band: Half width of its band of 90 %; None where it is not known. [J]
-        peak_grid_power: Predicted; the highest. [W]
-        predicted_energy_at_meter: Over the compared time. [J]
-        measured_energy: Over the compared time; None where nothing was measured. [J]
-        compared_time: Time that meter and prediction cover. [s]
-    """
-
-    name: str
-    start_ns: int
-    end_ns: int
-    time: float
-    gap_time: float
-    energy: float
-    energy_band: Number
-    peak_grid_power: Number
-    predicted_energy_at_meter: Number
-    measured_energy: Number
-    compared_time: float
+    name: Annotated[str, "Equal for all of one kind."]
+    start_ns: Annotated[int, "Of its first sample. [ns since 1970]"]
+    end_ns: Annotated[int, "Of its last sample. [ns since 1970]"]
+    time: Annotated[float, "Observed. [s]"]
+    gap_time: Annotated[float, "Not observed. [s]"]
+    energy: Annotated[float, "Predicted from the grid, less what was returned. [J]"]
+    energy_band: Annotated[
+        Number, "Half width of its band of 90 %; None where it is not known. [J]"
+    ]
+    peak_grid_power: Annotated[Number, "Predicted; the highest. [W]"]
+    predicted_energy_at_meter: Annotated[Number, "Over the compared time. [J]"]
+    measured_energy: Annotated[
+        Number, "Over the compared time; None where nothing was measured. [J]"
+    ]
+    compared_time: Annotated[float, "Time that meter and prediction cover. [s]"]
 
 
-@dataclass(frozen=True)
-class ReplayReport(EnergyReport):
-    """Where the energy of a recording went.
+class ReplayReport(EnergyReport, name="replay"):
+    """Where the energy of a recording went."""
 
-    Attributes:
-        bag: The bag.
-        origin: Where the recording comes from, as its writer said.
-        topics: The topics read.
-        time: What part of the recording is predicted.
-        comparison: Predicted and measured over the same intervals.
-        shaft: Shaft energies; None where the effort was not used.
-        payload: Payloads set at run time; None where there is no such topic.
-        inputs: Account of every input by its name.
-        compared_with: A second replay of the same bag, with fixed friction.
-        jobs: Jobs and cycles, in order of time.
-        condition: What was learned; None where nothing is.
-        auxiliary: Loads outside of the cabinet; None where the model has none.
-    """
-
-    NAME: ClassVar[str] = "replay"
-
-    bag: str
-    origin: str | None
-    topics: Topics
-    time: ObservedTime
-    comparison: MeterComparison
-    shaft: ShaftComparison | None
-    payload: PayloadHistory | None
-    inputs: dict[str, InputAccount]
-    compared_with: ReplayReport | None = None
-    jobs: tuple[JobFigures, ...] = ()
-    condition: ConditionReport | None = None
-    auxiliary: AuxiliaryReport | None = None
+    bag: Annotated[str, "The bag."]
+    origin: Annotated[str | None, "Where the recording comes from, as its writer said."]
+    topics: Annotated[Topics, "The topics read."]
+    time: Annotated[ObservedTime, "What part of the recording is predicted."]
+    comparison: Annotated[MeterComparison, "Predicted and measured over the same intervals."]
+    shaft: Annotated[ShaftComparison | None, "Shaft energies; None where the effort was not used."]
+    payload: Annotated[
+        PayloadHistory | None, "Payloads set at run time; None where there is no such topic."
+    ]
+    inputs: Annotated[dict[str, InputAccount], "Account of every input by its name."]
+    compared_with: Annotated[
+        "ReplayReport | None", "A second replay of the same bag, with fixed friction."
+    ] = None
+    jobs: Annotated[tuple[JobFigures, ...], "Jobs and cycles, in order of time."] = ()
+    condition: Annotated[ConditionReport | None, "What was learned; None where nothing is."] = None
+    auxiliary: Annotated[
+        AuxiliaryReport | None, "Loads outside of the cabinet; None where the model has none."
+    ] = None
 
 
 def replay_report(
@@ -225,7 +152,12 @@ def replay_report(
         inputs=inputs,
         problems=(
             *result.problems,
-            *_problems(common["energy"], inputs),
+            *unbalanced(common["energy"]),
+            *(
+                f"the account of {name.replace('_', ' ')} does not balance"
+                for name, account_ in inputs.items()
+                if not account_.balanced
+            ),
             *missing_sentences(auxiliary),
         ),
         notes=(*result.notes, *_notes(result)),
@@ -247,18 +179,14 @@ def _jobs(result: Replay) -> tuple[JobFigures, ...]:
             time=row["observed_time"],
             gap_time=row["gap_time"],
             energy=row["predicted_import_energy"] - row["predicted_return_energy"],
-            energy_band=_known(row["predicted_energy_band"]),
-            peak_grid_power=_known(row["predicted_peak_power"]),
-            predicted_energy_at_meter=_known(row["predicted_energy_at_meter"]),
-            measured_energy=_known(row["measured_energy"]),
+            energy_band=row["predicted_energy_band"],
+            peak_grid_power=row["predicted_peak_power"],
+            predicted_energy_at_meter=row["predicted_energy_at_meter"],
+            measured_energy=row["measured_energy"],
             compared_time=row["comparison_time"],
         )
         for row in rows
     )
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _time(result: Replay) -> ObservedTime:
@@ -331,14 +259,6 @@ def _inputs(result: Replay) -> dict[str, InputAccount]:
         balanced = account.received == account.accepted + sum(rejected.values())
         found[name] = InputAccount(account.received, account.accepted, rejected, balanced)
     return found
-
-
-def _problems(energy: EnergyBreakdown, inputs: dict[str, InputAccount]) -> list[str]:
-    problems = unbalanced(energy)
-    for name, account in inputs.items():
-        if not account.balanced:
-            problems.append(f"the account of {name.replace('_', ' ')} does not balance")
-    return problems
 
 
 def _notes(result: Replay) -> list[str]:

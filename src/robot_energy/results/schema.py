@@ -23,22 +23,21 @@ from robot_energy.results.advice import AdviceReport
 from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.check import CheckReport
 from robot_energy.results.drives import DrivesReport
-from robot_energy.results.dynamics import DynamicsReport
+from robot_energy.results.dynamics import DynamicsReport, ExcitationReport
 from robot_energy.results.evaluation import EvaluationReport
-from robot_energy.results.excitation import ExcitationReport
 from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
 from robot_energy.results.identification import (
     CabinetReport,
     FrictionReport,
     FrictionStudyReport,
     IdentificationReport,
+    LoadStatesReport,
+    ThermalReport,
 )
-from robot_energy.results.load_states import LoadStatesReport
 from robot_energy.results.model import ModelReport
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.prediction import PredictionsReport
 from robot_energy.results.replay import ReplayReport
-from robot_energy.results.thermal import ThermalReport
 from robot_energy.shown_text import shown
 
 RESULTS: dict[str, type[Result]] = {

@@ -8,7 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from robot_energy.cli.terminal import add_command, console, progress, write_json
+from robot_energy.cli.command import Command, Group, add_option
+from robot_energy.cli.terminal import console, progress, write_json
 from robot_energy.shown_text import shown
 from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 
@@ -43,57 +44,26 @@ PAPERS = ("paper-a", "paper-b")  # what identifies one model
 WORKERS = 2
 
 
-def add_parser(commands: Any) -> None:
-    """Add the sub-command and what can be reproduced.
-
-    Args:
-        commands: Sub-parsers of the command.
-    """
-    parser: ArgumentParser = commands.add_parser(
-        "reproduce",
-        help="repeat the experiments of the papers on the virtual rig",
-        description="Repeat the experiments of a paper; every figure states its data.",
-    )
-    papers = parser.add_subparsers(title="papers", metavar="PAPER", required=True)
-    paper_a = _add_paper(
-        papers, "paper-a", "energy over robot temperature", PAPER_A,
-        "a few temperatures, short sets, rigs that start at their temperature",
-    )  # fmt: skip
-    certainty = _add_paper(
-        papers, "certainty", "how often intervals and bands hold", CERTAINTY,
-        "one repetition of each: shows that it runs, judges nothing",
-    )  # fmt: skip
-    savings = _add_paper(
-        papers, "savings", "how often claimed savings are right", SAVINGS,
-        "one plant at one temperature: shows that it runs, judges nothing",
-    )  # fmt: skip
-    for parser in (paper_a, certainty, savings):
-        parser.add_argument(
-            "--workers",
-            type=_count(1),
-            metavar="N",
-            help=f"processes at once (default {WORKERS}, with --quick 1); changes no figure",
-        )
-    _add_paper(
-        papers, "paper-b", "energy of printing robots", PAPER_B,
-        "layers at three heights instead of all 100",
-    )  # fmt: skip
-
-
-def _add_paper(papers: Any, name: str, title: str, text: str, quick: str) -> ArgumentParser:
+def _study(name: str, title: str, text: str, quick: str, workers: bool = True) -> Command:
+    """The command of one study."""
     folder = name.replace("-", "_")
+
+    def options(parser: ArgumentParser) -> None:
+        add_option(parser, "--quick", quick)
+        add_option(parser, "--out FOLDER", f"to write to (default {folder})", default=folder)
+        add_option(parser, "--seed N", "of motions and rigs (default 0)", type=_count(0), default=0)
+        add_option(parser, "--overwrite", "replace an earlier study")
+        parser.set_defaults(paper=name)
+        if workers:
+            add_option(
+                parser,
+                "--workers N",
+                f"processes at once (default {WORKERS}, with --quick 1); changes no figure",
+                type=_count(1),
+            )
+
     epilog = f"example:\n  robot-energy reproduce {name} --quick --out build/{folder}\n"
-    parser = add_command(papers, name, run, title, text, epilog)
-    parser.add_argument("--quick", action="store_true", help=quick)
-    parser.add_argument(
-        "--out", default=folder, metavar="FOLDER", help=f"to write to (default {folder})"
-    )
-    parser.add_argument(
-        "--seed", type=_count(0), default=0, metavar="N", help="of motions and rigs (default 0)"
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier study")
-    parser.set_defaults(paper=name)
-    return parser
+    return Command(name, title, _run, options, text, epilog)
 
 
 def _count(least: int) -> Callable[[str], int]:
@@ -106,18 +76,7 @@ def _count(least: int) -> Callable[[str], int]:
     return parse
 
 
-def run(args: Namespace) -> int:
-    """Do a study and write everything.
-
-    Args:
-        args: Arguments of the command.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        RobotEnergyError: If the folder cannot be used, or a run or fit fails.
-    """
+def _run(args: Namespace) -> int:
     from robot_energy.model import save
     from robot_energy.report.document import Document
     from robot_energy.report.html import write_page
@@ -154,3 +113,31 @@ def _command(args: Namespace) -> str:
     """The command line that makes this page, without where and how fast."""
     seed = f" --seed {args.seed}" if args.seed else ""
     return f"robot-energy reproduce {args.paper}{' --quick' if args.quick else ''}{seed}"
+
+
+STUDIES = (
+    _study(
+        "paper-a", "energy over robot temperature", PAPER_A,
+        "a few temperatures, short sets, rigs that start at their temperature",
+    ),
+    _study(
+        "certainty", "how often intervals and bands hold", CERTAINTY,
+        "one repetition of each: shows that it runs, judges nothing",
+    ),
+    _study(
+        "savings", "how often claimed savings are right", SAVINGS,
+        "one plant at one temperature: shows that it runs, judges nothing",
+    ),
+    _study(
+        "paper-b", "energy of printing robots", PAPER_B,
+        "layers at three heights instead of all 100", workers=False,
+    ),
+)  # fmt: skip
+add_parser = Group(
+    "reproduce",
+    "repeat the experiments of the papers on the virtual rig",
+    "Repeat the experiments of a paper; every figure states its data.",
+    "papers",
+    "PAPER",
+    lambda: STUDIES,
+).add_parser  # what the entry point of the package gives

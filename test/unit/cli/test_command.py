@@ -16,7 +16,6 @@ from logbook import WHEEL_MAPPING, wheel_bag, wheel_model, write_csv
 from places import ROOT
 from robot_energy import __version__
 from robot_energy.cli import main
-from robot_energy.cli import models as cli_models
 from robot_energy.cli.main import EXTRAS
 
 
@@ -149,10 +148,10 @@ def test_a_missing_extra_is_named(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def lacking(args: object) -> int:
+    def lacking() -> None:
         raise ModuleNotFoundError(f"No module named '{library}'", name=f"{library}.parts")
 
-    monkeypatch.setattr(cli_models, "run_list", lacking)
+    monkeypatch.setattr("robot_energy.model.shipped_models", lacking)
     assert f"pip install './src[{EXTRAS[library]}]'" in refused(capsys, "models")
 
 

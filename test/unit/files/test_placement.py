@@ -9,7 +9,7 @@ import pytest
 from faulty_disk import FaultyDisk, inventory
 from refusals import refused
 from robot_energy.bag import BagWriter
-from robot_energy.cli.identify_inputs import check_results
+from robot_energy.cli.identify_inputs import IdentifyInputs
 from robot_energy.cli.terminal import present
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import JSON, json_bytes, write_file
@@ -82,7 +82,7 @@ def test_results_of_an_identification_appear_together_or_not_at_all(tmp_path, ca
     args = Namespace(**names, bags=[], words=("identify",))
 
     def write():
-        check_results(args)
+        IdentifyInputs(args).check_results()
         with all_or_none():
             save(one_wheel(), args.out)
             page = Document("title")

@@ -1,0 +1,156 @@
+"""Sub-commands as data: how each is listed, explained and run, and with which options."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from robot_energy.cli.numbers import number, whole
+
+COUNT = "N"
+UNITS = {
+    COUNT, "A", "D", "DEGC", "F", "FACTOR", "H", "HZ", "KG", "M", "MM", "MM_PER_S", "MS", "M_PER_S",
+    "GB", "K", "PERCENT", "S", "SHARE", "V", "W", "X",
+}  # fmt: skip
+"""What stands for a number."""
+REQUIRED: dict[str, Any] = {"required": True}
+LIST: dict[str, Any] = {"nargs": "+"}
+SEVERAL: dict[str, Any] = {"action": "append", "default": []}
+Options = Mapping[str, "str | tuple[str, dict[str, Any]] | Options"]
+"""What each option is or does, perhaps with further words, by its spelling: see `add_option`.
+
+A table in the table is a group of options by its title.
+"""
+Run = Callable[[Namespace], int]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A sub-command.
+
+    Attributes:
+        name: As it is typed.
+        text: What it does, in the list of commands.
+        run: Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and
+            was read in part. What it refuses is a `RobotEnergyError`.
+        options: Its arguments and options, or what adds them.
+        description: What it does, in its own help; empty for that of the list.
+        epilog: Examples.
+    """
+
+    name: str
+    text: str
+    run: Run
+    options: Options | Callable[[ArgumentParser], None] = field(default_factory=dict[str, str])
+    description: str = ""
+    epilog: str = ""
+
+    def add_parser(self, commands: Any) -> None:
+        """Add it, with the option that all commands have.
+
+        Args:
+            commands: Sub-commands that it joins, as `ArgumentParser.add_subparsers` returned them.
+        """
+        parser: ArgumentParser = commands.add_parser(
+            self.name,
+            help=self.text,
+            description=self.description or self.text,
+            epilog=self.epilog,
+        )
+        add_option(parser, "--debug", "show the traceback of an error")
+        parser.set_defaults(run=self.run)
+        if callable(self.options):
+            self.options(parser)
+        else:
+            add_options(parser, self.options)
+
+
+@dataclass(frozen=True)
+class Group:
+    """A sub-command that has sub-commands.
+
+    Attributes:
+        name: As it is typed.
+        text: What they do, in the list of commands.
+        description: What they do, in its own help.
+        title: Above their list.
+        metavar: What stands for one of them.
+        parts: Gives them; asked once all kinds are known.
+        default: Name, text and run of the one that need not be named; None: one must be named.
+    """
+
+    name: str
+    text: str
+    description: str
+    title: str
+    metavar: str
+    parts: Callable[[], Iterable[Command]]
+    default: tuple[str, str, Run] | None = None
+
+    def add_parser(self, commands: Any) -> None:
+        """Add it with its sub-commands.
+
+        Args:
+            commands: Sub-commands that it joins.
+        """
+        parser: ArgumentParser = commands.add_parser(
+            self.name, help=self.text, description=self.description
+        )
+        own = parser.add_subparsers(
+            title=self.title, metavar=self.metavar, required=self.default is None
+        )
+        if self.default is not None:
+            name, text, run = self.default
+            parser.set_defaults(run=run)
+            own.add_parser(name, help=text).set_defaults(run=run)
+        for part in self.parts():
+            part.add_parser(own)
+
+
+def add_options(group: Any, options: Options) -> None:
+    """Add options from a table.
+
+    Args:
+        group: Of options, or a parser.
+        options: The table.
+    """
+    for spelled, said in options.items():
+        match said:
+            case str():
+                add_option(group, spelled, said)
+            case tuple():
+                add_option(group, spelled, said[0], **said[1])
+            case _:
+                add_options(group.add_argument_group(spelled), said)
+
+
+def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
+    """Add an option or argument.
+
+    Args:
+        group: Of options, or a parser.
+        spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
+            unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
+            ``bags BAG`` are arguments.
+        text: What it is or does.
+        **words: Further ones of `ArgumentParser.add_argument`.
+    """
+    name, _, metavar = spelled.partition(" ")
+    if name.startswith("--") and not metavar and not words:
+        words["action"] = "store_true"
+    elif metavar in UNITS:
+        words = {"type": whole if metavar == COUNT else number, "metavar": metavar, **words}
+    elif metavar:
+        words["metavar"] = metavar
+    group.add_argument(name, help=text, **words)
+
+
+def name_of(spelled: str) -> str:
+    """Return the name under which the value of an option is found.
+
+    Args:
+        spelled: As in `add_option`.
+    """
+    return spelled.split()[0].removeprefix("--").replace("-", "_")

@@ -1,0 +1,61 @@
+"""All commands, in the order in which the help lists them."""
+
+from __future__ import annotations
+
+from robot_energy.cli import (
+    advise,
+    check,
+    export,
+    fleet_identify,
+    fleet_report,
+    fleet_run,
+    identify_all,
+    identify_auxiliary,
+    identify_cabinet,
+    identify_drives,
+    identify_dynamics,
+    identify_excitation,
+    identify_friction,
+    identify_thermal,
+    import_logs,
+    info,
+    layouts,
+    listings,
+    models,
+    monitoring,
+    optimize,
+    predict,
+    replay,
+    report,
+    simulate,
+    test,
+)
+from robot_energy.cli.command import Command, Group
+
+IDENTIFY = Group(
+    "identify",
+    "a model of your robot from recordings",
+    "Identify a model from recordings; held-out figures say how good it is.",
+    "what",
+    "WHAT",
+    lambda: [
+        one.COMMAND for one in (
+            identify_all, identify_excitation, identify_friction, identify_dynamics,
+            identify_cabinet, identify_drives, identify_thermal, identify_auxiliary,
+        )
+    ],
+)  # fmt: skip
+FLEET = Group(
+    "fleet",
+    "many bags of many robots: replay them, report, identify",
+    "Many bags of many robots: replay them into a dataset, report, identify.",
+    "what",
+    "WHAT",
+    lambda: (fleet_run.COMMAND, fleet_report.COMMAND, fleet_identify.COMMAND),
+)
+COMMANDS: tuple[Command | Group, ...] = (
+    replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
+    test.COMMAND, IDENTIFY, FLEET, predict.COMMAND, optimize.COMMAND, advise.COMMAND,
+    models.LIST, models.MODEL, listings.KINDS, info.COMMAND, simulate.COMMAND,
+    listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+)  # fmt: skip
