@@ -179,7 +179,7 @@ MODULES = {
         arm description model_text priors
     """,
     "robot_energy.store": """
-        account_store adoption condition_store envelope slots state_files
+        account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces reorder stamps streams
