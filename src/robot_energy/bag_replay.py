@@ -17,7 +17,7 @@ from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import EffortMeaning
-from robot_energy.condition.record import ConditionRecord
+from robot_energy.condition.learner import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder

@@ -7,10 +7,12 @@ nothing depends on how the input is cut, and a replay learns what the monitor ha
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +32,8 @@ from robot_energy.condition.buckets import interpolated
 from robot_energy.condition.joint_friction import FrictionLearner, FrictionSamples, MotionReader
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
-from robot_energy.condition.record import ConditionRecord
-from robot_energy.condition.wear import WearMonitor
+from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
+from robot_energy.condition.wear import WearMonitor, WearState
 from robot_energy.errors import StateFileError
 from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.model import RobotModel
@@ -51,6 +53,55 @@ class Learning(StrEnum):
     """Learned and published; predictions use the model file alone."""
     APPLY = "apply"
     """Predictions use the learned figures where they are valid."""
+
+
+class ConditionRecord(ConditionPart):
+    """What was learned of one robot with one model file.
+
+    Attributes:
+        model_id: Identity of the model file.
+        joint_names: Joints in order.
+        end_ns: Newest sample learned from. [ns]
+        friction: From measured torque.
+        meter: From the power meter.
+        wear: Records of friction, and the changes found in them.
+    """
+
+    model_id: str
+    joint_names: tuple[str, ...]
+    end_ns: Stamp | None
+    friction: FrictionRecord
+    meter: MeterRecord
+    wear: WearState
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Read a record; records of wear of the first format are dropped.
+
+        Args:
+            content: JSON text.
+
+        Returns:
+            The record.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        return super().from_json(_without_old_wear(content))
+
+
+def _without_old_wear(content: bytes) -> bytes:
+    """Drop records of wear that have no contrasts: their features were others."""
+    try:
+        record: Any = json.loads(content)
+        tests = record["wear"]["tests"]
+        old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
+    except (ValueError, TypeError, LookupError):
+        return content  # the reader says what is wrong
+    empty: dict[str, Any] = {"information": [], "target": [], "square": 0.0, "count": 0}
+    for number in old:
+        tests[number] = {"records": [], "changes": [], "contrasts": empty}
+    return json.dumps(record).encode() if old else content
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.condition.record import Number, Numbers, Stamp
 from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
 RECORD_TIME = 300.0  # motion of a record [s]
@@ -57,14 +58,14 @@ class WearRecord(NamedTuple):
             are zero.
     """
 
-    stamp_ns: int
-    hours: float
-    time: float
-    excess: float
-    variance: float
-    features: tuple[float, ...]
-    work: tuple[float, ...] = ()
-    program: tuple[float, ...] = ()
+    stamp_ns: Stamp
+    hours: Number
+    time: Number
+    excess: Number
+    variance: Number
+    features: Numbers
+    work: Numbers = ()
+    program: Numbers = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
         """Return this and a later record as one; all its figures are means over time.

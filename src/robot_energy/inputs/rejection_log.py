@@ -6,9 +6,12 @@ A message whose fate later messages decide waits; at the end none does.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.shown_text import shown
 
@@ -96,6 +99,21 @@ class RejectionLog:
         """
         if count:
             self.rejected[reason] += count
+
+    def refuse(self, wrong: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
+        """Count messages, each for the first reason that applies, and say which are left.
+
+        Args:
+            wrong: Which messages each reason applies to, shape (N,) each; at least one reason.
+
+        Returns:
+            Those that no reason applies to, shape (N,).
+        """
+        left = np.ones_like(next(iter(wrong.values())))
+        for reason, rows in wrong.items():
+            self.reject(reason, int((rows & left).sum()))
+            left &= ~rows
+        return left
 
     def copy(self) -> RejectionLog:
         """Return the counts as they stand."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from robot_energy.condition.learner import ConditionLearner
-from robot_energy.condition.record import FORMAT_VERSION, ConditionRecord, ThermalRecord
+from robot_energy.condition.learner import ConditionLearner, ConditionRecord
+from robot_energy.condition.record import FORMAT_VERSION, ThermalRecord
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import file_name_of, identity_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointStateReader, Mask
+from robot_energy.inputs.joint_states.decode import JointStateReader, Mask
 from robot_energy.inputs.joint_states.partial_states import (
     BROKEN,
     SAME_STAMP,
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
-
-__all__ = ["JOINT_STATE", "JointStateIngest"]
 
 
 class JointStateIngest:
@@ -68,6 +66,8 @@ class JointStateIngest:
         order: Gaps and backward jumps of the samples.
         samples: Samples given out.
         conflicts: What was seen of second publishers.
+        ignored_joints: Joints met that the model does not know.
+        known_names: What messages may call the joints, in model order: each way that is read.
 
     Raises:
         ParameterError: If ``max_gap`` cannot be one, or the source names or corrects more or
@@ -105,6 +105,10 @@ class JointStateIngest:
             source.corrections_of(joint_names),
             velocity=source.velocity_source == MESSAGES,
         )
+        self.ignored_joints, self.known_names = (
+            self._reader.ignored_joints,
+            self._reader.known_names,
+        )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints
         )
@@ -122,16 +126,6 @@ class JointStateIngest:
     def lag_ns(self) -> int | None:
         """Newest stamp minus the time at which it arrived; None before the first. [ns]"""
         return self._stream.lag_ns
-
-    @property
-    def ignored_joints(self) -> set[str]:
-        """Joints met that the model does not know."""
-        return self._reader.ignored_joints
-
-    @property
-    def known_names(self) -> tuple[tuple[str, ...], ...]:
-        """What messages may call the joints, in model order: each way that is read."""
-        return self._reader.known_names
 
     @property
     def missing_joints(self) -> set[str]:
@@ -247,11 +241,7 @@ class JointStateIngest:
             )
             if 2 * period_ns <= MAX_MAX_GAP / NANOSECOND:
                 setting = f"max_gap: {2 * period_ns * NANOSECOND:.3g}"
-        return [
-            JointStateProblem(
-                sentence, newest, newest, severe=True, everywhere=True, setting=setting
-            )
-        ]
+        return [JointStateProblem(sentence, newest, newest, True, True, setting)]
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
         """Take messages of one topic or several.

@@ -22,7 +22,7 @@ MAX_SPEED = 20.0  # where the URDF knows no limit [rad/s] or [m/s]
 MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
 
 
-class Repeats:
+class _Repeats:
     """Counts the steps of a moving robot after values that its driver has repeated.
 
     Attributes:
@@ -40,11 +40,8 @@ class Repeats:
     def note(self, stamp_ns: Int, elapsed: Int, held: Int, moves: Mask) -> None:
         """Take samples.
 
-        Args:
-            stamp_ns: Shape (N,). [ns]
-            elapsed: Since the sample before, shape (N, 1). [ns]
-            held: How long values stood before they changed, shape (N, n). [ns]
-            moves: Which steps are those of a motion, shape (N, n).
+        ``elapsed`` is the time since the sample before, shape (N, 1); ``held`` how long values
+        stood before they changed, ``moves`` which steps are those of a motion, shape (N, n). [ns]
         """
         repeated = moves & (held > LONGER * elapsed) & (held <= MAX_HOLD / NANOSECOND)
         if not bool(repeated.any()):
@@ -81,7 +78,7 @@ class PositionJumpDetector:
         self._allowed = MAX_STEP_RATIO * np.where(np.isfinite(fastest), fastest, MAX_SPEED)
         self._always = self._allowed * MIN_TIME
         self._moving = self._allowed * MOVING_TIME
-        self.repeats = Repeats()
+        self.repeats = _Repeats()
         self._wraps = wraps
         self._any_wraps = bool(wraps.any())
         self._last: tuple[int, Float] | None = None
@@ -136,14 +133,11 @@ class PositionJumpDetector:
         Returns:
             Shape (N, n); None if there is no leap.
         """
-        before, start = position[0], int(stamp_ns[0])
-        if self._last is not None:
-            start, before = self._last
-        else:
-            self._changed, self._hold = (
-                np.full_like(self._changed, start),
-                np.zeros_like(self._hold),
-            )
+        if self._last is None:
+            self._last = int(stamp_ns[0]), position[0]
+            self._changed = np.full_like(self._changed, self._last[0])
+            self._hold = np.zeros_like(self._hold)
+        start, before = self._last
         self._last = (int(stamp_ns[-1]), position[-1].copy())
         step = np.empty_like(position)
         np.subtract(position[1:], position[:-1], out=step[1:])
