@@ -55,7 +55,7 @@ MODULES = {
         simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
-        baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        baseline buckets drift_test joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
@@ -119,11 +119,11 @@ MODULES = {
         columns diadem log_import mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
-        friction interval model_messages payload power registers torque
+        friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary constant_power drive_models figure friction_laws joint load open_schema payload
-        reference schema thermal
+        auxiliary drive_models figure friction_laws joint load open_schema payload
+        reference schema
     """,
     "robot_energy.motion": """
         fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
@@ -156,9 +156,6 @@ MODULES = {
         consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
         payload_timeline power_stage settings torque_stage
     """,
-    "robot_energy.presets": """
-        robots
-    """,
     "robot_energy.report": """
         advice auxiliary canvas condition document drives dynamics efficiency_figure energy
         energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
@@ -182,7 +179,7 @@ MODULES = {
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        coverage epochs gaps hold pieces reorder stamps streams
+        coverage epochs gaps hold pieces stamps streams
     """,
     "robot_energy.uncertainty": """
         band deviation priors

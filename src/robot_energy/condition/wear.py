@@ -13,7 +13,6 @@ from robot_energy.blocks import NANOSECOND
 from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
-from robot_energy.condition.meter_records import MeterGatherer
 from robot_energy.condition.programs import KnownProgram, ProgramTable
 from robot_energy.condition.record import (
     ConditionPart,
@@ -23,7 +22,7 @@ from robot_energy.condition.record import (
     Stamp,
     filled,
 )
-from robot_energy.condition.wear_records import FEATURES, MotionGatherer, WearRecord
+from robot_energy.condition.wear_records import FEATURES, MeterGatherer, MotionGatherer, WearRecord
 from robot_energy.errors import StateFileError
 
 WHOLE_ROBOT = ""  # name of what one power meter sees

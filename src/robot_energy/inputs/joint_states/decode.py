@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int, JointBlock
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Run, stamp_ns
-from robot_energy.inputs.joint_states.correction import JointCorrection
+from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
+from robot_energy.inputs.sources import JointStateSource
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
-from robot_energy.timeline.reorder import OLDER
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.streams import OLDER
 from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
@@ -62,13 +63,10 @@ class JointStateReader:
         joint_names: Modelled joints in model order.
         log: Where messages are counted.
         effort: Whether to read the effort too.
-        receive_time: Whether the time of receipt counts instead of the header's stamp.
         typestore: Message definitions of the source; those known here by default.
         checked: Leaves out what cannot be used for what it says; None for no such check.
-        aliases: What messages call the joints, in model order, where that is not ``joint_names``;
-            messages with ``joint_names`` are read as well.
-        corrections: Of position, velocity and effort, in this order; none by default.
-        velocity: Whether to use the velocity of messages.
+        source: What dates the messages, what they call the joints, where that is not
+            ``joint_names``, which are read as well, and what corrects them.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
@@ -80,22 +78,20 @@ class JointStateReader:
         joint_names: Sequence[str],
         log: RejectionLog,
         effort: bool = False,
-        receive_time: bool = False,
         typestore: Typestore | None = None,
         checked: Callable[[JointBlock], JointBlock | None] | None = None,
-        aliases: Sequence[str] = (),
-        corrections: Sequence[JointCorrection] = (),
-        velocity: bool = True,
+        source: JointStateSource | None = None,
     ) -> None:
-        self._corrections = corrections or (JointCorrection(),) * 3
+        source = source or JointStateSource()
         self._checked = checked
         self.ignored_joints: set[str] = set()
         self._log = log
         names = tuple(joint_names)
-        self.known_names = tuple(dict.fromkeys((tuple(aliases) or names, names)))
+        self.known_names = tuple(dict.fromkeys((source.names_of(names), names)))
+        self._corrections = source.corrections_of(names)
         self._n_joints = len(names)
-        self._effort, self._velocity = effort, velocity
-        self._receive_time = receive_time
+        self._effort, self._velocity = effort, source.velocity_source == MESSAGES
+        self._receive_time = source.stamp_source == RECEIVE
         fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
         fields = (*fields, "effort") if effort else fields
         self._decoder = Decoder(JOINT_STATE, fields, typestore, MAX_JOINTS)

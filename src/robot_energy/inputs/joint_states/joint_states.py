@@ -21,7 +21,7 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
     PublisherConflictFilter,
 )
 from robot_energy.inputs.joint_states.velocities import VelocityCheck
-from robot_energy.inputs.parameters import MESSAGES, RECEIVE
+from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
@@ -95,15 +95,7 @@ class JointStateIngest:
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
         self._reader = JointStateReader(
-            joint_names,
-            log,
-            effort,
-            self._receive_time,
-            typestore,
-            self._velocities.step,
-            source.names_of(joint_names),
-            source.corrections_of(joint_names),
-            velocity=source.velocity_source == MESSAGES,
+            joint_names, log, effort, typestore, self._velocities.step, source
         )
         self.ignored_joints, self.known_names = (
             self._reader.ignored_joints,
