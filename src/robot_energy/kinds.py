@@ -91,13 +91,10 @@ class Kinds(Mapping[str, K], Generic[K]):
         return f"write '{near[0]}'" if near else ""
 
     def register(self, kind: K) -> K:
-        """Add a kind: it is known from now on.
+        """Return a kind, which is known from now on.
 
         Args:
             kind: With all its parts.
-
-        Returns:
-            The kind.
 
         Raises:
             KindError: If another one has this name.

@@ -70,13 +70,10 @@ class JobList(_Strict):
 
 
 def load_jobs(path: str | Path) -> tuple[Job, ...]:
-    """Read a file of jobs.
+    """Return the jobs of a file, in order of time.
 
     Args:
         path: YAML file.
-
-    Returns:
-        The jobs, in order of time.
 
     Raises:
         RegisterError: If it cannot be read or used.

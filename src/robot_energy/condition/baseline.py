@@ -85,13 +85,10 @@ class Contrasts:
         self._baseline: Baseline | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
-        """Return what the coefficients are multiplied by, and make room for new programs.
+        """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]
 
         Args:
             records: Shape (N,).
-
-        Returns:
-            Shape (N, m). [-]
         """
         more = FEATURES + max(len(record.program) for record in records) - len(self.target)
         if more > 0:
@@ -205,13 +202,10 @@ class Contrasts:
 
     @classmethod
     def restored(cls, entry: ContrastEntry) -> Contrasts:
-        """Continue from what was kept.
+        """Return the sums that were kept.
 
         Args:
             entry: As `state` gave it.
-
-        Returns:
-            The sums.
 
         Raises:
             StateFileError: If an array has another size.
@@ -277,15 +271,12 @@ def scatter(record: WearRecord) -> float:
 
 
 def correlated(hours: Float, time: Float, memory: float) -> Float:
-    """Covariance of the means over records of what forgets exponentially; its variance is one.
+    """Return the covariance (n, n) of the means of what forgets exponentially; variance one. [-]
 
     Args:
         hours: Middle of each record, shape (n,). [h]
         time: Its length, shape (n,). [s]
         memory: Correlation time. [h]
-
-    Returns:
-        Shape (n, n). [-]
     """
     length = time / 3600.0 / memory
     spread = np.sqrt(2.0 * (length - 1.0 + np.exp(-length))) / length

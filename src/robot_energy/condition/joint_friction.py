@@ -67,14 +67,11 @@ class FrictionSamples(Block):
 
     @classmethod
     def of(cls, blocks: Sequence[PowerBlock], slot_ns: int) -> Self:
-        """Take the first sample of each slot of time.
+        """Return the first sample of each slot of time.
 
         Args:
             blocks: In the order of time, at least one; the first sample begins a slot.
             slot_ns: Length of a slot. [ns]
-
-        Returns:
-            The samples.
         """
         stamp = np.concatenate([block.stamp_ns for block in blocks])
         slot = stamp // slot_ns
@@ -168,26 +165,20 @@ class MotionReader:
         )
 
     def temperature(self, motor_temperature_degc: Float) -> Float:
-        """Return the temperatures that the friction model has used.
+        """Return the temperatures that the friction model has used, same shape. [degC]
 
         Args:
             motor_temperature_degc: NaN where none is known, shape (N, n). [degC]
-
-        Returns:
-            Same shape. [degC]
         """
         missing = np.isnan(motor_temperature_degc)
         return np.where(missing, self._fallback_degc, motor_temperature_degc)
 
     def places(self, motor_velocity: Float, motor_temperature_degc: Float) -> tuple[Float, Float]:
-        """Return where samples lie among the buckets of temperature and of speed.
+        """Return places among the buckets of temperature and of speed, shape (N, n) each. [-]
 
         Args:
             motor_velocity: Shape (N, n). [rad/s]
             motor_temperature_degc: Shape (N, n). [degC]
-
-        Returns:
-            Shape (N, n) each. [-]
         """
         degc = degc_place(self.temperature(motor_temperature_degc))
         speed = np.nan_to_num(np.abs(motor_velocity), nan=0.0, posinf=0.0)
@@ -294,12 +285,9 @@ class FrictionLearner:
         return self.sums[2].min(axis=0)
 
     def table(self) -> Float:
-        """Return the multiplier of every bucket, 1 for a joint that is not valid.
+        """Return the multiplier of every bucket, as `buckets`, 1 for a joint that is not valid. [-]
 
         A bucket with little time is drawn to the mean of its joint, one without has it.
-
-        Returns:
-            Shape (n, DEGC_BUCKETS, SPEED_BUCKETS). [-]
         """
         mean = np.where(self.valid, self.filtered, 1.0)[:, None, None]
         own = self.buckets

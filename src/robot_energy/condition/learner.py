@@ -217,14 +217,11 @@ class ConditionLearner:
             self._end_part()
 
     def multiplier(self, motor_velocity: Float, motor_temperature_degc: Float) -> Float | None:
-        """Return what the friction of the model file is multiplied by.
+        """Return the factor on the model's friction, shape (N, n); None for one everywhere. [-]
 
         Args:
             motor_velocity: Of samples within one part, shape (N, n). [rad/s]
             motor_temperature_degc: Shape (N, n). [degC]
-
-        Returns:
-            Shape (N, n); None for one everywhere. [-]
         """
         use = self._use
         if not self.applies or not (use.by_torque.any() or use.factor != 1.0):

@@ -86,13 +86,10 @@ class ContrastEntry(ConditionPart):
 
 
 def flat(values: Float) -> Numbers:
-    """Return an array as plain numbers.
+    """Return the numbers of an array, in their order.
 
     Args:
         values: Any shape. [-]
-
-    Returns:
-        Its numbers in their order.
     """
     return tuple(values.reshape(-1).tolist())
 
@@ -103,9 +100,6 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
     Args:
         values: As `flat` gave them.
         like: An array of the shape and type wanted.
-
-    Returns:
-        The array.
 
     Raises:
         StateFileError: If there are more or fewer.

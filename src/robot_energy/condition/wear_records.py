@@ -208,13 +208,10 @@ def features_of(degc: Float, speed: Float, nuisances: list[float]) -> tuple[floa
 
 
 def degc_shares(motor_temperature_degc: Float) -> Float:
-    """Return the weights of the buckets of temperature.
+    """Return the weights of the buckets of temperature, shape (..., DEGC_BUCKETS). [-]
 
     Args:
         motor_temperature_degc: Shape (...). [degC]
-
-    Returns:
-        Shape (..., DEGC_BUCKETS). [-]
     """
     place = np.clip(motor_temperature_degc / DEGC_STEP, 0.0, DEGC_BUCKETS - 1.0)
     return shares(place, DEGC_BUCKETS)

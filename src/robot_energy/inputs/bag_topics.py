@@ -52,14 +52,11 @@ def resolve(bag: BagReader, name: str) -> str | None:
 
 
 def topics_of_other_robots(bag: BagReader, joint_states: Collection[str]) -> frozenset[str]:
-    """Return the topics in namespaces of joint states that are not used.
+    """Return the topics in namespaces of joint states that are not used and hold no used topic.
 
     Args:
         bag: An open bag.
         joint_states: Topics of the joint states that are used.
-
-    Returns:
-        Full names; those of a namespace that holds a used topic as well are not among them.
     """
     present = (topic for topic, info in bag.topics.items() if info.msgtype == JOINT_STATE)
     used, foreign = (

@@ -55,14 +55,11 @@ class ByNames(Generic[Value]):
         return self._values.get(names)
 
     def put(self, names: tuple[str, ...], value: Value) -> Value:
-        """Remember a value; when there is no room, the others are forgotten.
+        """Return a value, remembered now; when there is no room, the others are forgotten.
 
         Args:
             names: The list, in its order.
             value: What was found out about it.
-
-        Returns:
-            The value.
         """
         size = sum(map(len, names)) + len(names)
         if len(self._values) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
@@ -101,13 +98,10 @@ class RejectionLog:
             self.rejected[reason] += count
 
     def refuse(self, wrong: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
-        """Count messages, each for the first reason that applies, and say which are left.
+        """Return which messages are left, shape (N,); count others for the first reason they have.
 
         Args:
             wrong: Which messages each reason applies to, shape (N,) each; at least one reason.
-
-        Returns:
-            Those that no reason applies to, shape (N,).
         """
         left = np.ones_like(next(iter(wrong.values())))
         for reason, rows in wrong.items():

@@ -188,10 +188,7 @@ class MappedLog:
         return np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
 
     def whole(self) -> LogBlock:
-        """Return all usable rows at once.
-
-        Returns:
-            The rows, in SI units.
+        """Return all usable rows at once, in SI units.
 
         Raises:
             LogFormatError: If a file cannot be read, is too long, or has no usable row.

@@ -83,13 +83,10 @@ class Clock:
         self._begins, self._rows = True, 0
 
     def instants(self, rows: TableRows) -> tuple[Int, Mask]:
-        """Return the instant of every row on the common time.
+        """Return the instant of every row without the start [ns], and which are known, shape (N,).
 
         Args:
             rows: With the columns of time and run, as far as there are such, as texts.
-
-        Returns:
-            Instants, without the start [ns], and which of them are known, shape (N,) each.
         """
         texts = list(rows.texts)
         if self._time.rate is not None:

@@ -19,15 +19,12 @@ from robot_energy.model.schema import SCHEMA_VERSION, RobotModel, Urdf
 
 
 def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotModel:
-    """Validate plain values as a model.
+    """Return plain values as a model, with its URDF attached.
 
     Args:
         data: What `parse_yaml` returned.
         source: Its name, for messages; a relative URDF path starts at its folder.
         urdf_xml: URDF text that replaces the one named in the file.
-
-    Returns:
-        The model with its URDF attached.
 
     Raises:
         ModelFileError: Naming the key, what was found and what was expected.
@@ -69,14 +66,11 @@ def shipped_models() -> dict[str, Path]:
 
 
 def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
-    """Load a model file, or a shipped model by its short name.
+    """Return the validated model of a file, or a shipped model by its short name.
 
     Args:
         name: Path of a YAML file, or a name such as ``kr16``.
         urdf_xml: URDF text that replaces the one named in the file.
-
-    Returns:
-        The validated model.
 
     Raises:
         ModelFileError: If there is no such file, or it is not a valid model.

@@ -134,10 +134,7 @@ class SlotPair(Generic[T]):
         self._newest = slot
 
     def set_aside(self) -> list[str]:
-        """Move both slots aside, because they belong to something else.
-
-        Returns:
-            Where they are now, one sentence each.
+        """Move both slots aside, as they are of something else; return where to, a sentence each.
 
         Raises:
             StateFileError: If they cannot be moved.

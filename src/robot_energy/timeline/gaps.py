@@ -54,14 +54,11 @@ def newer(stamp_ns: Int, last_ns: int | None) -> tuple[NDArray[np.bool_], NDArra
 
 
 def newest_by_epoch(stamp_ns: Int, epoch: Int) -> Int:
-    """Return the newest stamp so far in each epoch.
+    """Return the newest stamp so far in each epoch, shape (N,). [ns]
 
     Args:
         stamp_ns: In order of arrival, shape (N,). [ns]
         epoch: Of each, rising, shape (N,).
-
-    Returns:
-        Shape (N,). [ns]
     """
     parts = np.split(stamp_ns, np.flatnonzero(np.diff(epoch)) + 1)
     return np.concatenate([np.maximum.accumulate(part) for part in parts])

@@ -90,15 +90,12 @@ class PositionJumpDetector:
 
     @classmethod
     def of(cls, n_joints: int, limits: JointLimits | None) -> PositionJumpDetector:
-        """Watch all joints of a robot, by its limits if they are known.
+        """Return a watch of all joints of a robot, by its limits if they are known.
 
         Args:
             n_joints: Number of joints of the model.
             limits: Limits from the URDF; without them (None) no joint has a limit or turns without
                 end.
-
-        Returns:
-            A fresh detector.
         """
         if limits is None:
             return cls(np.full(n_joints, np.inf), np.zeros(n_joints, dtype=np.bool_))
@@ -124,14 +121,11 @@ class PositionJumpDetector:
         return not (self._before.any() or self.lone.any())
 
     def leaps(self, stamp_ns: Int, position: Float) -> Directions | None:
-        """Return the direction of every leap, 0 where the step is possible.
+        """Return the direction of every leap, else 0, shape (N, n); None where no step is a leap.
 
         Args:
             stamp_ns: Rising, shape (N,), N >= 1. [ns]
             position: Shape (N, n). [rad] or [m]
-
-        Returns:
-            Shape (N, n); None if there is no leap.
         """
         if self._last is None:
             self._last = int(stamp_ns[0]), position[0]

@@ -117,13 +117,10 @@ class TemperatureIngest:
         return found
 
     def ahead_ns(self, states: JointStateIngest) -> int | None:
-        """Return how far the stamps are ahead of those of the joint states on arrival. [ns]
+        """Return how far the stamps are ahead of the joint states on arrival; None if unknown. [ns]
 
         Args:
             states: The joint states, received by the same clock.
-
-        Returns:
-            Negative where they are behind; None before the first of either.
         """
         own, other = self._stream.lag_ns, states.lag_ns
         return None if own is None or other is None else own - other
