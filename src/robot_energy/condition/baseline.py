@@ -163,13 +163,10 @@ class Contrasts:
         self.levels[level] += weight * np.array([1.0, square, own, share])
 
     def forget(self, number: int) -> Float:
-        """Forget the coefficients of a program; what they said of the others is kept.
+        """Return coefficients of a program, shape (OWN,), and forget them, not the others. [-]
 
         Args:
             number: Of the program, from 1.
-
-        Returns:
-            What they were, shape (OWN,). [-]
         """
         own = columns(number)
         gone = slice(FEATURES + own.start, FEATURES + own.stop)
@@ -226,7 +223,9 @@ class Contrasts:
         own = np.tile(np.square(PROGRAM), self.programs)
         levels = np.arange(FEATURES, size, OWN)
         share = 1.0
-        mean, covariance = np.zeros(size), _prior_of(own)
+        mean = np.zeros(size)
+        covariance = np.diag(np.concatenate([np.zeros(FEATURES), own]))
+        covariance[:FEATURES, :FEATURES] = _PRIOR
         for _ in range(3 if self.count else 0):
             precision = self.information / share
             precision[:FEATURES, :FEATURES] += _PRECISION
@@ -252,13 +251,6 @@ def _not_negative(inner: Float, outer: Float) -> Float:
         return np.asarray(found)
     alone = np.maximum(outer / np.diag(inner), 0.0)
     return np.where(found < 0, 0.0, alone)
-
-
-def _prior_of(own: Float) -> Float:
-    """Covariance of the coefficients, those of programs with variances of their own."""
-    covariance = np.diag(np.concatenate([np.zeros(FEATURES), own]))
-    covariance[:FEATURES, :FEATURES] = _PRIOR
-    return covariance
 
 
 def scatter(record: WearRecord) -> float:

@@ -145,13 +145,10 @@ class DriftTest:
         self.refused = 0
 
     def step(self, record: WearRecord) -> bool:
-        """Take a record.
+        """Return whether a change is found with one more record.
 
         Args:
             record: Newer than all before.
-
-        Returns:
-            Whether a change was found.
         """
         if not np.isfinite([record.excess, record.variance, *record.features]).all():
             self.refused += 1

@@ -128,14 +128,11 @@ class MotionReader:
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def read(self, block: PowerBlock | FrictionSamples, friction_power: Float) -> MotionSums | None:
-        """Sum up the samples of one part.
+        """Return the sums over the samples of one part; None if no torque was measured.
 
         Args:
             block: All samples of the part.
             friction_power: By the model file, shape (N, n). [W]
-
-        Returns:
-            The sums; None if no torque was measured.
         """
         if np.isnan(block.shaft_power_measured).all():
             return None
@@ -206,13 +203,10 @@ class FrictionLearner:
         self.refused = np.zeros(n_joints, dtype=np.int64)
 
     def step(self, part: MotionSums) -> MotionSums:
-        """Learn from one part.
+        """Return a part without what is refused; the rest has been learned from.
 
         Args:
             part: What it says.
-
-        Returns:
-            The part without what was refused.
         """
         moved = part.time.sum(axis=2) > 0
         kept = moved & (np.abs(np.nan_to_num(part.ratio)) <= MAX_RATIO)

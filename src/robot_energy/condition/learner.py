@@ -76,13 +76,10 @@ class ConditionRecord(ConditionPart):
 
     @classmethod
     def from_json(cls, content: bytes) -> Self:
-        """Read a record; records of wear of the first format are dropped.
+        """Return a record of JSON text; records of wear of the first format are dropped.
 
         Args:
             content: JSON text.
-
-        Returns:
-            The record.
 
         Raises:
             StateFileError: If it is not such a record.
@@ -311,36 +308,34 @@ class ConditionLearner:
             if not stuck:
                 self.wear.step(used)
             self._taught = (self.friction.table(), self.friction.valid)
-        for window in self._compared(samples, self._powers(samples, friction, known, use)):
-            self._learn_from_meter(window, samples.motor_temperature_degc[-1], stuck)
+        if self._windows.location is not MeterLocation.UNKNOWN:
+            power = self._powers(samples, friction, known, use)
+            until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
+            windows = self._windows.step(samples.stamp_ns, samples.segment, power, until)
+            self._learn_from_meter(windows, samples.motor_temperature_degc[-1], stuck)
         self.end_ns = int(blocks[-1].stamp_ns[-1])
         self._use = self._figures()
 
-    def _learn_from_meter(self, window: Window, motor_temperature_degc: Float, stuck: bool) -> None:
-        """Take one window of the meter; wear of the whole robot is of joints without torque."""
-        predicted, friction, correction = window.energies.tolist()
-        residual = window.measured - predicted + correction
-        self.meter.step(window.duration, window.measured, residual, friction)
-        if not (stuck or self.friction.parts.any()):
-            degc = float(self.reader.temperature(motor_temperature_degc).mean())
-            self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
-
-    def _compared(self, samples: FrictionSamples, power: Float) -> Iterator[Window]:
-        """Compare with the meter."""
-        if self._windows.location is MeterLocation.UNKNOWN:
-            return
-        until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
-        yield from self._windows.step(samples.stamp_ns, samples.segment, power, until)
+    def _learn_from_meter(
+        self, windows: Iterator[Window], motor_temperature_degc: Float, stuck: bool
+    ) -> None:
+        """Take windows of the meter; wear of the whole robot is of joints without torque."""
+        degc = float(self.reader.temperature(motor_temperature_degc).mean())
+        for window in windows:
+            predicted, friction, correction = window.energies.tolist()
+            residual = window.measured - predicted + correction
+            self.meter.step(window.duration, window.measured, residual, friction)
+            if not (stuck or self.friction.parts.any()):
+                self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 
     def _powers(
         self, samples: FrictionSamples, friction: Float, known: Float | None, use: _InUse
     ) -> Float:
         """Predicted power, friction the meter can learn of, what was added; shape (N, 3). [W]"""
         seen = samples.phase != Phase.GENERATING  # else the brake resistor takes the difference
+        friction_seen = friction
         if use.by_torque.any():
             friction_seen = friction * np.where(use.by_torque, 0.0, 1.0)
-        else:
-            friction_seen = friction
         learnable = np.where(seen, sum_over_joints(friction_seen), 0.0)
         added = np.zeros(len(samples))
         if self.applies:

@@ -32,13 +32,10 @@ class ConditionPart(BaseModel):
 
     @classmethod
     def from_json(cls, content: bytes) -> Self:
-        """Read a record.
+        """Return a record of JSON text.
 
         Args:
             content: JSON text.
-
-        Returns:
-            The record.
 
         Raises:
             StateFileError: If it is not such a record.

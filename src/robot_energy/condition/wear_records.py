@@ -114,13 +114,10 @@ class MotionGatherer:
         self._times: Float = np.zeros((2, n_joints))
 
     def step(self, part: MotionSums) -> dict[int, WearRecord]:
-        """Take a part.
+        """Return the records that a part completes, by joint.
 
         Args:
             part: What it says, without what was refused.
-
-        Returns:
-            Records that became complete, by joint.
         """
         above = self._above_means(part)
         moved = part.time.sum(axis=2)
@@ -281,7 +278,7 @@ class MeterGatherer:
     def step(
         self, stamp_ns: int, duration: float, residual: float, friction: float, degc: float
     ) -> WearRecord | None:
-        """Take a window.
+        """Return the record that a window completes, or None.
 
         Args:
             stamp_ns: Its end. [ns]
@@ -289,9 +286,6 @@ class MeterGatherer:
             residual: Measured less what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]
             degc: Mean motor temperature. [degC]
-
-        Returns:
-            A record that became complete, or None.
         """
         if not np.isfinite(residual + friction + degc):
             return None

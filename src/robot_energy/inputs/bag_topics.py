@@ -21,16 +21,13 @@ LOADS = "/auxiliary/"  # in names of topics that are those of auxiliary loads
 
 
 def resolve(bag: BagReader, name: str) -> str | None:
-    """Find the topic that a node would read under a name.
+    """Return the topic that a node would read under a name; None if the bag has no such topic.
 
     Names of parameters are relative, those of a bag have the namespace of the recording.
 
     Args:
         bag: An open bag.
         name: Name of a topic, as in the parameters of a node.
-
-    Returns:
-        The full name, or None if the bag has no such topic.
 
     Raises:
         MissingTopicError: If several namespaces have it.

@@ -1,12 +1,5 @@
 """Dataclasses whose fields are parameters: described once, read from a node or from a file.
 
-A field made with `parameter` carries its meaning, range and choices. A field made with
-`group` or `named_groups` holds another such dataclass:
-
-- ``group(MeterSource)``: its parameters are ``<field>.<name>``, as in ``meter.topic``;
-- ``named_groups(TemperatureSource, ...)``: the field itself is a list of names, and for
-  each name N there are the parameters ``N.<name>``.
-
 `assemble` walks such a class and asks for every value by name. Nodes declare a ROS
 parameter for each; a replay reads the same names from the node's own parameter file. What
 no single value can tell (one setting that needs another) is checked by ``__post_init__``,
@@ -145,7 +138,7 @@ def parameter(
 
 
 def group(cls: type[D]) -> D:
-    """A field that holds the parameters of ``cls`` under the field's name."""
+    """A field that holds the parameters of ``cls`` as ``<field>.<name>``, as in ``meter.topic``."""
     return field(default_factory=cls, metadata={"group": cls, "how": "named"})
 
 
@@ -156,6 +149,8 @@ def named_groups(
     check: Callable[[Mapping[str, D]], None] = lambda groups: None,
 ) -> Mapping[str, D]:
     """Return a field of any number of ``cls`` by name; the names are a parameter.
+
+    For each name N there are the parameters ``N.<name>``.
 
     Args:
         cls: The dataclass of one group; all its fields must have defaults.

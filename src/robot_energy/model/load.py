@@ -15,7 +15,7 @@ import yaml
 from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import ModelFileError, UrdfAwaitedError
 from robot_energy.files.output_files import COMMENT, TEXT, write_file
-from robot_energy.model.schema import SCHEMA_VERSION, RobotModel, Urdf
+from robot_energy.model.schema import SCHEMA_VERSION, RobotModel
 
 
 def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotModel:
@@ -40,23 +40,18 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
         )
     model = validated(cast("object", data), RobotModel, source)
     if urdf_xml is None:
-        urdf_xml = _read_urdf(model.urdf, source)
+        if model.urdf.topic is not None:
+            raise UrdfAwaitedError(source, model.urdf.topic)
+        urdf_xml = model.urdf.xml
+    if urdf_xml is None:
+        urdf_xml = read_text(
+            Path(source).parent / str(model.urdf.path),
+            ModelFileError,
+            f"URDF of {source}",
+            expected="a URDF file next to the model file",
+            remedy="correct urdf.path or embed the text as urdf.xml",
+        )
     return model.with_urdf(urdf_xml, source)
-
-
-def _read_urdf(urdf: Urdf, source: str) -> str:
-    if urdf.xml is not None:
-        return urdf.xml
-    if urdf.topic is not None:
-        raise UrdfAwaitedError(source, urdf.topic)
-    path = Path(source).parent / str(urdf.path)
-    return read_text(
-        path,
-        ModelFileError,
-        f"URDF of {source}",
-        expected="a URDF file next to the model file",
-        remedy="correct urdf.path or embed the text as urdf.xml",
-    )
 
 
 def shipped_models() -> dict[str, Path]:

@@ -21,13 +21,10 @@ Submit = Callable[[Callable[[], Any]], "Future[Any]"]
 
 
 def at_once(job: Callable[[], Any]) -> Future[Any]:
-    """Do a job now.
+    """Return the finished future of a job done now; it holds a `StateFileError` that it raised.
 
     Args:
         job: Work on the disk.
-
-    Returns:
-        Its finished future; it holds a `StateFileError` that the job raised.
     """
     future: Future[Any] = Future()
     try:

@@ -71,13 +71,10 @@ class ReorderBuffer(Generic[B]):
         self._held: B | None = None
 
     def step(self, block: B) -> B:
-        """Take messages.
+        """Return the messages that are in order by now, which may be none.
 
         Args:
             block: Of one epoch, in order of arrival.
-
-        Returns:
-            Those that are in order, which may be none.
         """
         if not self._window_ns:
             return block
@@ -151,14 +148,11 @@ class StreamSplitter(Generic[B]):
         return self.epochs.waiting + self._order.waiting
 
     def step(self, block: B, arrival_ns: int | None = None) -> list[StreamRun[B]]:
-        """Take messages in order of arrival.
+        """Return the messages that are known to belong to their epoch; often one run.
 
         Args:
             block: At least one.
             arrival_ns: When the last of them was received; None where it does not matter. [ns]
-
-        Returns:
-            The messages that are known to belong to their epoch; often one run.
         """
         newest_ns = self.epochs.newest_ns
         found = self.epochs.step(block.stamp_ns)

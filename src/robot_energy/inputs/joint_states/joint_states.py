@@ -236,15 +236,12 @@ class JointStateIngest:
         return [JointStateProblem(sentence, newest, newest, True, True, setting)]
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
-        """Take messages of one topic or several.
+        """Return the samples that are known with messages of one topic or several; None for none.
 
         Args:
             batches: Serialised JointState messages, one batch per topic, each in order of
                 arrival. It makes no difference how they are spread over steps, as long as
                 each topic stays in order and none is ahead of another by more than a second.
-
-        Returns:
-            The samples that are known by now, or None if there are none.
         """
         given = [batches] if isinstance(batches, RawBatch) else batches
         block = self._reader.read(given)

@@ -180,14 +180,11 @@ class PositionJumpDetector:
         return np.minimum(stood, np.take_along_axis(holds, last[:-1], 0))
 
     def back(self, stamp_ns: int, leap: Directions) -> Mask:
-        """Take one row of leaps.
+        """Return which joints leap back in a row of leaps, shape (n,); rows come in order.
 
         Args:
             stamp_ns: Its stamp. [ns]
             leap: Shape (n,).
-
-        Returns:
-            Which joints have leapt back, shape (n,).
         """
         fresh = stamp_ns - self.lone_ns <= MEMORY_NS
         lone = np.where(fresh, self.lone, 0)

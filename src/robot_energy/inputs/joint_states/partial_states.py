@@ -131,13 +131,10 @@ class PartialStateMerger:
         ]
 
     def step(self, run: StreamRun[JointBlock]) -> JointBlock | None:
-        """Take messages of one epoch.
+        """Return the samples that messages of one epoch complete, or None.
 
         Args:
             run: In order of arrival.
-
-        Returns:
-            The samples that are complete, or None.
         """
         block = run.block
         if self.in_parts or not len(block):

@@ -70,14 +70,11 @@ class PublisherConflictFilter:
         self._disputes += stamps_ns
 
     def begin_epoch(self, restless: bool, stamp_ns: int) -> JointBlock | None:
-        """Note that the stamps jumped back.
+        """Return the samples that waited, or None; the stamps have jumped back.
 
         Args:
             restless: Whether they did so twice within a second: two clocks take turns.
             stamp_ns: First stamp of the new epoch. [ns]
-
-        Returns:
-            The samples that waited, or None.
         """
         held = self.flush()
         self.steps.begin_epoch()
@@ -88,13 +85,10 @@ class PublisherConflictFilter:
         return held
 
     def step(self, samples: JointBlock) -> JointBlock | None:
-        """Take samples of one epoch in time order.
+        """Return the samples that can be used, with some that waited before, or None.
 
         Args:
             samples: One or more.
-
-        Returns:
-            Those that can be used, with some that waited before; None if there are none.
         """
         leaps = self.steps.leaps(samples.stamp_ns, samples.joint_position)
         disputed = self._disputed(samples)

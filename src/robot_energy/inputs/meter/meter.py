@@ -127,13 +127,10 @@ class MeterIngest:
         return numbers
 
     def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
-        """Take messages of the topics of the meter.
+        """Return the readings in messages of the topics of the meter; None if there are none.
 
         Args:
             batches: Serialised messages, each in order of arrival.
-
-        Returns:
-            The readings, or None if there are none.
         """
         kind = self.source.kind
         if self.source.pair and kind is not None:

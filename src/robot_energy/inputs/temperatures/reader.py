@@ -95,13 +95,10 @@ class TemperatureReader:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
 
     def read(self, batches: Mapping[str, RawBatch]) -> TemperatureReadings | None:
-        """Take messages in order of arrival.
+        """Return the readings in messages in order of arrival; None if there are none.
 
         Args:
             batches: Serialised messages by topic; topics of other sources are left alone.
-
-        Returns:
-            The readings, or None if there are none.
         """
         parts = [part for batch in self._pieces(batches) for part in self._decode(batch)]
         if not parts:
