@@ -156,14 +156,10 @@ def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFile
     except (yaml.YAMLError, RecursionError, ValueError) as found:
         mark = getattr(found, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(found, "problem", None) or _short(found)
+        said = str(found)  # only its kind if that is more than a line
+        short = said if said and "\n" not in said and len(said) < 80 else type(found).__name__
+        problem = getattr(found, "problem", None) or short
         raise error(f"{source} is not valid YAML{where}: {problem}") from found
-
-
-def _short(error: Exception) -> str:
-    """What an error without a mark says; only its kind if that is more than a line."""
-    text = str(error)
-    return text if text and "\n" not in text and len(text) < 80 else type(error).__name__
 
 
 def _look_through(text: str) -> None:

@@ -96,6 +96,7 @@ class AccountStore(SlotStore[AccountRecord]):
     Attributes:
         loaded: Whether the state files were read, so that this is the robot's account.
         adopted: What was taken over from an earlier release; empty if nothing was.
+        sequence: Number of our newest checkpoint; 0 before the first.
     """
 
     def __init__(
@@ -110,8 +111,8 @@ class AccountStore(SlotStore[AccountRecord]):
         self.loaded = slots is None
         self.adopted = ""
         self._identity = identity
-        self._written = 0  # sequence of our newest checkpoint
-        self._attempted = 0  # the same, or of one that failed and may yet be on disk
+        self.sequence = 0
+        self._attempted = 0  # `sequence`, or that of a write that failed and may yet be on disk
 
     @property
     def keeps(self) -> bool:
@@ -124,11 +125,6 @@ class AccountStore(SlotStore[AccountRecord]):
         return self._pending is not None
 
     @property
-    def sequence(self) -> int:
-        """Number of our newest checkpoint; 0 before the first."""
-        return self._written
-
-    @property
     def folder(self) -> Path | None:
         """Where the state files lie."""
         return None if self._slots is None else self._slots.folder
@@ -137,7 +133,7 @@ class AccountStore(SlotStore[AccountRecord]):
         """Take the result of the disk's work: see `SlotStore`."""
         outcome = super().poll()
         if outcome and self._slots is not None:
-            self._written = self._slots.sequence
+            self.sequence = self._slots.sequence
         return outcome
 
     def checkpoint(self, patience: float | None = None) -> bool:
@@ -202,7 +198,10 @@ class AccountStore(SlotStore[AccountRecord]):
         record = stored.value
         try:
             if record is not None:
-                self._note_repairs(record)
+                for what in record.repairs:
+                    limit = "the state held more than can be kept; at its limit now"
+                    self.notices.append(f"{limit}: {what}")
+                    self._note("repaired", self.notices[-1])
                 record = self._fitting(record)
         except StateFileError:
             assert self._slots is not None
@@ -223,7 +222,7 @@ class AccountStore(SlotStore[AccountRecord]):
         else:
             self.account.precede(record)
             how = "; what was counted meanwhile is added"
-        self._written = self._attempted = stored.sequence
+        self.sequence = self._attempted = stored.sequence
         self._note("restart", f"continued by model {self._identity.model_id}{how}")
         if stored.adopted:
             self.adopted = (
@@ -251,13 +250,11 @@ class AccountStore(SlotStore[AccountRecord]):
                 f"the model has {', '.join(mine.joint_names)}"
             )
         else:
-            added = (
-                set(self.account.totals().cabinet_energy_microjoule)
-                | set(self.account.totals().joint_energy_microjoule)
-            ) - (
-                set(record.totals.cabinet_energy_microjoule)
-                | set(record.totals.joint_energy_microjoule)
+            new, old = (
+                {*totals.cabinet_energy_microjoule, *totals.joint_energy_microjoule}
+                for totals in (self.account.totals(), record.totals)
             )
+            added = new - old
             if added & DEVIATION_KEYS:
                 self._note("register_added", "how sure the energies are counts from here")
             for name in sorted(added - DEVIATION_KEYS):
@@ -268,21 +265,16 @@ class AccountStore(SlotStore[AccountRecord]):
 
     def _loads(self, record: AccountRecord) -> list[str]:
         """Names of the auxiliary loads that are counted; what changed is noted."""
-        loads = self.account.totals().auxiliary
-        for name in sorted(loads.keys() - record.totals.auxiliary.keys()):
+        loads, kept = self.account.totals().auxiliary, record.totals.auxiliary
+        for name in sorted(loads.keys() - kept.keys()):
             self._note("register_added", f"auxiliary load '{name}' counts from here")
-        for name in sorted(record.totals.auxiliary.keys() - loads.keys()):
-            joule = record.totals.auxiliary[name].energy_microjoule / PER_JOULE
+        for name in sorted(kept.keys() - loads.keys()):
+            joule = kept[name].energy_microjoule / PER_JOULE
             self.notices.append(
                 f"the model has no auxiliary load '{name}' any more; it had counted {joule:.1f} J"
             )
             self._note("model_changed", self.notices[-1])
         return list(loads)
-
-    def _note_repairs(self, record: AccountRecord) -> None:
-        for what in record.repairs:
-            self.notices.append(f"the state held more than can be kept; at its limit now: {what}")
-            self._note("repaired", self.notices[-1])
 
     def _began_anew(self, reason: str) -> None:
         self._note("began_anew", reason)
