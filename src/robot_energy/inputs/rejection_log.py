@@ -35,24 +35,10 @@ def remember_names(kept: set[str], names: Iterable[str]) -> None:
         kept.add(shown(name))
 
 
-class ByNames(Generic[Value]):
+class ByNames(dict[tuple[str, ...], Value], Generic[Value]):
     """What was found out about lists of names, for those met lately."""
 
-    def __init__(self) -> None:
-        self._values: dict[tuple[str, ...], Value] = {}
-        self._characters = 0
-
-    def __len__(self) -> int:
-        """Return how many lists are remembered."""
-        return len(self._values)
-
-    def get(self, names: tuple[str, ...]) -> Value | None:
-        """Return what is known of a list of names, None if that is nothing.
-
-        Args:
-            names: The list, in its order.
-        """
-        return self._values.get(names)
+    _characters = 0
 
     def put(self, names: tuple[str, ...], value: Value) -> Value:
         """Return a value, remembered now; when there is no room, the others are forgotten.
@@ -62,11 +48,11 @@ class ByNames(Generic[Value]):
             value: What was found out about it.
         """
         size = sum(map(len, names)) + len(names)
-        if len(self._values) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
-            self._values.clear()
+        if len(self) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
+            self.clear()
             self._characters = 0
         if size <= MAX_KEPT_CHARACTERS:
-            self._values[names] = value
+            self[names] = value
             self._characters += size
         return value
 

@@ -138,7 +138,8 @@ class MeterCurve:
                 self.left.append(self._readings)
                 self._readings = 0
             elif newest is not None:
-                self._space(stamp - newest)
+                self.gaps += stamp - newest > self._max_gap_ns
+                self.spacing_ns = stamp - newest
             epochs[-1].append(row)
             self._readings += 1
             newest = stamp
@@ -155,10 +156,6 @@ class MeterCurve:
         if len(steps):
             self.spacing_ns = int(steps[-1])
         self.newest_ns = newest
-
-    def _space(self, step: int) -> None:
-        self.gaps += step > self._max_gap_ns
-        self.spacing_ns = step
 
     def _counted(self, stamp_ns: Int, energy: Float) -> CoveredPieces:
         counter = self.counter
