@@ -19,8 +19,7 @@ from robot_energy.blocks import EffortMeaning, Int, MeterLocation, MeterMeaning
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Encoder, stamp_columns
 from robot_energy.errors import ParameterError, ShapeError
-from robot_energy.inputs.joint_states.decode import JOINT_STATE
-from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.kinds import MOTOR_TEMPERATURES

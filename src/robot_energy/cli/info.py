@@ -64,7 +64,7 @@ def run(args: Namespace) -> int:
 
 def _use(msgtype: str) -> str:
     from robot_energy.inputs.bag_topics import temperatures_by_type
-    from robot_energy.inputs.joint_states.decode import JOINT_STATE
+    from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
     from robot_energy.inputs.meter.kinds import meter_kind
 
     if msgtype == JOINT_STATE:

@@ -16,7 +16,7 @@ from robot_energy.bag.writer import DEFAULT_QOS
 from robot_energy.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import LogFormatError
-from robot_energy.inputs.joint_states.decode import JOINT_STATE
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES

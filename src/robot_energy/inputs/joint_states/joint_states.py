@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.inputs.joint_states.decode import JointStateReader, Mask
+from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointStateReader, Mask
 from robot_energy.inputs.joint_states.partial_states import (
     BROKEN,
     SAME_STAMP,
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
+
+__all__ = ["JOINT_STATE", "JointStateIngest"]
 
 
 class JointStateIngest:
