@@ -24,7 +24,7 @@ from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.rig.record import RigEncoder
-from robot_energy.store import account_store, condition_store
+from robot_energy.store import slot_store
 from ros2_energy_monitor.base import monitor_node
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.inbox import Inbox
@@ -183,8 +183,8 @@ def no_internal_errors(
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     monkeypatch.setattr(monitor_node, "REPORT_PERIOD", 0.2)  # nobody waits a second for each
-    for store in (account_store, condition_store):  # a busy disk is not what is tested
-        monkeypatch.setattr(store, "wait", lambda jobs, _: wait(jobs, PATIENCE))
+    # A busy disk is not what is tested.
+    monkeypatch.setattr(slot_store, "wait", lambda jobs, _: wait(jobs, PATIENCE))
     bench = Bench()
     yield bench
     bench.close()

@@ -17,11 +17,16 @@ from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import EffortMeaning
-from robot_energy.condition.record import ConditionRecord
+from robot_energy.condition.learner import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
-from robot_energy.inputs.bag_topics import find_auxiliary, find_meter, topics_of_other_robots
+from robot_energy.inputs.bag_topics import (
+    find_auxiliary,
+    find_meter,
+    find_temperatures,
+    topics_of_other_robots,
+)
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
@@ -36,7 +41,7 @@ from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.read_ahead import can_read_ahead, read_ahead
 from robot_energy.recorded_jobs import Job, RecordedJobs
 from robot_energy.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
-from robot_energy.replay_topics import Topics, find_temperatures, find_topics
+from robot_energy.replay_topics import Topics, find_topics
 from robot_energy.timeline.pieces import Compared
 from robot_energy.units import SECOND_NS
 
@@ -153,13 +158,14 @@ def replay(
         settings = replace(settings, power_period=None)  # nobody would see the means
     bag = BagReader(path)
     used = find_topics(bag, topics or Topics(), inputs)
-    sources, notes = find_temperatures(bag, used, inputs)
+    foreign = topics_of_other_robots(bag, used.joint_states or ())
+    given = inputs.temperature_sources if inputs is not None else None
+    sources, notes = find_temperatures(bag, used.temperatures, given, foreign)
     loads = model.auxiliary or ()
     loaded, unread = find_auxiliary(bag, loads, inputs)
     others = {topic for load in loaded.values() for topic in load.topics}
-    given = inputs.meter if inputs is not None else None
-    foreign = topics_of_other_robots(bag, used.joint_states or ())
-    source, more = find_meter(bag, used.meter, given, others, foreign)
+    told = inputs.meter if inputs is not None else None
+    source, more = find_meter(bag, used.meter, told, others, foreign)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:

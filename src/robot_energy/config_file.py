@@ -65,7 +65,7 @@ def load(
     what: str = "configuration file",
     remedy: str = "",
 ) -> M:
-    """Read and validate one file.
+    """Return the checked values of one file.
 
     Args:
         path: A YAML file.
@@ -73,9 +73,6 @@ def load(
         error: What to raise.
         what: What the file is, for messages.
         remedy: Where an example of one is.
-
-    Returns:
-        The values of the file, checked.
 
     Raises:
         RobotEnergyError: The error asked for, if the file cannot be read, is no bounded YAML, or
@@ -93,7 +90,7 @@ def read_text(
     expected: str = "a YAML file",
     remedy: str = "",
 ) -> str:
-    """Read a regular file of text; a pipe or a device is never waited for.
+    """Return the text of a regular file; a pipe or a device is never waited for.
 
     Args:
         path: The file.
@@ -102,9 +99,6 @@ def read_text(
         max_bytes: Its largest size.
         expected: What there should be.
         remedy: What the user can do if it cannot be read.
-
-    Returns:
-        The text.
 
     Raises:
         RobotEnergyError: The error asked for, if it is missing, too large, special or not UTF-8.
@@ -119,16 +113,13 @@ def read_text(
 def validated(
     data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
 ) -> M:
-    """Validate plain values.
+    """Return plain values as an instance of a schema.
 
     Args:
         data: What `parse_yaml` returned.
         model: The schema.
         source: Name of the file, for messages.
         error: What to raise.
-
-    Returns:
-        The same values as an instance of the schema.
 
     Raises:
         RobotEnergyError: The error asked for, naming keys, what was found and what was expected.
@@ -144,15 +135,12 @@ def validated(
 
 
 def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFileError) -> Any:
-    """Parse one YAML document.
+    """Return the plain values of one YAML document.
 
     Args:
         text: The document.
         source: Its name, for messages.
         error: What to raise.
-
-    Returns:
-        Plain Python values.
 
     Raises:
         RobotEnergyError: The error asked for, if the text is not YAML, is too large or too deep,
@@ -168,14 +156,10 @@ def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFile
     except (yaml.YAMLError, RecursionError, ValueError) as found:
         mark = getattr(found, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(found, "problem", None) or _short(found)
+        said = str(found)  # only its kind if that is more than a line
+        short = said if said and "\n" not in said and len(said) < 80 else type(found).__name__
+        problem = getattr(found, "problem", None) or short
         raise error(f"{source} is not valid YAML{where}: {problem}") from found
-
-
-def _short(error: Exception) -> str:
-    """What an error without a mark says; only its kind if that is more than a line."""
-    text = str(error)
-    return text if text and "\n" not in text and len(text) < 80 else type(error).__name__
 
 
 def _look_through(text: str) -> None:

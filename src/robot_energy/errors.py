@@ -29,6 +29,9 @@ class RobotEnergyError(Exception):
             text += f" {remedy[0].upper() if word.isalpha() else remedy[0]}{_ended(remedy[1:])}"
         super().__init__(text)
 
+    def __str__(self) -> str:
+        return str(self.args[0])  # not in quotes, where it is a KeyError too
+
 
 def _ended(sentence: str) -> str:
     return sentence if sentence.endswith("?") else f"{sentence.rstrip('.')}."
@@ -36,9 +39,6 @@ def _ended(sentence: str) -> str:
 
 class KindError(RobotEnergyError, KeyError):
     """A kind of drive model, friction law, meter ... is unknown, registered twice or incomplete."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class ModelFileError(RobotEnergyError, ValueError):
@@ -68,9 +68,6 @@ class RobotDescriptionError(RobotEnergyError, ValueError):
 
 class UnknownJointError(RobotEnergyError, KeyError):
     """A joint name is not in the model, or a joint of the model is nowhere in the data."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class PayloadError(RobotEnergyError, ValueError):

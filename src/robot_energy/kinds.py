@@ -11,7 +11,7 @@ from __future__ import annotations
 import difflib
 import importlib.util
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -42,8 +42,10 @@ class Kind:
 K = TypeVar("K", bound=Kind)
 
 
-class Kinds(Mapping[str, K], Generic[K]):
+class Kinds(dict[str, K], Generic[K]):
     """A table of kinds by name, in the order of registration.
+
+    An unknown name is a `KindError` that names the nearest.
 
     Args:
         what: What a kind of this table is, for error texts.
@@ -51,35 +53,17 @@ class Kinds(Mapping[str, K], Generic[K]):
     """
 
     def __init__(self, what: str, *kinds: K) -> None:
+        super().__init__({kind.name: kind for kind in kinds})
         self.what = what
-        self._kinds = {kind.name: kind for kind in kinds}
         self._listeners: list[Callable[[], None]] = []
 
-    def __getitem__(self, name: str) -> K:
-        """Return a kind.
-
-        Raises:
-            KindError: If there is none of this name; it names the nearest.
-        """
-        if name not in self._kinds:
-            raise KindError(
-                f"the {self.what} '{name}' is unknown", self.expected, self.remedy(name)
-            )
-        return self._kinds[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._kinds
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._kinds)
-
-    def __len__(self) -> int:
-        return len(self._kinds)
+    def __missing__(self, name: str) -> K:
+        raise KindError(f"the {self.what} '{name}' is unknown", self.expected, self.remedy(name))
 
     @property
     def expected(self) -> str:
         """All names in one phrase."""
-        return "one of " + ", ".join(f"'{name}'" for name in self._kinds)
+        return "one of " + ", ".join(f"'{name}'" for name in self)
 
     def remedy(self, name: str) -> str:
         """Return what to write instead of a wrong name; empty where none is near.
@@ -87,24 +71,21 @@ class Kinds(Mapping[str, K], Generic[K]):
         Args:
             name: The wrong name.
         """
-        near = difflib.get_close_matches(name, self._kinds, n=1, cutoff=LIKELY)
+        near = difflib.get_close_matches(name, self, n=1, cutoff=LIKELY)
         return f"write '{near[0]}'" if near else ""
 
     def register(self, kind: K) -> K:
-        """Add a kind: it is known from now on.
+        """Return a kind, which is known from now on.
 
         Args:
             kind: With all its parts.
 
-        Returns:
-            The kind.
-
         Raises:
             KindError: If another one has this name.
         """
-        if kind.name in self._kinds:
+        if kind.name in self:
             raise KindError(f"the {self.what} '{kind.name}' is there already", "another name")
-        self._kinds[kind.name] = kind
+        self[kind.name] = kind
         try:
             self._changed()
         except Exception:
@@ -119,7 +100,7 @@ class Kinds(Mapping[str, K], Generic[K]):
             name: Of the kind.
             parts: By the name of the field.
         """
-        self._kinds[name] = replace(self[name], **parts)
+        self[name] = replace(self[name], **parts)
 
     def remove(self, name: str) -> None:
         """Take a kind out again.
@@ -127,7 +108,7 @@ class Kinds(Mapping[str, K], Generic[K]):
         Args:
             name: Of the kind.
         """
-        del self._kinds[name]
+        del self[name]
         self._changed()
 
     def on_change(self, listener: Callable[[], None]) -> None:

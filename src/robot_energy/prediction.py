@@ -8,7 +8,7 @@ of live operation and replay. Motor temperatures are assumed and held.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
 from robot_energy.errors import MotionError, UnknownJointError
+from robot_energy.inputs.joint_states.decode import joint_block
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
@@ -86,7 +87,7 @@ def predict(
     on_output: Callable[[Output], None] | None = None,
     auxiliary: Mapping[str, str] | None = None,
 ) -> Prediction:
-    """Predict the energy of a motion.
+    """Return the predicted energy of a motion, with its account.
 
     Args:
         model: The robot's model.
@@ -101,9 +102,6 @@ def predict(
         on_output: Called with what each step of the pipeline gave.
         auxiliary: States of auxiliary loads from start to end, by the names of the loads; others
             are in the state that the model says.
-
-    Returns:
-        The prediction with its energy account.
 
     Raises:
         MotionError: If the motion cannot be made or is too long, or figures make no sense.
@@ -149,7 +147,12 @@ def predict(
     means: list[MeanBlock] = []
 
     def take(output: Output) -> None:
-        _take(result, means, output)
+        if output.torque is not None:
+            result.limits.motion(output.torque)
+        if output.power is not None:
+            result.limits.drives(output.power)
+        if output.means is not None:
+            means.append(output.means)
         if on_output is not None:
             on_output(output)
 
@@ -182,15 +185,6 @@ def planned_samples(motion: PlannedMotion, repeat: int) -> int:
     if not 0 < duration <= MAX_DURATION:
         raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {MAX_DURATION:g} s")
     return motion.sample_count * repeat
-
-
-def _take(result: Prediction, means: list[MeanBlock], output: Output) -> None:
-    if output.torque is not None:
-        result.limits.motion(output.torque)
-    if output.power is not None:
-        result.limits.drives(output.power)
-    if output.means is not None:
-        means.append(output.means)
 
 
 def _loads(model: RobotModel, states: Mapping[str, str]) -> list[AuxiliaryLoad]:
@@ -239,12 +233,6 @@ def _order(model: RobotModel, joint_names: Sequence[str]) -> list[int]:
 
 def _joint_block(time: Float, path: Trajectory, order: list[int]) -> JointBlock:
     stamp = START_NS + np.rint(time * 1e9).astype(np.int64)
-    return JointBlock(
-        stamp_ns=stamp,
-        segment=np.zeros(len(stamp), dtype=np.int64),
-        quality=np.zeros(len(stamp), dtype=np.uint32),
-        joint_position=np.ascontiguousarray(path.joint_position[:, order]),
-        joint_velocity=np.ascontiguousarray(path.joint_velocity[:, order]),
-        joint_acceleration=np.ascontiguousarray(path.joint_acceleration[:, order]),
-        joint_effort=np.full((len(stamp), len(order)), np.nan),
-    )
+    states = (path.joint_position, path.joint_velocity, path.joint_acceleration)
+    position, velocity, acceleration = (np.ascontiguousarray(one[:, order]) for one in states)
+    return replace(joint_block(stamp, position, velocity), joint_acceleration=acceleration)

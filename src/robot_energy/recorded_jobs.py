@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.plain_text import MAX_NAME
@@ -16,6 +16,7 @@ from robot_energy.accounting.record import EnergyInterval
 from robot_energy.blocks import Int
 from robot_energy.config_file import load
 from robot_energy.errors import RegisterError
+from robot_energy.model.figure import ModelEntry
 from robot_energy.units import SECOND_NS
 
 MAX_JOBS = 20_000
@@ -26,11 +27,7 @@ MAX_LATE_NS = 100_000_000  # after its begin that a job is opened; the account s
 Seconds = Annotated[float, Field(ge=0.0, le=2.0**31, allow_inf_nan=False)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Job(_Strict):
+class Job(ModelEntry):
     """One job or cycle.
 
     Attributes:
@@ -50,7 +47,7 @@ class Job(_Strict):
         return self
 
 
-class JobList(_Strict):
+class JobList(ModelEntry):
     """The jobs of one or several recordings.
 
     Attributes:
@@ -70,13 +67,10 @@ class JobList(_Strict):
 
 
 def load_jobs(path: str | Path) -> tuple[Job, ...]:
-    """Read a file of jobs.
+    """Return the jobs of a file, in order of time.
 
     Args:
         path: YAML file.
-
-    Returns:
-        The jobs, in order of time.
 
     Raises:
         RegisterError: If it cannot be read or used.

@@ -6,15 +6,9 @@ from dataclasses import dataclass
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import BagError, MissingTopicError
-from robot_energy.inputs.bag_topics import (
-    named_sources,
-    possible_temperatures,
-    resolve,
-    sources_by_type,
-    topics_of_other_robots,
-)
-from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy.inputs.sources import Inputs, TemperatureSource
+from robot_energy.inputs.bag_topics import resolve
+from robot_energy.inputs.joint_states.decode import JOINT_STATE
+from robot_energy.inputs.sources import Inputs
 from robot_energy.messages.payload import PAYLOAD
 
 
@@ -64,75 +58,29 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
         joints = tuple(topic for topic in full if topic is not None)
     for topic in joints:
         bag.require(topic, (JOINT_STATE,))
-    if not joints:
-        found = _one(
-            bag,
-            None,
-            (JOINT_STATE,),
-            "joint states",
-            "--joint-states, or as joint_states.topics in a parameter file (--inputs)",
-        )
-        joints = () if found is None else (found,)
+    option = "--joint-states, or as joint_states.topics in a parameter file (--inputs)"
+    joints = joints or _found(bag, JOINT_STATE, "joint states", option)
     if not joints:
         raise MissingTopicError(
             f"{bag.path} has no topic of joint states",
             f"a topic of type {JOINT_STATE}",
             f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
         )
-    payload = None
-    if wanted.payload != "":
-        payload = _one(bag, wanted.payload, (PAYLOAD,), "payloads", "--payload")
+    payload = wanted.payload or None
+    if payload is not None:
+        bag.require(payload, (PAYLOAD,))
+    elif wanted.payload is None:
+        payload = next(iter(_found(bag, PAYLOAD, "payloads", "--payload")), None)
     return Topics(joints, wanted.temperatures, wanted.meter, payload)
 
 
-def find_temperatures(
-    bag: BagReader, wanted: Topics, inputs: Inputs | None
-) -> tuple[dict[str, TemperatureSource], list[str]]:
-    """Find the sources of motor temperatures in a bag.
-
-    Args:
-        bag: An open bag.
-        wanted: What the user named.
-        inputs: Inputs of the node that the bag is to be read like; None to go by types.
-
-    Returns:
-        The sources by name, and what the user should know of them.
-
-    Raises:
-        MissingTopicError: If a named topic is absent or of another type.
-    """
-    if inputs is not None and wanted.temperatures is None:
-        return named_sources(bag, inputs.temperature_sources)
-    foreign = topics_of_other_robots(bag, wanted.joint_states or ())
-    sources = sources_by_type(bag, wanted.temperatures, foreign)
-    if sources or wanted.temperatures is not None:
-        return sources, []
-    left_out = [
-        f"{topic} is not used: other joint states have its namespace; name it with --temperatures "
-        "if it is this robot's"
-        for topic in sources_by_type(bag)
-    ]
-    return sources, [
-        *left_out,
-        *(
-            f"{topic} ({bag.topics[topic].msgtype}) may hold motor temperatures; say what it means "
-            "in a parameter file and name that with --inputs"
-            for topic in possible_temperatures(bag)
-        ),
-    ]
-
-
-def _one(
-    bag: BagReader, name: str | None, types: tuple[str, ...], what: str, option: str
-) -> str | None:
-    if name is not None:
-        bag.require(name, types)
-        return name
-    found = sorted(topic for topic, info in bag.topics.items() if info.msgtype in types)
+def _found(bag: BagReader, msgtype: str, what: str, option: str) -> tuple[str, ...]:
+    """The topic of a type; none where the bag has none."""
+    found = sorted(topic for topic, info in bag.topics.items() if info.msgtype == msgtype)
     if len(found) > 1:
         raise MissingTopicError(
             f"{bag.path} has several topics of {what}: {', '.join(found)}",
             "one",
             f"name it with {option}",
         )
-    return found[0] if found else None
+    return tuple(found)

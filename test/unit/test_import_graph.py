@@ -54,7 +54,7 @@ MODULES = {
         report simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
-        baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        baseline buckets drift_test joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
@@ -118,11 +118,11 @@ MODULES = {
         columns diadem log_import mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
-        friction interval model_messages payload power registers torque
+        friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary constant_power drive_models figure friction_laws joint load open_schema payload
-        reference schema thermal
+        auxiliary drive_models figure friction_laws joint load open_schema payload
+        reference schema
     """,
     "robot_energy.motion": """
         fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
@@ -155,9 +155,6 @@ MODULES = {
         consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
         payload_timeline power_stage settings torque_stage
     """,
-    "robot_energy.presets": """
-        robots
-    """,
     "robot_energy.report": """
         advice canvas document drives dynamics energy evaluation fleet fleet_figures formats
         friction_figure headline held_out html identification identify_all jobs kinds layout model
@@ -176,10 +173,10 @@ MODULES = {
         arm description model_text priors
     """,
     "robot_energy.store": """
-        account_store adoption condition_store envelope slots state_files
+        account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        coverage epochs gaps hold pieces reorder stamps streams
+        coverage epochs gaps hold pieces stamps streams
     """,
     "robot_energy.uncertainty": """
         band deviation priors

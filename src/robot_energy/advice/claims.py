@@ -15,7 +15,6 @@ import numpy as np
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.blocks import Float, Int
 from robot_energy.model import RobotModel
-from robot_energy.model.constant_power import constant_power
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.deviations import FORM_FED_BACK
 from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
@@ -261,7 +260,7 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> 
     own = (at.T * evidence.squared_speed).sum(axis=1)
     risen: Float = np.maximum(warm[:, None] - middle, 0.0)
     lost = MAGNETS * float(np.sum(evidence.warm_loss * risen))
-    standing = FORM_OF_STANDING * constant_power(model) * evidence.observed_time
+    standing = FORM_OF_STANDING * model.constant_power() * evidence.observed_time
     degc = float(np.mean(warm))
     return Claim(
         "warm_up",

@@ -22,8 +22,7 @@ from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
-from robot_energy.condition.learner import Learning
-from robot_energy.condition.record import ConditionRecord
+from robot_energy.condition.learner import ConditionRecord, Learning
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
 from robot_energy.inputs.sources import JointStateSource

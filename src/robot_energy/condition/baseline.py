@@ -85,13 +85,10 @@ class Contrasts:
         self._baseline: Baseline | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
-        """Return what the coefficients are multiplied by, and make room for new programs.
+        """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]
 
         Args:
             records: Shape (N,).
-
-        Returns:
-            Shape (N, m). [-]
         """
         more = FEATURES + max(len(record.program) for record in records) - len(self.target)
         if more > 0:
@@ -166,13 +163,10 @@ class Contrasts:
         self.levels[level] += weight * np.array([1.0, square, own, share])
 
     def forget(self, number: int) -> Float:
-        """Forget the coefficients of a program; what they said of the others is kept.
+        """Return coefficients of a program, shape (OWN,), and forget them, not the others. [-]
 
         Args:
             number: Of the program, from 1.
-
-        Returns:
-            What they were, shape (OWN,). [-]
         """
         own = columns(number)
         gone = slice(FEATURES + own.start, FEATURES + own.stop)
@@ -205,13 +199,10 @@ class Contrasts:
 
     @classmethod
     def restored(cls, entry: ContrastEntry) -> Contrasts:
-        """Continue from what was kept.
+        """Return the sums that were kept.
 
         Args:
             entry: As `state` gave it.
-
-        Returns:
-            The sums.
 
         Raises:
             StateFileError: If an array has another size.
@@ -232,7 +223,9 @@ class Contrasts:
         own = np.tile(np.square(PROGRAM), self.programs)
         levels = np.arange(FEATURES, size, OWN)
         share = 1.0
-        mean, covariance = np.zeros(size), _prior_of(own)
+        mean = np.zeros(size)
+        covariance = np.diag(np.concatenate([np.zeros(FEATURES), own]))
+        covariance[:FEATURES, :FEATURES] = _PRIOR
         for _ in range(3 if self.count else 0):
             precision = self.information / share
             precision[:FEATURES, :FEATURES] += _PRECISION
@@ -260,13 +253,6 @@ def _not_negative(inner: Float, outer: Float) -> Float:
     return np.where(found < 0, 0.0, alone)
 
 
-def _prior_of(own: Float) -> Float:
-    """Covariance of the coefficients, those of programs with variances of their own."""
-    covariance = np.diag(np.concatenate([np.zeros(FEATURES), own]))
-    covariance[:FEATURES, :FEATURES] = _PRIOR
-    return covariance
-
-
 def scatter(record: WearRecord) -> float:
     """Return the variance of a record as it states it, never zero. [-]
 
@@ -277,15 +263,12 @@ def scatter(record: WearRecord) -> float:
 
 
 def correlated(hours: Float, time: Float, memory: float) -> Float:
-    """Covariance of the means over records of what forgets exponentially; its variance is one.
+    """Return the covariance (n, n) of the means of what forgets exponentially; variance one. [-]
 
     Args:
         hours: Middle of each record, shape (n,). [h]
         time: Its length, shape (n,). [s]
         memory: Correlation time. [h]
-
-    Returns:
-        Shape (n, n). [-]
     """
     length = time / 3600.0 / memory
     spread = np.sqrt(2.0 * (length - 1.0 + np.exp(-length))) / length

@@ -21,13 +21,10 @@ BUCKET_DEGC = DEGC_STEP * np.arange(DEGC_BUCKETS)
 
 
 def speed_place(speed: Float) -> Float:
-    """Return where speeds lie among the buckets, 0 to ``SPEED_BUCKETS - 1``.
+    """Return where speeds lie among the buckets, 0 to ``SPEED_BUCKETS - 1``, same shape. [-]
 
     Args:
         speed: Amount, joint side, any shape. [rad/s] or [m/s]
-
-    Returns:
-        Same shape. [-]
     """
     with np.errstate(divide="ignore"):
         place = np.log(speed / SLOWEST) / np.log(SPEED_STEP)
@@ -35,40 +32,31 @@ def speed_place(speed: Float) -> Float:
 
 
 def degc_place(motor_temperature_degc: Float) -> Float:
-    """Return where temperatures lie among the buckets, 0 to ``DEGC_BUCKETS - 1``.
+    """Return where temperatures lie among the buckets, 0 to ``DEGC_BUCKETS - 1``. [-]
 
     Args:
         motor_temperature_degc: Any shape. [degC]
-
-    Returns:
-        Same shape. [-]
     """
     return np.clip(motor_temperature_degc / DEGC_STEP, 0.0, DEGC_BUCKETS - 1.0)
 
 
 def shares(place: Float, buckets: int) -> Float:
-    """Return the weight of every bucket at places.
+    """Return the weight of every bucket, shape (..., B); each row sums to one. [-]
 
     Args:
         place: Shape (...). [-]
         buckets: How many there are, B.
-
-    Returns:
-        Shape (..., B); each row sums to one. [-]
     """
     return np.maximum(1.0 - np.abs(place[..., None] - np.arange(buckets)), 0.0)
 
 
 def interpolated(table: Float, degc: Float, speed: Float) -> Float:
-    """Return the values of tables between their buckets.
+    """Return the values of tables between their buckets, shape (N, n). [-]
 
     Args:
         table: One of each joint, shape (n, DEGC_BUCKETS, SPEED_BUCKETS). [-]
         degc: Places of the temperatures, shape (N, n). [-]
         speed: Places of the speeds, shape (N, n). [-]
-
-    Returns:
-        Shape (N, n). [-]
     """
     row, up_row = _corner(degc, DEGC_BUCKETS)
     column, up_column = _corner(speed, SPEED_BUCKETS)

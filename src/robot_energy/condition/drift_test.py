@@ -31,6 +31,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts, correlated, scatter
 from robot_energy.condition.programs import OWN, ProgramTable, columns
+from robot_energy.condition.record import STRICT, Number, Stamp
 from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
 
 WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
@@ -87,10 +88,12 @@ class FrictionChange:
         size: Logarithm of the factor when it was found. [-]
     """
 
-    stamp_ns: int
-    hours: float
-    until: float
-    size: float
+    __pydantic_config__ = STRICT  # it is kept as it is
+
+    stamp_ns: Stamp
+    hours: Number
+    until: Number
+    size: Number
 
     @property
     def ramp(self) -> bool:
@@ -142,13 +145,10 @@ class DriftTest:
         self.refused = 0
 
     def step(self, record: WearRecord) -> bool:
-        """Take a record.
+        """Return whether a change is found with one more record.
 
         Args:
             record: Newer than all before.
-
-        Returns:
-            Whether a change was found.
         """
         if not np.isfinite([record.excess, record.variance, *record.features]).all():
             self.refused += 1

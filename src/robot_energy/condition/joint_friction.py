@@ -67,14 +67,11 @@ class FrictionSamples(Block):
 
     @classmethod
     def of(cls, blocks: Sequence[PowerBlock], slot_ns: int) -> Self:
-        """Take the first sample of each slot of time.
+        """Return the first sample of each slot of time.
 
         Args:
             blocks: In the order of time, at least one; the first sample begins a slot.
             slot_ns: Length of a slot. [ns]
-
-        Returns:
-            The samples.
         """
         stamp = np.concatenate([block.stamp_ns for block in blocks])
         slot = stamp // slot_ns
@@ -131,14 +128,11 @@ class MotionReader:
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def read(self, block: PowerBlock | FrictionSamples, friction_power: Float) -> MotionSums | None:
-        """Sum up the samples of one part.
+        """Return the sums over the samples of one part; None if no torque was measured.
 
         Args:
             block: All samples of the part.
             friction_power: By the model file, shape (N, n). [W]
-
-        Returns:
-            The sums; None if no torque was measured.
         """
         if np.isnan(block.shaft_power_measured).all():
             return None
@@ -168,26 +162,20 @@ class MotionReader:
         )
 
     def temperature(self, motor_temperature_degc: Float) -> Float:
-        """Return the temperatures that the friction model has used.
+        """Return the temperatures that the friction model has used, same shape. [degC]
 
         Args:
             motor_temperature_degc: NaN where none is known, shape (N, n). [degC]
-
-        Returns:
-            Same shape. [degC]
         """
         missing = np.isnan(motor_temperature_degc)
         return np.where(missing, self._fallback_degc, motor_temperature_degc)
 
     def places(self, motor_velocity: Float, motor_temperature_degc: Float) -> tuple[Float, Float]:
-        """Return where samples lie among the buckets of temperature and of speed.
+        """Return places among the buckets of temperature and of speed, shape (N, n) each. [-]
 
         Args:
             motor_velocity: Shape (N, n). [rad/s]
             motor_temperature_degc: Shape (N, n). [degC]
-
-        Returns:
-            Shape (N, n) each. [-]
         """
         degc = degc_place(self.temperature(motor_temperature_degc))
         speed = np.nan_to_num(np.abs(motor_velocity), nan=0.0, posinf=0.0)
@@ -215,13 +203,10 @@ class FrictionLearner:
         self.refused = np.zeros(n_joints, dtype=np.int64)
 
     def step(self, part: MotionSums) -> MotionSums:
-        """Learn from one part.
+        """Return a part without what is refused; the rest has been learned from.
 
         Args:
             part: What it says.
-
-        Returns:
-            The part without what was refused.
         """
         moved = part.time.sum(axis=2) > 0
         kept = moved & (np.abs(np.nan_to_num(part.ratio)) <= MAX_RATIO)
@@ -294,12 +279,9 @@ class FrictionLearner:
         return self.sums[2].min(axis=0)
 
     def table(self) -> Float:
-        """Return the multiplier of every bucket, 1 for a joint that is not valid.
+        """Return the multiplier of every bucket, as `buckets`, 1 for a joint that is not valid. [-]
 
         A bucket with little time is drawn to the mean of its joint, one without has it.
-
-        Returns:
-            Shape (n, DEGC_BUCKETS, SPEED_BUCKETS). [-]
         """
         mean = np.where(self.valid, self.filtered, 1.0)[:, None, None]
         own = self.buckets

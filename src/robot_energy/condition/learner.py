@@ -7,10 +7,12 @@ nothing depends on how the input is cut, and a replay learns what the monitor ha
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +32,8 @@ from robot_energy.condition.buckets import interpolated
 from robot_energy.condition.joint_friction import FrictionLearner, FrictionSamples, MotionReader
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
-from robot_energy.condition.record import ConditionRecord
-from robot_energy.condition.wear import WearMonitor
+from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
+from robot_energy.condition.wear import WearMonitor, WearState
 from robot_energy.errors import StateFileError
 from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.model import RobotModel
@@ -51,6 +53,52 @@ class Learning(StrEnum):
     """Learned and published; predictions use the model file alone."""
     APPLY = "apply"
     """Predictions use the learned figures where they are valid."""
+
+
+class ConditionRecord(ConditionPart):
+    """What was learned of one robot with one model file.
+
+    Attributes:
+        model_id: Identity of the model file.
+        joint_names: Joints in order.
+        end_ns: Newest sample learned from. [ns]
+        friction: From measured torque.
+        meter: From the power meter.
+        wear: Records of friction, and the changes found in them.
+    """
+
+    model_id: str
+    joint_names: tuple[str, ...]
+    end_ns: Stamp | None
+    friction: FrictionRecord
+    meter: MeterRecord
+    wear: WearState
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Return a record of JSON text; records of wear of the first format are dropped.
+
+        Args:
+            content: JSON text.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        return super().from_json(_without_old_wear(content))
+
+
+def _without_old_wear(content: bytes) -> bytes:
+    """Drop records of wear that have no contrasts: their features were others."""
+    try:
+        record: Any = json.loads(content)
+        tests = record["wear"]["tests"]
+        old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
+    except (ValueError, TypeError, LookupError):
+        return content  # the reader says what is wrong
+    empty: dict[str, Any] = {"information": [], "target": [], "square": 0.0, "count": 0}
+    for number in old:
+        tests[number] = {"records": [], "changes": [], "contrasts": empty}
+    return json.dumps(record).encode() if old else content
 
 
 @dataclass(frozen=True)
@@ -166,14 +214,11 @@ class ConditionLearner:
             self._end_part()
 
     def multiplier(self, motor_velocity: Float, motor_temperature_degc: Float) -> Float | None:
-        """Return what the friction of the model file is multiplied by.
+        """Return the factor on the model's friction, shape (N, n); None for one everywhere. [-]
 
         Args:
             motor_velocity: Of samples within one part, shape (N, n). [rad/s]
             motor_temperature_degc: Shape (N, n). [degC]
-
-        Returns:
-            Shape (N, n); None for one everywhere. [-]
         """
         use = self._use
         if not self.applies or not (use.by_torque.any() or use.factor != 1.0):
@@ -263,36 +308,34 @@ class ConditionLearner:
             if not stuck:
                 self.wear.step(used)
             self._taught = (self.friction.table(), self.friction.valid)
-        for window in self._compared(samples, self._powers(samples, friction, known, use)):
-            self._learn_from_meter(window, samples.motor_temperature_degc[-1], stuck)
+        if self._windows.location is not MeterLocation.UNKNOWN:
+            power = self._powers(samples, friction, known, use)
+            until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
+            windows = self._windows.step(samples.stamp_ns, samples.segment, power, until)
+            self._learn_from_meter(windows, samples.motor_temperature_degc[-1], stuck)
         self.end_ns = int(blocks[-1].stamp_ns[-1])
         self._use = self._figures()
 
-    def _learn_from_meter(self, window: Window, motor_temperature_degc: Float, stuck: bool) -> None:
-        """Take one window of the meter; wear of the whole robot is of joints without torque."""
-        predicted, friction, correction = window.energies.tolist()
-        residual = window.measured - predicted + correction
-        self.meter.step(window.duration, window.measured, residual, friction)
-        if not (stuck or self.friction.parts.any()):
-            degc = float(self.reader.temperature(motor_temperature_degc).mean())
-            self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
-
-    def _compared(self, samples: FrictionSamples, power: Float) -> Iterator[Window]:
-        """Compare with the meter."""
-        if self._windows.location is MeterLocation.UNKNOWN:
-            return
-        until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
-        yield from self._windows.step(samples.stamp_ns, samples.segment, power, until)
+    def _learn_from_meter(
+        self, windows: Iterator[Window], motor_temperature_degc: Float, stuck: bool
+    ) -> None:
+        """Take windows of the meter; wear of the whole robot is of joints without torque."""
+        degc = float(self.reader.temperature(motor_temperature_degc).mean())
+        for window in windows:
+            predicted, friction, correction = window.energies.tolist()
+            residual = window.measured - predicted + correction
+            self.meter.step(window.duration, window.measured, residual, friction)
+            if not (stuck or self.friction.parts.any()):
+                self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 
     def _powers(
         self, samples: FrictionSamples, friction: Float, known: Float | None, use: _InUse
     ) -> Float:
         """Predicted power, friction the meter can learn of, what was added; shape (N, 3). [W]"""
         seen = samples.phase != Phase.GENERATING  # else the brake resistor takes the difference
+        friction_seen = friction
         if use.by_torque.any():
             friction_seen = friction * np.where(use.by_torque, 0.0, 1.0)
-        else:
-            friction_seen = friction
         learnable = np.where(seen, sum_over_joints(friction_seen), 0.0)
         added = np.zeros(len(samples))
         if self.applies:

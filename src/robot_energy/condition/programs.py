@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_energy.condition.record import STRICT, Number, Numbers
 from robot_energy.condition.wear_records import DIGITS, LOADS, WearRecord
 
 SAME_PROGRAM = 0.05  # by how much the times of one program may differ [-]
@@ -31,9 +32,11 @@ class KnownProgram:
         hours: Hours of motion when it was last seen. [h]
     """
 
-    work: tuple[float, ...]
-    loads: tuple[float, ...]
-    hours: float
+    __pydantic_config__ = STRICT  # it is kept as it is
+
+    work: Numbers
+    loads: Numbers
+    hours: Number
 
 
 class ProgramTable:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -19,6 +18,7 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
 Stamp = Annotated[int, Field(ge=MIN_STAMP_NS, le=MAX_STAMP_NS)]
 Numbers = tuple[Number, ...]
+STRICT = ConfigDict(extra="forbid", strict=True, revalidate_instances="always")  # of what is kept
 
 
 class ConditionPart(BaseModel):
@@ -32,13 +32,10 @@ class ConditionPart(BaseModel):
 
     @classmethod
     def from_json(cls, content: bytes) -> Self:
-        """Read a record.
+        """Return a record of JSON text.
 
         Args:
             content: JSON text.
-
-        Returns:
-            The record.
 
         Raises:
             StateFileError: If it is not such a record.
@@ -75,28 +72,6 @@ class MeterRecord(ConditionPart):
     refused: Count
 
 
-class WearEntry(ConditionPart):
-    """One `robot_energy.condition.wear_records.WearRecord`."""
-
-    stamp_ns: Stamp
-    hours: Number
-    time: Number
-    excess: Number
-    variance: Number
-    features: Numbers
-    work: Numbers = ()
-    program: Numbers = ()
-
-
-class ChangeEntry(ConditionPart):
-    """One `robot_energy.condition.drift_test.FrictionChange`."""
-
-    stamp_ns: Stamp
-    hours: Number
-    until: Number
-    size: Number
-
-
 class ContrastEntry(ConditionPart):
     """The sums of one `robot_energy.condition.baseline.Contrasts`, flattened; empty without any."""
 
@@ -107,90 +82,11 @@ class ContrastEntry(ConditionPart):
     levels: Numbers = ()
 
 
-class ProgramEntry(ConditionPart):
-    """One `robot_energy.condition.programs.KnownProgram`."""
-
-    work: Numbers
-    loads: Numbers
-    hours: Number
-
-
-class DriftRecord(ConditionPart):
-    """What one `robot_energy.condition.drift_test.DriftTest` keeps."""
-
-    records: tuple[WearEntry, ...]
-    changes: tuple[ChangeEntry, ...]
-    contrasts: ContrastEntry
-    programs: tuple[ProgramEntry, ...] = ()
-
-
-class WearState(ConditionPart):
-    """What `robot_energy.condition.wear.WearMonitor` keeps; the last test is the whole robot's."""
-
-    hours: Numbers
-    meter_hours: Number
-    means_degc: tuple[Number | None, ...]
-    stamp_ns: Stamp | None
-    tests: tuple[DriftRecord, ...]
-
-
-class ConditionRecord(ConditionPart):
-    """What was learned of one robot with one model file.
-
-    Attributes:
-        model_id: Identity of the model file.
-        joint_names: Joints in order.
-        end_ns: Newest sample learned from. [ns]
-        friction: From measured torque.
-        meter: From the power meter.
-        wear: Records of friction, and the changes found in them.
-    """
-
-    model_id: str
-    joint_names: tuple[str, ...]
-    end_ns: Stamp | None
-    friction: FrictionRecord
-    meter: MeterRecord
-    wear: WearState
-
-    @classmethod
-    def from_json(cls, content: bytes) -> Self:
-        """Read a record; records of wear of the first format are dropped.
-
-        Args:
-            content: JSON text.
-
-        Returns:
-            The record.
-
-        Raises:
-            StateFileError: If it is not such a record.
-        """
-        return super().from_json(_without_old_wear(content))
-
-
-def _without_old_wear(content: bytes) -> bytes:
-    """Drop records of wear that have no contrasts: their features were others."""
-    try:
-        record: Any = json.loads(content)
-        tests = record["wear"]["tests"]
-        old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
-    except (ValueError, TypeError, LookupError):
-        return content  # the reader says what is wrong
-    empty: dict[str, Any] = {"information": [], "target": [], "square": 0.0, "count": 0}
-    for number in old:
-        tests[number] = {"records": [], "changes": [], "contrasts": empty}
-    return json.dumps(record).encode() if old else content
-
-
 def flat(values: Float) -> Numbers:
-    """Return an array as plain numbers.
+    """Return the numbers of an array, in their order.
 
     Args:
         values: Any shape. [-]
-
-    Returns:
-        Its numbers in their order.
     """
     return tuple(values.reshape(-1).tolist())
 
@@ -201,9 +97,6 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
     Args:
         values: As `flat` gave them.
         like: An array of the shape and type wanted.
-
-    Returns:
-        The array.
 
     Raises:
         StateFileError: If there are more or fewer.

@@ -21,7 +21,7 @@ from robot_energy.blocks import (
     PowerBlock,
     differences,
 )
-from robot_energy.condition.record import ThermalRecord
+from robot_energy.condition.record import ThermalRecord, filled, flat
 from robot_energy.errors import StateFileError
 from robot_energy.inputs.temperatures.stuck import WINDOW_NS
 from robot_energy.model import RobotModel
@@ -170,8 +170,8 @@ class ThermalObserver:
         return ThermalRecord(
             model_id=self._model.model_id,
             end_ns=self.end_ns,
-            state=tuple(self._x.ravel().tolist()),
-            covariance=tuple(self._covariance.ravel().tolist()),
+            state=flat(self._x),
+            covariance=flat(self._covariance),
         )
 
     def restore(self, record: ThermalRecord) -> None:
@@ -184,15 +184,13 @@ class ThermalObserver:
             StateFileError: If it is of another model, or does not fit its joints.
         """
         sizes = len(record.state), len(record.covariance)
-        if record.model_id != self._model.model_id or sizes != (
-            self._x.size,
-            self._covariance.size,
-        ):
+        fits = sizes == (self._x.size, self._covariance.size)
+        if record.model_id != self._model.model_id or not fits:
             raise StateFileError(
                 f"motor temperatures of model {record.model_id}", f"model {self._model.model_id}"
             )
-        self._x = np.array(record.state).reshape(self._x.shape)
-        self._covariance = np.array(record.covariance).reshape(self._covariance.shape)
+        self._x = filled(record.state, self._x)
+        self._covariance = filled(record.covariance, self._covariance)
         self.end_ns, self._window = record.end_ns, None
         self._publish()
 

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import Annotated
+
+from pydantic import PlainSerializer
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
-from robot_energy.condition.meter_records import MeterGatherer
 from robot_energy.condition.programs import KnownProgram, ProgramTable
 from robot_energy.condition.record import (
-    ChangeEntry,
-    DriftRecord,
-    ProgramEntry,
-    WearEntry,
-    WearState,
+    ConditionPart,
+    ContrastEntry,
+    Number,
+    Numbers,
+    Stamp,
     filled,
 )
-from robot_energy.condition.wear_records import FEATURES, MotionGatherer, WearRecord
+from robot_energy.condition.wear_records import FEATURES, MeterGatherer, MotionGatherer, WearRecord
 from robot_energy.errors import StateFileError
 
 WHOLE_ROBOT = ""  # name of what one power meter sees
@@ -64,6 +66,25 @@ class WearAlarm:
 
 
 REMEDY = "look at the lubricant, the bearings, the brake and the belt of this axis"
+
+
+class DriftRecord(ConditionPart):
+    """What one `DriftTest` keeps."""
+
+    records: tuple[Annotated[WearRecord, PlainSerializer(WearRecord._asdict)], ...]
+    changes: tuple[FrictionChange, ...]
+    contrasts: ContrastEntry
+    programs: tuple[KnownProgram, ...] = ()
+
+
+class WearState(ConditionPart):
+    """What `WearMonitor` keeps; the last test is the whole robot's."""
+
+    hours: Numbers
+    meter_hours: Number
+    means_degc: tuple[Number | None, ...]
+    stamp_ns: Stamp | None
+    tests: tuple[DriftRecord, ...]
 
 
 class WearMonitor:
@@ -138,10 +159,10 @@ class WearMonitor:
             stamp_ns=gatherer.stamp_ns,
             tests=tuple(
                 DriftRecord(
-                    records=tuple(WearEntry(**record._asdict()) for record in test.records),
-                    changes=tuple(ChangeEntry(**vars(change)) for change in test.changes),
+                    records=tuple(test.records),
+                    changes=tuple(test.changes),
                     contrasts=test.contrasts.state(),
-                    programs=tuple(ProgramEntry(**vars(one)) for one in test.programs.known),
+                    programs=tuple(test.programs.known),
                 )
                 for test in (*self.joints, self.robot)
             ),
@@ -171,8 +192,8 @@ class WearMonitor:
         self._meter.hours = record.meter_hours
         for test, entry in zip((*self.joints, self.robot), record.tests, strict=True):
             test.restore(
-                [WearRecord(**dict(one)) for one in entry.records],
-                [FrictionChange(**dict(one)) for one in entry.changes],
+                list(entry.records),
+                list(entry.changes),
                 Contrasts.restored(entry.contrasts),
-                ProgramTable([KnownProgram(**dict(one)) for one in entry.programs]),
+                ProgramTable([replace(one) for one in entry.programs]),
             )

@@ -21,6 +21,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.condition.record import Number, Numbers, Stamp
 from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
 RECORD_TIME = 300.0  # motion of a record [s]
@@ -37,6 +38,9 @@ MAX_SLOPE = 50.0  # more is a faulty sensor [K]
 FEATURES = DEGC_BUCKETS + 2 * SPEED_BUCKETS + 2 * NUISANCES
 LOADS = slice(DEGC_BUCKETS + 2 * SPEED_BUCKETS, DEGC_BUCKETS + 2 * SPEED_BUCKETS + 3)
 MIN_RATIO = 0.05  # of measured over model friction
+LONGEST = 3600.0  # of a record by the meter; a slope that is no surer by then is dropped [s]
+MAX_STD = 0.1  # of that slope [-]
+MIN_NOISE = 1.0  # W
 DIGITS = 6  # kept of each figure, so that a record is the same after a restart
 
 
@@ -57,14 +61,14 @@ class WearRecord(NamedTuple):
             are zero.
     """
 
-    stamp_ns: int
-    hours: float
-    time: float
-    excess: float
-    variance: float
-    features: tuple[float, ...]
-    work: tuple[float, ...] = ()
-    program: tuple[float, ...] = ()
+    stamp_ns: Stamp
+    hours: Number
+    time: Number
+    excess: Number
+    variance: Number
+    features: Numbers
+    work: Numbers = ()
+    program: Numbers = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
         """Return this and a later record as one; all its figures are means over time.
@@ -110,13 +114,10 @@ class MotionGatherer:
         self._times: Float = np.zeros((2, n_joints))
 
     def step(self, part: MotionSums) -> dict[int, WearRecord]:
-        """Take a part.
+        """Return the records that a part completes, by joint.
 
         Args:
             part: What it says, without what was refused.
-
-        Returns:
-            Records that became complete, by joint.
         """
         above = self._above_means(part)
         moved = part.time.sum(axis=2)
@@ -204,13 +205,10 @@ def features_of(degc: Float, speed: Float, nuisances: list[float]) -> tuple[floa
 
 
 def degc_shares(motor_temperature_degc: Float) -> Float:
-    """Return the weights of the buckets of temperature.
+    """Return the weights of the buckets of temperature, shape (..., DEGC_BUCKETS). [-]
 
     Args:
         motor_temperature_degc: Shape (...). [degC]
-
-    Returns:
-        Shape (..., DEGC_BUCKETS). [-]
     """
     place = np.clip(motor_temperature_degc / DEGC_STEP, 0.0, DEGC_BUCKETS - 1.0)
     return shares(place, DEGC_BUCKETS)
@@ -260,3 +258,75 @@ def _median(values: Float, weight: Float) -> float:
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weight[order])
     return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
+
+
+class MeterGatherer:
+    """Gathers windows of the power meter into records of the friction of the whole robot.
+
+    Over a record the residual is a line in friction power: its slope is how far friction lies
+    above the model's, whatever the constant losses do meanwhile. Windows are gathered until it is
+    known well enough.
+
+    Attributes:
+        hours: Time of all windows so far. [h]
+    """
+
+    def __init__(self) -> None:
+        self.hours = 0.0
+        self._rows: list[tuple[float, float, float, float, int]] = []
+
+    def step(
+        self, stamp_ns: int, duration: float, residual: float, friction: float, degc: float
+    ) -> WearRecord | None:
+        """Return the record that a window completes, or None.
+
+        Args:
+            stamp_ns: Its end. [ns]
+            duration: [s]
+            residual: Measured less what the model file predicts. [J]
+            friction: Friction energy of the model file that the meter sees. [J]
+            degc: Mean motor temperature. [degC]
+        """
+        if not np.isfinite(residual + friction + degc):
+            return None
+        self.hours += duration / 3600.0
+        self._rows.append((duration, residual / duration, friction / duration, degc, stamp_ns))
+        time = sum(row[0] for row in self._rows)
+        if time < RECORD_TIME:
+            return None
+        found = self._record(time)
+        if found is not None or time >= LONGEST:
+            self._rows.clear()
+        return found
+
+    def _record(self, time: float) -> WearRecord | None:
+        rows: Float = np.array([row[:4] for row in self._rows])
+        duration, residual, friction, degc = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
+        slope, off, noise, weight = 0.0, residual, np.inf, duration
+        for _ in range(4):
+            near = np.minimum(1.0, HUBER * noise / np.maximum(np.abs(off), 1e-9))
+            weight = duration * near
+            slope, off = _line(friction, residual, weight)
+            noise = max(MEDIAN_TO_STD * float(np.median(np.abs(off))), MIN_NOISE)
+        spread = float(weight @ (friction - weight @ friction / weight.sum()) ** 2)
+        variance = noise**2 * float(np.mean(duration)) / max(spread, 1e-9)
+        if not variance < MAX_STD**2:
+            return None
+        ratio = max(1.0 + slope, MIN_RATIO)
+        return WearRecord(
+            round(np.mean([row[4] for row in self._rows])),
+            round(self.hours - time / 7200.0, DIGITS),
+            time,
+            round(log(ratio), DIGITS),
+            variance / ratio**2,
+            features_of(degc_shares(degc).mean(axis=0), np.zeros(SPEED_BUCKETS), [0.0] * NUISANCES),
+        )
+
+
+def _line(friction: Float, residual: Float, weight: Float) -> tuple[float, Float]:
+    """Slope of the residual over friction power, and how far each point is off the line."""
+    total = weight.sum()
+    x = friction - weight @ friction / total
+    y = residual - weight @ residual / total
+    slope = float((weight * x) @ y / max(float((weight * x) @ x), 1e-9))
+    return slope, y - slope * x

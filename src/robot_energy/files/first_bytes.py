@@ -35,14 +35,11 @@ MAX_MAGIC = max(map(len, FIRST_BYTES))
 
 
 def named(path: Path, head: bytes) -> tuple[str, str]:
-    """Return what a file is, in words, and how to use it.
+    """Return what a file is, as in "x.bag is a ROS 1 bag", and the remedy; empty without one.
 
     Args:
         path: The file.
         head: Its first bytes, `MAX_MAGIC` of them where it is so long.
-
-    Returns:
-        What was found, such as "x.bag is a ROS 1 bag", and the remedy; empty without one.
     """
     words = {"path": quote(str(path)), "stem": quote(path.stem), "bag": quote(f"{path.stem}_bag")}
     for magic, (what, remedy) in FIRST_BYTES.items():

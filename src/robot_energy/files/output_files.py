@@ -101,29 +101,24 @@ def check_file(
                 raise error(f"{place}, which is open for reading only", "an output")
             return
         try:
-            found = os.lstat(target)
+            mode = os.lstat(target).st_mode
         except FileNotFoundError:
-            if not target.parent.is_dir():
-                raise error(
-                    f"{place}: there is no folder '{shown(str(target.parent))}'",
-                    "a folder that exists",
-                ) from None
+            folder = target.parent
+            if not folder.is_dir():
+                where = f"{place}: there is no folder '{shown(str(folder))}'"
+                raise error(where, "a folder that exists") from None
             refuse_inputs(target, inputs, place, error)
             return
-    except OSError as trouble:
-        raise error(f"{place} ({trouble.strerror})", "a file that can be written") from trouble
-    mode = found.st_mode
-    if stat.S_ISLNK(mode):
-        raise error(f"{place}, which is a link", "a file", "name the file that it leads to")
-    if stat.S_ISDIR(mode):
-        raise error(f"{place}, which is a folder", "a file")
-    if stat.S_ISCHR(mode) or stat.S_ISFIFO(mode):
-        return
-    if not stat.S_ISREG(mode):
-        raise error(f"{place}, which is a disk or a socket", "a file, a pipe or a terminal")
-    refuse_inputs(target, inputs, place, error)
-    try:
-        own = not found.st_size or any(_is_marked(target, kind) for kind in kinds)
+        if stat.S_ISLNK(mode):
+            raise error(f"{place}, which is a link", "a file", "name the file that it leads to")
+        if stat.S_ISDIR(mode):
+            raise error(f"{place}, which is a folder", "a file")
+        if stat.S_ISCHR(mode) or stat.S_ISFIFO(mode):
+            return
+        if not stat.S_ISREG(mode):
+            raise error(f"{place}, which is a disk or a socket", "a file, a pipe or a terminal")
+        refuse_inputs(target, inputs, place, error)
+        own = not target.stat().st_size or any(_is_marked(target, kind) for kind in kinds)
     except OSError as trouble:
         raise error(f"{place} ({trouble.strerror})", "a file that can be written") from trouble
     if not own:

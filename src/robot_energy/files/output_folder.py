@@ -59,14 +59,11 @@ class OutputFolder:
         return self._placement.draft
 
     def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
-        """Open a new file in it.
+        """Return a new file in it; when that is closed, its content is on the disk.
 
         Args:
             name: Name of the file.
             buffering: Size of the buffer. [bytes]
-
-        Returns:
-            The file; when it is closed, its content is on the disk.
 
         Raises:
             RobotEnergyError: If the disk refuses.

@@ -30,14 +30,11 @@ def stream_number(target: Path) -> int | None:
 
 
 def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
-    """Open a device, a pipe or a descriptor for writing.
+    """Return a device, pipe or descriptor open for writing; None for a file or an unused path.
 
     Args:
         target: Its path.
         failure: Makes the exception to raise of an error of the disk.
-
-    Returns:
-        The open stream; None for a regular file or a path without one.
     """
     try:
         number = stream_number(target)

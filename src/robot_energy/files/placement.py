@@ -34,7 +34,7 @@ Check = Callable[[Path], None]
 
 
 class OutputPlacement:
-    """One file or folder on its way into place.
+    """One file or folder on its way into place; an error of the disk is raised as `failure` has it.
 
     Args:
         target: Where it shall stand.
@@ -56,11 +56,7 @@ class OutputPlacement:
         self._undone = weakref.finalize(self, _leave, self.draft, os.getpid())
 
     def open_file(self) -> int:
-        """Make the draft of a file and return its descriptor, open for writing.
-
-        Raises:
-            Exception: As `failure` makes it.
-        """
+        """Make the draft of a file and return its descriptor, open for writing."""
         try:
             self._lock = os.open(
                 self.draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666
@@ -75,11 +71,7 @@ class OutputPlacement:
         return self._lock
 
     def make_folder(self) -> None:
-        """Make the draft of a folder, and the folders above it.
-
-        Raises:
-            Exception: As `failure` makes it.
-        """
+        """Make the draft of a folder, and the folders above it."""
         try:
             parent = self.target.parent
             missing = [one for one in (parent, *parent.parents) if not one.exists()]
@@ -93,11 +85,7 @@ class OutputPlacement:
             raise self._failure(error) from error
 
     def move(self) -> None:
-        """Put the draft in place, and what was there next to it.
-
-        Raises:
-            Exception: As `failure` makes it, or from the check.
-        """
+        """Put the draft in place, and what was there next to it, unless the check refuses."""
         try:
             self._check(self.target)
             folder = self.draft.is_dir()
@@ -113,11 +101,7 @@ class OutputPlacement:
             raise self._failure(error) from error
 
     def sync(self) -> None:
-        """Write its new place to the disk.
-
-        Raises:
-            Exception: As `failure` makes it.
-        """
+        """Write its new place to the disk."""
         try:
             sync_folder(self.target.parent)
         except OSError as error:

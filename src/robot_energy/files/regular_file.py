@@ -23,14 +23,11 @@ _KINDS = {
 
 
 def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
-    """Open a regular file, or a link to one, for reading.
+    """Return a regular file, or one that a link leads to, open for reading.
 
     Args:
         path: The file.
         buffering: As of ``open``. [bytes]
-
-    Returns:
-        The open file.
 
     Raises:
         OSError: If it cannot be opened or is not a regular file.
@@ -50,14 +47,11 @@ def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
 
 
 def read_regular(path: str | Path, max_bytes: int) -> bytes:
-    """Read a regular file of bounded size.
+    """Return the content of a regular file of bounded size.
 
     Args:
         path: The file.
         max_bytes: Its largest size. [bytes]
-
-    Returns:
-        Its content.
 
     Raises:
         OSError: If it cannot be read, is not a regular file or is larger.
@@ -72,14 +66,11 @@ def read_regular(path: str | Path, max_bytes: int) -> bytes:
 
 
 def read_regular_text(path: str | Path, max_bytes: int) -> str:
-    """Read a regular UTF-8 file of bounded size, with line feeds alone.
+    """Return the text of a regular UTF-8 file of bounded size, with line feeds alone.
 
     Args:
         path: The file.
         max_bytes: Its largest size. [bytes]
-
-    Returns:
-        Its text.
 
     Raises:
         OSError: If it cannot be read, is not a regular file or is larger.

@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from robot_energy.inputs.meter.power_curve import MeterLimits
-from robot_energy.inputs.meter.source import BY_TYPE, MeterSource
-from robot_energy.inputs.parameters import HEADER, RECEIVE, named_groups, parameter
+from robot_energy.inputs.meter.source import MeterSource, stamps_by_type
+from robot_energy.inputs.parameters import named_groups, parameter
 from robot_energy.model.auxiliary import AuxiliaryLoad
 
 STATE_TYPE = "std_msgs/msg/UInt8"
@@ -21,13 +21,7 @@ class StateSource:
     topic: str = parameter("Topic of the numbers.", "state")
     type: str = parameter("Type of the messages.", STATE_TYPE)
     value_path: str = parameter("Path of the number in the messages.", "data")
-    stamp_source: str = parameter(
-        "Where the stamps come from: the header, or the receive time; by_type: the header "
-        "where there is one.",
-        BY_TYPE,
-        choices=(BY_TYPE, HEADER, RECEIVE),
-    )
-
+    stamp_source: str = stamps_by_type()
     latched: bool = parameter(
         "Whether its publisher keeps the last state for late subscribers (transient local); a "
         "monitor that starts later then has it at once. Only such publishers are read then.",

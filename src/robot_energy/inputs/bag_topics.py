@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import MissingTopicError
@@ -15,20 +16,18 @@ from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.model.auxiliary import AuxiliaryLoad
 
+S = TypeVar("S", MeterSource, TemperatureSource)
 LOADS = "/auxiliary/"  # in names of topics that are those of auxiliary loads
 
 
 def resolve(bag: BagReader, name: str) -> str | None:
-    """Find the topic that a node would read under a name.
+    """Return the topic that a node would read under a name; None if the bag has no such topic.
 
     Names of parameters are relative, those of a bag have the namespace of the recording.
 
     Args:
         bag: An open bag.
         name: Name of a topic, as in the parameters of a node.
-
-    Returns:
-        The full name, or None if the bag has no such topic.
 
     Raises:
         MissingTopicError: If several namespaces have it.
@@ -49,56 +48,19 @@ def resolve(bag: BagReader, name: str) -> str | None:
     return found[0] if found else None
 
 
-def named_sources(
-    bag: BagReader, sources: Mapping[str, TemperatureSource]
-) -> tuple[dict[str, TemperatureSource], list[str]]:
-    """Return the sources that a bag holds, with the full names of their topics.
-
-    Args:
-        bag: An open bag.
-        sources: Sources as parameters name them.
-
-    Returns:
-        The sources whose topics are there, and one sentence for each that is not.
-
-    Raises:
-        MissingTopicError: If a topic is there with another type, or several times.
-    """
-    held: dict[str, TemperatureSource] = {}
-    notes: list[str] = []
-    for name, source in sources.items():
-        full = {topic: resolve(bag, topic) for topic in source.topics}
-        missing = [topic for topic, found in full.items() if found is None]
-        if missing:
-            lacks = " and ".join(missing)
-            notes.append(f"the bag has no {lacks}: the temperature source '{name}' is not used")
-            continue
-        held[name] = source.resolved(lambda topic, full=full: full[topic] or topic)
-        for topic, kind in held[name].topics.items():
-            bag.require(topic, kind)
-    return held, notes
-
-
 def topics_of_other_robots(bag: BagReader, joint_states: Collection[str]) -> frozenset[str]:
-    """Return the topics in namespaces of joint states that are not used.
+    """Return the topics in namespaces of joint states that are not used and hold no used topic.
 
     Args:
         bag: An open bag.
         joint_states: Topics of the joint states that are used.
-
-    Returns:
-        Full names; those of a namespace that holds a used topic as well are not among them.
     """
-    used = {_namespace(topic) for topic in joint_states}
     present = (topic for topic, info in bag.topics.items() if info.msgtype == JOINT_STATE)
-    foreign = {_namespace(topic) for topic in present} - used
-    foreign -= {space for space in foreign if any(one.startswith(space) for one in used)}
+    used, foreign = (
+        {topic[: topic.rfind("/") + 1] for topic in topics} for topics in (joint_states, present)
+    )
+    foreign = {space for space in foreign if not any(one.startswith(space) for one in used)}
     return frozenset(t for t in bag.topics if any(t.startswith(space) for space in foreign))
-
-
-def _namespace(topic: str) -> str:
-    """All up to the last slash and with it."""
-    return topic[: topic.rfind("/") + 1]
 
 
 def temperatures_by_type() -> tuple[str, ...]:
@@ -106,24 +68,41 @@ def temperatures_by_type() -> tuple[str, ...]:
     return tuple(name for name, kind in TEMPERATURE_KINDS.items() if kind.found_by_type)
 
 
-def sources_by_type(
-    bag: BagReader, topics: tuple[str, ...] | None = None, foreign: Collection[str] = ()
-) -> dict[str, TemperatureSource]:
-    """Return sources of the types that need no settings, named as their topics.
+def find_temperatures(
+    bag: BagReader,
+    topics: Sequence[str] | None,
+    sources: Mapping[str, TemperatureSource] | None,
+    foreign: Collection[str] = (),
+) -> tuple[dict[str, TemperatureSource], list[str]]:
+    """Find the sources of motor temperatures in a bag.
 
     Args:
         bag: An open bag.
-        topics: The topics to use; None for all of these types.
+        topics: Their topics as the user named them; None to go by the sources, or by type.
+        sources: Those of the node that the bag is to be read like; None to go by type.
         foreign: Topics of other robots, which are not found by type.
 
+    Returns:
+        The sources by name, with the full names of their topics, and what the user should know
+        of them.
+
     Raises:
-        MissingTopicError: If a topic is absent, or of a type that needs settings.
+        MissingTopicError: If a named topic is absent, of another type or of one that needs
+            settings, or a topic of a source is there with another type, or several times.
     """
+    held: dict[str, TemperatureSource] = {}
+    notes: list[str] = []
+    if sources is not None and topics is None:
+        for name, source in sources.items():
+            found, lacks = _in_bag(bag, source)
+            if found is not None:
+                held[name] = found
+            else:
+                notes.append(f"the bag has no {lacks}: the temperature source '{name}' is not used")
+        return held, notes
     known = temperatures_by_type()
-    if topics is None:
-        found = (topic for topic, info in bag.topics.items() if info.msgtype in known)
-        topics = tuple(sorted(set(found) - set(foreign)))
-    for topic in topics:
+    by_type = sorted(topic for topic, info in bag.topics.items() if info.msgtype in known)
+    for topic in [one for one in by_type if one not in foreign] if topics is None else topics:
         info = bag.topics.get(topic)
         if info is not None and info.msgtype in TEMPERATURE_KINDS and info.msgtype not in known:
             raise MissingTopicError(
@@ -132,24 +111,17 @@ def sources_by_type(
                 "say what it means in a parameter file and name that with --inputs",
             )
         bag.require(topic, known)
-    return {
-        topic: TemperatureSource(topic=topic, type=bag.topics[topic].msgtype) for topic in topics
-    }
-
-
-def possible_temperatures(bag: BagReader) -> list[str]:
-    """Return topics that may well hold temperatures, but do not say so by their type.
-
-    Args:
-        bag: The open bag.
-    """
-    return [
-        topic
-        for topic, info in sorted(bag.topics.items())
-        if info.msgtype in TEMPERATURE_KINDS
-        and not TEMPERATURE_KINDS[info.msgtype].found_by_type
-        and TEMPERATURE_KINDS[info.msgtype].topic_word in topic.lower()
-    ]
+        held[topic] = TemperatureSource(topic=topic, type=bag.topics[topic].msgtype)
+    if not held and topics is None:
+        notes = [_not_used(topic, "--temperatures") for topic in by_type]
+        for topic, info in sorted(bag.topics.items()):
+            kind = TEMPERATURE_KINDS.get(info.msgtype)
+            if kind and not kind.found_by_type and kind.topic_word in topic.lower():
+                notes.append(
+                    f"{topic} ({info.msgtype}) may hold motor temperatures; say what it means in "
+                    "a parameter file and name that with --inputs"
+                )
+    return held, notes
 
 
 def find_meter(
@@ -183,14 +155,8 @@ def find_meter(
         bag.require(topic, other.type)
         return replace(other, topic=topic), []
     if source is not None and source != MeterSource():
-        full = {name: resolve(bag, name) for name in source.topics}
-        missing = [name for name, found in full.items() if found is None]
-        if missing:
-            return None, [f"the bag has no {' and '.join(missing)}: the meter is not read"]
-        found = source.resolved(lambda name: full[name] or name)
-        for name, kind in found.topics.items():
-            bag.require(name, kind)
-        return found, []
+        found, lacks = _in_bag(bag, source)
+        return found, [f"the bag has no {lacks}: the meter is not read"] if lacks else []
     open_topics = sorted(
         item for item in bag.topics.items() if item[0] not in others and LOADS not in item[0]
     )
@@ -204,11 +170,7 @@ def find_meter(
         )
     if meters:
         return MeterSource(topic=meters[0], type=bag.topics[meters[0]].msgtype), []
-    left_out = [
-        f"{name} is not used: other joint states have its namespace; name it with --meter if it is "
-        "this robot's"
-        for name in by_type
-    ]
+    left_out = [_not_used(name, "--meter") for name in by_type]
     possible = [
         f"{name} ({info.msgtype}) may be a power meter; say what it means in a parameter file "
         "and name that with --inputs"
@@ -240,20 +202,28 @@ def find_auxiliary(
     notes: list[str] = []
     for load in loads:
         wanted, state = inputs.meter_of(load), inputs.state_of(load)
-        meter = None if wanted is None else _in_bag(bag, wanted)
+        meter = None if wanted is None else _in_bag(bag, wanted)[0]
         if wanted is not None and meter is None:
             topics = " and ".join(wanted.topics)
             notes.append(f"the bag has no {topics}: the power of {load.name} is not known")
-        found[load.name] = LoadTopics(meter, _in_bag(bag, state.source), state.stale_after)
+        found[load.name] = LoadTopics(meter, _in_bag(bag, state.source)[0], state.stale_after)
     return found, [*notes, *inputs.unknown_loads(loads)]
 
 
-def _in_bag(bag: BagReader, source: MeterSource) -> MeterSource | None:
-    """The source with the full names of its topics; None where one is missing."""
+def _in_bag(bag: BagReader, source: S) -> tuple[S | None, str]:
+    """The source with the full names of its topics; None where some are missing, and which."""
     full = {name: resolve(bag, name) for name in source.topics}
-    if None in full.values():
-        return None
+    lacks = " and ".join(name for name, found in full.items() if found is None)
+    if lacks:
+        return None, lacks
     held = source.resolved(lambda name: full[name] or name)
     for name, kind in held.topics.items():
         bag.require(name, kind)
-    return held
+    return held, ""
+
+
+def _not_used(topic: str, option: str) -> str:
+    return (
+        f"{topic} is not used: other joint states have its namespace; name it with {option} if it "
+        "is this robot's"
+    )

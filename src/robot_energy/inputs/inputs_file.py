@@ -22,7 +22,7 @@ ROS_PARAMETERS = "ros__parameters"
 
 
 def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inputs, list[str]]:
-    """Read the inputs that a parameter file sets.
+    """Return the inputs that a parameter file sets, and a sentence for each probable misspelling.
 
     Entries of all nodes in the file count, under their names or under ``/**``; parameters
     that are about no input (rates, the model) are left out.
@@ -31,9 +31,6 @@ def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inp
         path: A YAML file of ROS parameters, or the name of a robot in `ROBOTS`, whose inputs
             are known.
         robot: A robot whose inputs count where the file says nothing.
-
-    Returns:
-        The inputs, and one sentence for each name that is probably misspelt.
 
     Raises:
         ParameterError: If the file cannot be read or holds no ROS parameters, two nodes

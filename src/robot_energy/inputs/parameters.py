@@ -1,12 +1,5 @@
 """Dataclasses whose fields are parameters: described once, read from a node or from a file.
 
-A field made with `parameter` carries its meaning, range and choices. A field made with
-`group` or `named_groups` holds another such dataclass:
-
-- ``group(MeterSource)``: its parameters are ``<field>.<name>``, as in ``meter.topic``;
-- ``named_groups(TemperatureSource, ...)``: the field itself is a list of names, and for
-  each name N there are the parameters ``N.<name>``.
-
 `assemble` walks such a class and asks for every value by name. Nodes declare a ROS
 parameter for each; a replay reads the same names from the node's own parameter file. What
 no single value can tell (one setting that needs another) is checked by ``__post_init__``,
@@ -131,7 +124,7 @@ def parameter(
     high: float | None = None,
     choices: Collection[str] = (),
 ) -> Any:
-    """Describe one parameter; without a default it is required.
+    """Return a field that describes one parameter; without a default it is required.
 
     Args:
         description: What it means, with its unit in brackets.
@@ -139,16 +132,13 @@ def parameter(
         low: Least value allowed; None for no bound. [unit of the parameter]
         high: Greatest value allowed; None for no bound. [unit of the parameter]
         choices: The texts allowed, or a table of kinds; empty for any.
-
-    Returns:
-        A field of a dataclass, which carries all this.
     """
     metadata = {"description": description, "low": low, "high": high, "choices": choices}
     return field(default=default, metadata=metadata)
 
 
 def group(cls: type[D]) -> D:
-    """A field that holds the parameters of ``cls`` under the field's name."""
+    """A field that holds the parameters of ``cls`` as ``<field>.<name>``, as in ``meter.topic``."""
     return field(default_factory=cls, metadata={"group": cls, "how": "named"})
 
 
@@ -158,16 +148,15 @@ def named_groups(
     *names: str,
     check: Callable[[Mapping[str, D]], None] = lambda groups: None,
 ) -> Mapping[str, D]:
-    """Describe a field that holds any number of ``cls`` by name; the names are a parameter.
+    """Return a field of any number of ``cls`` by name; the names are a parameter.
+
+    For each name N there are the parameters ``N.<name>``.
 
     Args:
         cls: The dataclass of one group; all its fields must have defaults.
         description: What the list of names means.
         names: The groups there are where none are named.
         check: Raises a `ParameterError` if the groups do not fit together.
-
-    Returns:
-        A field of a dataclass, which carries all this.
     """
     metadata = {
         "group": cls,
@@ -183,15 +172,12 @@ def named_groups(
 
 
 def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> D:
-    """Build a dataclass from its parameters.
+    """Return an instance of a dataclass, made of its parameters.
 
     Args:
         cls: A dataclass whose fields were made by the functions of this module.
         value_of: Gives the value of a parameter, checked; called once for each, in order.
         owner: Whose parameters they are, for error texts.
-
-    Returns:
-        The instance.
 
     Raises:
         ParameterError: If the values do not fit together, and what ``value_of`` raises.

@@ -6,9 +6,12 @@ A message whose fate later messages decide waits; at the end none does.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.shown_text import shown
 
@@ -32,41 +35,24 @@ def remember_names(kept: set[str], names: Iterable[str]) -> None:
         kept.add(shown(name))
 
 
-class ByNames(Generic[Value]):
+class ByNames(dict[tuple[str, ...], Value], Generic[Value]):
     """What was found out about lists of names, for those met lately."""
 
-    def __init__(self) -> None:
-        self._values: dict[tuple[str, ...], Value] = {}
-        self._characters = 0
-
-    def __len__(self) -> int:
-        """Return how many lists are remembered."""
-        return len(self._values)
-
-    def get(self, names: tuple[str, ...]) -> Value | None:
-        """Return what is known of a list of names, None if that is nothing.
-
-        Args:
-            names: The list, in its order.
-        """
-        return self._values.get(names)
+    _characters = 0
 
     def put(self, names: tuple[str, ...], value: Value) -> Value:
-        """Remember a value; when there is no room, the others are forgotten.
+        """Return a value, remembered now; when there is no room, the others are forgotten.
 
         Args:
             names: The list, in its order.
             value: What was found out about it.
-
-        Returns:
-            The value.
         """
         size = sum(map(len, names)) + len(names)
-        if len(self._values) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
-            self._values.clear()
+        if len(self) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
+            self.clear()
             self._characters = 0
         if size <= MAX_KEPT_CHARACTERS:
-            self._values[names] = value
+            self[names] = value
             self._characters += size
         return value
 
@@ -96,6 +82,18 @@ class RejectionLog:
         """
         if count:
             self.rejected[reason] += count
+
+    def refuse(self, wrong: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
+        """Return which messages are left, shape (N,); count others for the first reason they have.
+
+        Args:
+            wrong: Which messages each reason applies to, shape (N,) each; at least one reason.
+        """
+        left = np.ones_like(next(iter(wrong.values())))
+        for reason, rows in wrong.items():
+            self.reject(reason, int((rows & left).sum()))
+            left &= ~rows
+        return left
 
     def copy(self) -> RejectionLog:
         """Return the counts as they stand."""

@@ -105,14 +105,11 @@ def import_log(
 
 
 def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingContents:
-    """Return what the logs of one recording hold.
+    """Return what the logs of one recording hold: all that at least one of them has.
 
     Args:
         logs: From `open_logs`.
         mapping: That they were opened with.
-
-    Returns:
-        The quantities that at least one of them has.
     """
 
     def have(quantity: str) -> bool:

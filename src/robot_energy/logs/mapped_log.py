@@ -22,18 +22,8 @@ from robot_energy.logs.columns import (
     Velocity,
 )
 from robot_energy.logs.mapping import PLACE, LogMapping
-from robot_energy.logs.recording import (
-    BODY,
-    FileAccount,
-    LogBlock,
-    nothing_used,
-)
-from robot_energy.logs.rows import (
-    Clock,
-    nanoseconds,
-    side_by_side,
-    usable_rows,
-)
+from robot_energy.logs.recording import BODY, FileAccount, LogBlock, nothing_used
+from robot_energy.logs.rows import Clock, nanoseconds, side_by_side, usable_rows
 from robot_energy.logs.table import LogTable, TableRows
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.electrical_power import electrical_power
@@ -170,11 +160,10 @@ class MappedLog:
         start = time.start_ns if start_ns is None else start_ns
         last = None if last_ns is None else last_ns - start
         clock.begin_table()
+        required = np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
         for rows in self._joined(kept):
             instants, known = clock.instants(rows)
-            used, last = usable_rows(
-                rows, instants, known, self._required, last, self.account, start
-            )
+            used, last = usable_rows(rows, instants, known, required, last, self.account, start)
             yield self._block(instants[used] + start, rows.values[used])
 
     @property
@@ -182,16 +171,8 @@ class MappedLog:
         """Quantity of every column that is read, in their order."""
         return np.array([key for taken in self._columns.values() for key, _ in taken])
 
-    @property
-    def _required(self) -> NDArray[np.bool_]:
-        """Columns that every row must have: positions, or velocities without positions."""
-        return np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
-
     def whole(self) -> LogBlock:
-        """Return all usable rows at once.
-
-        Returns:
-            The rows, in SI units.
+        """Return all usable rows at once, in SI units.
 
         Raises:
             LogFormatError: If a file cannot be read, is too long, or has no usable row.

@@ -205,14 +205,11 @@ class LogMapping(MappingEntry):
 
 
 def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
-    """Load the mapping of a log.
+    """Return the validated mapping of a log.
 
     Args:
         path: A YAML file.
         recordings: Names of the recordings, instead of those in the file.
-
-    Returns:
-        The validated mapping.
 
     Raises:
         LogFormatError: Naming the bad key, what was found and what was expected.

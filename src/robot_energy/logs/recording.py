@@ -182,21 +182,11 @@ class _PayloadChanges:
         return changed
 
 
-def _payload_fields(block: LogBlock) -> dict[str, Any]:
-    body = np.zeros((len(block), len(BODY))) if block.payload is None else block.payload
-    return {**stamp_columns(block.stamp_ns), **dict(zip(BODY, body.T, strict=True))}
-
-
 def _streams(contents: RecordingContents) -> list[_Stream]:
     """The topics of a log, in the order in which a recorder would write them."""
     names, counter = contents.joint_names, contents.meaning is MeterMeaning.CUMULATIVE
     count = len(names)
-    temperatures = {"joint_names": names}
-    meter = {
-        "meaning": int(contents.meaning),
-        "location": int(contents.location),
-        "interval": contents.interval,
-    }
+    where = {"meaning": int(contents.meaning), "location": int(contents.location)}
     states = {
         "position": count,
         "velocity": count * contents.velocity,
@@ -206,18 +196,19 @@ def _streams(contents: RecordingContents) -> list[_Stream]:
     def flat(block: LogBlock) -> NDArray[np.uint32]:
         return np.empty((len(block), 0), dtype=np.uint32)  # one row of values needs no layout
 
+    def payload_fields(block: LogBlock) -> dict[str, Any]:
+        body = np.zeros((len(block), len(BODY))) if block.payload is None else block.payload
+        return {**stamp_columns(block.stamp_ns), **dict(zip(BODY, body.T, strict=True))}
+
     temperature = _Stream(
         TEMPERATURES_TOPIC,
-        Encoder(MOTOR_TEMPERATURES, temperatures, {"temperature_degc": count}),
+        Encoder(MOTOR_TEMPERATURES, {"joint_names": names}, {"temperature_degc": count}),
         lambda b: _any(b.motor_temperature_degc),
-        lambda b: {
-            **stamp_columns(b.stamp_ns),
-            "temperature_degc": b.motor_temperature_degc,
-        },
+        lambda b: {**stamp_columns(b.stamp_ns), "temperature_degc": b.motor_temperature_degc},
     )
     reading = _Stream(
         METER_TOPIC,
-        Encoder(POWER_READING, meter),
+        Encoder(POWER_READING, {**where, "interval": contents.interval}),
         lambda b: _any(b.reading[:, None]),
         lambda b: {
             **stamp_columns(b.stamp_ns),
@@ -252,7 +243,7 @@ def _streams(contents: RecordingContents) -> list[_Stream]:
         PAYLOAD_TOPIC,
         Encoder(PAYLOAD, {"header.frame_id": link, "model_id": ""}),
         _PayloadChanges(),
-        _payload_fields,
+        payload_fields,
     )
     return [
         *([payload] if link else []),
@@ -307,14 +298,14 @@ def write_bag(
             if report.start_ns is None:
                 report.start_ns = int(block.stamp_ns[0])
             report.end_ns = int(block.stamp_ns[-1])
-            _check_start(report.start_ns, files)
+            if report.start_ns <= MIN_STAMP_NS:
+                found = f"the stamps of {files[0].path} begin at zero"
+                raise LogFormatError(found, "times between 1970 and 2038", NO_TIMES)
             counts.update(_write(bag, streams, block))
         if report.start_ns is None:
             raise LogFormatError(*nothing_used(files))
-    report.joint_states, report.temperatures = (
-        counts[JOINT_STATES_TOPIC],
-        counts[TEMPERATURES_TOPIC],
-    )
+    report.joint_states = counts[JOINT_STATES_TOPIC]
+    report.temperatures = counts[TEMPERATURES_TOPIC]
     report.readings, report.drive_powers = counts[METER_TOPIC], counts[DRIVE_POWER_TOPIC]
     report.payloads = counts[PAYLOAD_TOPIC]
     rows, span_ns = report.joint_states - 1, (report.end_ns or 0) - report.start_ns
@@ -339,13 +330,6 @@ def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[
                 stamps = block.stamp_ns[piece][chosen[piece]]
                 bag.write(stream.topic, stamps, rows[piece][chosen[piece]])
     return {stream.topic: int(chosen.sum()) for stream, chosen in zip(streams, given, strict=True)}
-
-
-def _check_start(start_ns: int, files: Sequence[FileAccount]) -> None:
-    if start_ns <= MIN_STAMP_NS:
-        raise LogFormatError(
-            f"the stamps of {files[0].path} begin at zero", "times between 1970 and 2038", NO_TIMES
-        )
 
 
 def nothing_used(files: Sequence[FileAccount]) -> tuple[str, str, str]:

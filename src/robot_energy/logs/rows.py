@@ -83,13 +83,10 @@ class Clock:
         self._begins, self._rows = True, 0
 
     def instants(self, rows: TableRows) -> tuple[Int, Mask]:
-        """Return the instant of every row on the common time.
+        """Return the instant of every row without the start [ns], and which are known, shape (N,).
 
         Args:
             rows: With the columns of time and run, as far as there are such, as texts.
-
-        Returns:
-            Instants, without the start [ns], and which of them are known, shape (N,) each.
         """
         texts = list(rows.texts)
         if self._time.rate is not None:
@@ -155,7 +152,9 @@ def usable_rows(
     account: FileAccount,
     start_ns: int = 0,
 ) -> tuple[Mask, int | None]:
-    """Account for every row: used, or rejected for the first reason that applies.
+    """Return which rows are used, shape (N,), and the time of the last of them. [ns]
+
+    Every other row is counted for the first reason that applies.
 
     The reasons are ``wrong_length``, ``not_numeric`` (a cell asked for holds text),
     ``bad_time``, ``not_finite`` (a required cell is empty, NaN or infinite), ``bad_stamp``
@@ -169,9 +168,6 @@ def usable_rows(
         last_ns: Time of the last row used, None before the first. [ns]
         account: Where to count.
         start_ns: What instants are added to to become stamps. [ns]
-
-    Returns:
-        Which rows are used, shape (N,), and the time of the last of them. [ns]
     """
     finite = np.isfinite(rows.values[:, required]).all(axis=1)
     finite &= ~np.isinf(rows.values).any(axis=1)

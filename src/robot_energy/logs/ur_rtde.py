@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -125,8 +126,6 @@ def _start(table: LogTable) -> tuple[int, str]:
 
 def _instant(text: str) -> datetime | None:
     for form in WALL_FORMATS:
-        try:
+        with suppress(ValueError):
             return datetime.strptime(text.strip(), form).replace(tzinfo=UTC)
-        except ValueError:
-            continue
     return None

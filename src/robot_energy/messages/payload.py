@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 PAYLOAD = "ros2_energy_msgs/msg/Payload"
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 COM = ("x", "y", "z")
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 """Entries of `model.payload.Payload.inertia` by their names in ``geometry_msgs/Inertia``."""
@@ -44,12 +45,6 @@ FIELDS_OF_0_1 = ("link", "mass", "centre_of_mass", "inertia")
 
 SetPayload = Callable[[Payload, int | None], PayloadChange]
 """`TorqueStage.set_payload`."""
-
-
-class SetPayloadRequest(Protocol):
-    """The request of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it."""
-
-    payload: Any
 
 
 @dataclass(frozen=True)
@@ -72,12 +67,12 @@ class SetPayloadAnswer:
         return 0 if self.change is None else self.change.from_ns
 
 
-def answer_set_payload(set_payload: SetPayload, request: SetPayloadRequest) -> SetPayloadAnswer:
+def answer_set_payload(set_payload: SetPayload, request: Any) -> SetPayloadAnswer:
     """Carry out a request; it never raises for what the request holds.
 
     Args:
         set_payload: `TorqueStage.set_payload` of the stage that computes the torque.
-        request: The request, message-shaped.
+        request: Of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it.
 
     Returns:
         The answer. Where ``change`` is not None, publish `PayloadWriter.encode` of it on
@@ -162,8 +157,7 @@ class PayloadReader:
         store = typestore or default_typestore()
         names = {name for name, _ in store.fielddefs[PAYLOAD][1]}
         self._fields = FIELDS_OF_0_1 if names.issuperset(FIELDS_OF_0_1) else FIELDS
-        stamp = ("header.stamp.sec", "header.stamp.nanosec")
-        self._decoder = Decoder(PAYLOAD, (*stamp, *self._fields), store)
+        self._decoder = Decoder(PAYLOAD, (*STAMP, *self._fields), store)
 
     def step(self, batch: RawBatch) -> None:
         """Take messages in order of arrival.
@@ -174,13 +168,9 @@ class PayloadReader:
         self.rejections.received += len(batch)
         decoded = self._decoder.decode(batch)
         self.rejections.reject("malformed", len(decoded.malformed))
-        rows = [
-            (int(row), run, index) for run in decoded.runs for index, row in enumerate(run.rows)
-        ]
+        rows = [(row, run, index) for run in decoded.runs for index, row in enumerate(run.rows)]
         for _, run, index in sorted(rows, key=lambda entry: entry[0]):
-            seconds, nanoseconds = (
-                int(run.array(f"header.stamp.{part}")[index]) for part in ("sec", "nanosec")
-            )
+            seconds, nanoseconds = (int(run.array(field)[index]) for field in STAMP)
             if not is_valid_time(seconds, nanoseconds):
                 self.rejections.reject(BAD_STAMP)
                 continue

@@ -15,9 +15,8 @@ from robot_energy.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer
-from robot_energy.timeline.reorder import OLDER
 from robot_energy.timeline.stamps import valid_stamps
-from robot_energy.timeline.streams import StreamRun
+from robot_energy.timeline.streams import OLDER, StreamRun
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (

@@ -70,10 +70,6 @@ class EfficiencyMap(ModelEntry):
         return self
 
 
-def _no_loss(entry: Any) -> float:
-    return 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class DriveModel(Kind):
     """One kind of drive model. Only name, label, line and physics are needed.
@@ -101,7 +97,7 @@ class DriveModel(Kind):
     key: str = ""
     entry: type[ModelEntry] | None = None
     physics: Callable[[list[Any]], Any] | None = None
-    constant_loss: Callable[[Any], float] = _no_loss
+    constant_loss: Callable[[Any], float] = lambda entry: 0.0
     lossless: bool = False
     deviation: Callable[[list[Any]], Any] | None = None
     loss_deviations: Callable[[list[Any]], Any] | None = None

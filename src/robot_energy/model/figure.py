@@ -73,15 +73,12 @@ def tag_of(entry: ModelEntry) -> Tag:
 
 
 def without_absent(entries: dict[str, Any], key: str) -> dict[str, Any]:
-    """Leave out an optional key that is None.
+    """Return entries without an optional key that is None.
 
     Such a key came later than the files that lack it; a file without it keeps its identity.
 
     Args:
         entries: A dumped entry of a model file.
         key: The optional key.
-
-    Returns:
-        The entries, without the key if it is None.
     """
     return {name: value for name, value in entries.items() if name != key or value is not None}

@@ -170,17 +170,9 @@ class FrictionLaw(Kind):
     text: Callable[[dict[str, Any]], str] = _shown
 
 
-def _constant_text(law: dict[str, Any]) -> str:
-    return f"{1e3 * law['viscous']['value']:.3g}" if law["viscous"]["value"] else "0, at bound"
-
-
 def _exponential_text(law: dict[str, Any]) -> str:
     a, b, c = (law[key]["value"] for key in ("a", "b", "c"))
     return f"{1e3 * a:.3g} + {1e3 * b:.3g} exp(-T/{c:.3g})"
-
-
-def _table_text(law: dict[str, Any]) -> str:
-    return " ".join(f"{1e3 * value:.3g}" for value in law["viscous"])
 
 
 FRICTION_LAWS = Kinds(
@@ -191,7 +183,9 @@ FRICTION_LAWS = Kinds(
         line="one viscous coefficient at every temperature",
         entry=ConstantLaw,
         follows_temperature=False,
-        text=_constant_text,
+        text=lambda law: (
+            f"{1e3 * law['viscous']['value']:.3g}" if law["viscous"]["value"] else "0, at bound"
+        ),
     ),
     FrictionLaw(
         name="exponential",
@@ -206,7 +200,7 @@ FRICTION_LAWS = Kinds(
         label="table",
         line="monotone interpolation of identified points",
         entry=TableLaw,
-        text=_table_text,
+        text=lambda law: " ".join(f"{1e3 * value:.3g}" for value in law["viscous"]),
     ),
 )
 

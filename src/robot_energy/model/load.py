@@ -15,19 +15,16 @@ import yaml
 from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import ModelFileError, UrdfAwaitedError
 from robot_energy.files.output_files import COMMENT, TEXT, write_file
-from robot_energy.model.schema import SCHEMA_VERSION, RobotModel, Urdf
+from robot_energy.model.schema import SCHEMA_VERSION, RobotModel
 
 
 def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotModel:
-    """Validate plain values as a model.
+    """Return plain values as a model, with its URDF attached.
 
     Args:
         data: What `parse_yaml` returned.
         source: Its name, for messages; a relative URDF path starts at its folder.
         urdf_xml: URDF text that replaces the one named in the file.
-
-    Returns:
-        The model with its URDF attached.
 
     Raises:
         ModelFileError: Naming the key, what was found and what was expected.
@@ -43,23 +40,18 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
         )
     model = validated(cast("object", data), RobotModel, source)
     if urdf_xml is None:
-        urdf_xml = _read_urdf(model.urdf, source)
+        if model.urdf.topic is not None:
+            raise UrdfAwaitedError(source, model.urdf.topic)
+        urdf_xml = model.urdf.xml
+    if urdf_xml is None:
+        urdf_xml = read_text(
+            Path(source).parent / str(model.urdf.path),
+            ModelFileError,
+            f"URDF of {source}",
+            expected="a URDF file next to the model file",
+            remedy="correct urdf.path or embed the text as urdf.xml",
+        )
     return model.with_urdf(urdf_xml, source)
-
-
-def _read_urdf(urdf: Urdf, source: str) -> str:
-    if urdf.xml is not None:
-        return urdf.xml
-    if urdf.topic is not None:
-        raise UrdfAwaitedError(source, urdf.topic)
-    path = Path(source).parent / str(urdf.path)
-    return read_text(
-        path,
-        ModelFileError,
-        f"URDF of {source}",
-        expected="a URDF file next to the model file",
-        remedy="correct urdf.path or embed the text as urdf.xml",
-    )
 
 
 def shipped_models() -> dict[str, Path]:
@@ -69,14 +61,11 @@ def shipped_models() -> dict[str, Path]:
 
 
 def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
-    """Load a model file, or a shipped model by its short name.
+    """Return the validated model of a file, or a shipped model by its short name.
 
     Args:
         name: Path of a YAML file, or a name such as ``kr16``.
         urdf_xml: URDF text that replaces the one named in the file.
-
-    Returns:
-        The validated model.
 
     Raises:
         ModelFileError: If there is no such file, or it is not a valid model.

@@ -77,7 +77,7 @@ def payload(
     inertia: Sequence[float] = (0.0,) * 6,
     source: str = "set at run time",
 ) -> Payload:
-    """Make a payload of plain values, as they come from a message.
+    """Return a payload of plain values, as a message has them, tagged ``assumed``.
 
     Args:
         link: Link or frame of the URDF that carries it.
@@ -85,9 +85,6 @@ def payload(
         centre_of_mass: In the frame of ``link``, 3 values. [m]
         inertia: As in `Payload`, 6 values. [kg m^2]
         source: Where the figures come from.
-
-    Returns:
-        The payload, tagged ``assumed``.
 
     Raises:
         PayloadError: If no such body exists.

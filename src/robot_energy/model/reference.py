@@ -26,12 +26,9 @@ A **figure** is a number with the way it is known:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of model files, with a description at every key.
+    """Return the JSON schema (2020-12) of model files, with a description at every key.
 
     Kinds that the user registered are in it.
-
-    Returns:
-        A schema of the 2020-12 dialect.
     """
     schema = RobotModel.model_json_schema()
     for entry in (schema, *schema["$defs"].values()):

@@ -7,6 +7,7 @@ published number is never taken for an assumed one. Motor side unless the name s
 from __future__ import annotations
 
 import hashlib
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -19,6 +20,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from robot_energy.blocks import MeterLocation
 from robot_energy.model.auxiliary import MAX_LOADS, AuxiliaryLoad
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import (
@@ -283,3 +285,15 @@ class RobotModel(ModelEntry):
         self._urdf_xml = xml
         self._source = source
         return self
+
+    def constant_power(self, location: MeterLocation = MeterLocation.GRID) -> float:
+        """Return the losses that flow all the time: of the cabinet, constants of the drives. [W]
+
+        Args:
+            location: Of the meter that sees them; at the DC bus the losses before it do not count.
+        """
+        kind, cabinet = DRIVE_MODELS[self.drive], self.cabinet
+        drives = [kind.constant_loss(entry) for entry in kind.entries(self.joints)]
+        constant = cabinet.loss_dc.value + math.fsum(drives)
+        at_grid = location is not MeterLocation.DC_BUS
+        return constant + (cabinet.loss_grid.value if at_grid else 0.0)

@@ -23,7 +23,6 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
-from robot_energy.model.constant_power import constant_power
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Tag, least_known, tag_of
 from robot_energy.physics.drivetrain import Drivetrain
@@ -76,7 +75,7 @@ class EnergyDeviations:
         self._top_speed = ratio @ Robot.from_model(model).limits.velocity
         self._loss_grid = figure_std(model.cabinet.loss_grid, "loss_grid")
         self._loss_dc = figure_std(model.cabinet.loss_dc, "loss_dc")
-        self._at_rest = FORM_AT_REST * constant_power(model)
+        self._at_rest = FORM_AT_REST * model.constant_power()
 
     def columns(
         self,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.model.thermal import JointThermal
+from robot_energy.model.joint import JointThermal
 
 AT_ONCE = 1.0  # s, in which the structure follows the ambient where there is none
 

@@ -10,7 +10,6 @@ from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
 from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
 from robot_energy.model import RobotModel
-from robot_energy.model.constant_power import constant_power
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
 from robot_energy.uncertainty.band import energy_variances
@@ -298,7 +297,7 @@ def comparison_of(
     predicted = comparison.predicted_energy if compared_ns else math.nan
     measured = comparison.measured_energy if compared_ns else math.nan
     known = comparison.location is not MeterLocation.UNKNOWN
-    constant = constant_power(model, comparison.location)
+    constant = model.constant_power(comparison.location)
     beyond = measured - constant * seconds
     return MeterComparison(
         meter_location=comparison.location.name.lower() if known else None,

@@ -1,19 +1,10 @@
-"""Keeps the energy account of one robot on disk: restores, checkpoints, recovers.
-
-The disk may be full, read-only, gone or held by another monitor, at any time and for any
-time: counting goes on in memory, `AccountStore.trouble` says why, and every checkpoint tries
-again. Work on the disk is handed to ``submit``, so that a node can do it outside its ticks;
-by default it is done at once.
-"""
+"""Keeps the energy account of one robot on disk: restores, checkpoints, recovers."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable
-from concurrent.futures import Future, wait
 from pathlib import Path
-from typing import Any, cast
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
@@ -30,9 +21,8 @@ from robot_energy.errors import RegisterError, StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.shown_text import shown
 from robot_energy.store.envelope import follows, is_newer
+from robot_energy.store.slot_store import SlotStore, Submit, at_once
 from robot_energy.store.slots import SlotPair, Stored
-
-Submit = Callable[[Callable[[], Any]], "Future[Any]"]
 
 
 def identity_of(model: RobotModel, node: str = "") -> Identity:
@@ -68,23 +58,6 @@ def file_name_of(identity: Identity) -> str:
     return f"{readable or 'robot'}-{digits[: 16 if identity.node else 8]}"
 
 
-def at_once(job: Callable[[], Any]) -> Future[Any]:
-    """Do a job now.
-
-    Args:
-        job: Work on the disk.
-
-    Returns:
-        Its finished future; it holds a `StateFileError` that the job raised.
-    """
-    future: Future[Any] = Future()
-    try:
-        future.set_result(job())
-    except StateFileError as error:
-        future.set_exception(error)
-    return future
-
-
 def load_account(
     account: EnergyAccount,
     model: RobotModel,
@@ -111,7 +84,7 @@ def load_account(
     return AccountStore(account, identity, slots, submit)
 
 
-class AccountStore:
+class AccountStore(SlotStore[AccountRecord]):
     """Keeps an energy account in state files.
 
     Args:
@@ -122,13 +95,8 @@ class AccountStore:
 
     Attributes:
         loaded: Whether the state files were read, so that this is the robot's account.
-        trouble: Why nothing can be kept at present, and what to do; empty while all is well.
-        cause: The same without what to do.
-        remedy: What to do about it, where that is known.
-        failures: Checkpoints that failed.
-        checkpoints: Checkpoints that reached the disk.
-        notices: What the user should know, oldest first; take them out.
         adopted: What was taken over from an earlier release; empty if nothing was.
+        sequence: Number of our newest checkpoint; 0 before the first.
     """
 
     def __init__(
@@ -138,19 +106,13 @@ class AccountStore:
         slots: SlotPair[AccountRecord] | None,
         submit: Submit = at_once,
     ) -> None:
+        super().__init__(slots, submit)
         self.account = account
         self.loaded = slots is None
-        self.trouble = self.cause = self.remedy = ""
-        self.failures = 0
-        self.checkpoints = 0
-        self.notices: list[str] = []
         self.adopted = ""
         self._identity = identity
-        self._slots = slots
-        self._submit = submit
-        self._pending: Future[Any] | None = None
-        self._written = 0  # sequence of our newest checkpoint
-        self._attempted = 0  # the same, or of one that failed and may yet be on disk
+        self.sequence = 0
+        self._attempted = 0  # `sequence`, or that of a write that failed and may yet be on disk
 
     @property
     def keeps(self) -> bool:
@@ -163,67 +125,16 @@ class AccountStore:
         return self._pending is not None
 
     @property
-    def sequence(self) -> int:
-        """Number of our newest checkpoint; 0 before the first."""
-        return self._written
-
-    @property
     def folder(self) -> Path | None:
         """Where the state files lie."""
         return None if self._slots is None else self._slots.folder
 
-    def begin(self) -> bool:
-        """Begin a checkpoint of the account as it stands, or try to open its folder.
-
-        Returns:
-            Whether a checkpoint was begun; False also while the disk is at work.
-        """
-        if self._slots is None or self._pending is not None:
-            return False
-        if not self._slots.held:
-            self._pending = self._submit(self._slots.acquire)
-            return False
-        self._attempted = follows(self._slots.sequence)
-        slots, payload = self._slots, self.account.state(self._identity).to_json()
-        self._pending = self._submit(lambda: slots.write(payload))
-        return True
-
     def poll(self) -> bool | None:
-        """Take the result of the disk's work.
-
-        Returns:
-            True if a checkpoint has reached the disk, False if the work failed, None if
-            there is nothing to report.
-        """
-        if self._pending is None or not self._pending.done():
-            return None
-        job, self._pending = self._pending, None
-        try:
-            result = job.result()
-            if isinstance(result, Stored):
-                self._adopt(cast("Stored[AccountRecord]", result))
-                return None
-        except StateFileError as error:
-            self.failures += 1
-            self.trouble, self.remedy = str(error), error.remedy
-            self.cause = str(StateFileError(error.found, error.expected))
-            return False
-        assert self._slots is not None
-        self._written = self._slots.sequence
-        self.checkpoints += 1
-        self.trouble = self.cause = self.remedy = ""
-        return True
-
-    def open(self, patience: float | None = None) -> None:
-        """Open the folder and continue from what is there, as far as that is possible.
-
-        Args:
-            patience: How long to wait for the disk; None waits for ever. [s]
-        """
-        self._finish(patience)
-        if self._slots is not None and not self._slots.held:
-            self.begin()
-            self._finish(patience)
+        """Take the result of the disk's work: see `SlotStore`."""
+        outcome = super().poll()
+        if outcome and self._slots is not None:
+            self.sequence = self._slots.sequence
+        return outcome
 
     def checkpoint(self, patience: float | None = None) -> bool:
         """Write the account as it stands to disk.
@@ -262,23 +173,24 @@ class AccountStore:
             Whether the account is on disk.
         """
         done = self.checkpoint(patience)
-        if self._slots is not None and self._pending is None:
-            self._slots.release()
+        self._release()
         return done
 
+    def _payload(self) -> bytes:
+        assert self._slots is not None
+        self._attempted = follows(self._slots.sequence)
+        return self.account.state(self._identity).to_json()
+
     def _finish(self, patience: float | None) -> bool | None:
+        outcome = super()._finish(patience)
         if self._pending is None:
-            return None
-        wait([self._pending], patience)
-        if not self._pending.done():
-            self.trouble = self.cause = f"the disk has not answered for {patience:g} s"
-            self.remedy = ""
-            return False
-        return self.poll()
+            return outcome
+        self.trouble = self.cause = f"the disk has not answered for {patience:g} s"
+        self.remedy = ""
+        return False
 
     def _adopt(self, stored: Stored[AccountRecord]) -> None:
         """Continue from what is on disk, unless this account is its continuation."""
-        self.notices += stored.notices
         for notice in stored.notices:
             self._note("file_lost", notice)
         if self.loaded and not is_newer(stored.sequence, self._attempted):
@@ -286,7 +198,10 @@ class AccountStore:
         record = stored.value
         try:
             if record is not None:
-                self._note_repairs(record)
+                for what in record.repairs:
+                    limit = "the state held more than can be kept; at its limit now"
+                    self.notices.append(f"{limit}: {what}")
+                    self._note("repaired", self.notices[-1])
                 record = self._fitting(record)
         except StateFileError:
             assert self._slots is not None
@@ -307,7 +222,7 @@ class AccountStore:
         else:
             self.account.precede(record)
             how = "; what was counted meanwhile is added"
-        self._written = self._attempted = stored.sequence
+        self.sequence = self._attempted = stored.sequence
         self._note("restart", f"continued by model {self._identity.model_id}{how}")
         if stored.adopted:
             self.adopted = (
@@ -335,13 +250,11 @@ class AccountStore:
                 f"the model has {', '.join(mine.joint_names)}"
             )
         else:
-            added = (
-                set(self.account.totals().cabinet_energy_microjoule)
-                | set(self.account.totals().joint_energy_microjoule)
-            ) - (
-                set(record.totals.cabinet_energy_microjoule)
-                | set(record.totals.joint_energy_microjoule)
+            new, old = (
+                {*totals.cabinet_energy_microjoule, *totals.joint_energy_microjoule}
+                for totals in (self.account.totals(), record.totals)
             )
+            added = new - old
             if added & DEVIATION_KEYS:
                 self._note("register_added", "how sure the energies are counts from here")
             for name in sorted(added - DEVIATION_KEYS):
@@ -352,21 +265,16 @@ class AccountStore:
 
     def _loads(self, record: AccountRecord) -> list[str]:
         """Names of the auxiliary loads that are counted; what changed is noted."""
-        loads = self.account.totals().auxiliary
-        for name in sorted(loads.keys() - record.totals.auxiliary.keys()):
+        loads, kept = self.account.totals().auxiliary, record.totals.auxiliary
+        for name in sorted(loads.keys() - kept.keys()):
             self._note("register_added", f"auxiliary load '{name}' counts from here")
-        for name in sorted(record.totals.auxiliary.keys() - loads.keys()):
-            joule = record.totals.auxiliary[name].energy_microjoule / PER_JOULE
+        for name in sorted(kept.keys() - loads.keys()):
+            joule = kept[name].energy_microjoule / PER_JOULE
             self.notices.append(
                 f"the model has no auxiliary load '{name}' any more; it had counted {joule:.1f} J"
             )
             self._note("model_changed", self.notices[-1])
         return list(loads)
-
-    def _note_repairs(self, record: AccountRecord) -> None:
-        for what in record.repairs:
-            self.notices.append(f"the state held more than can be kept; at its limit now: {what}")
-            self._note("repaired", self.notices[-1])
 
     def _began_anew(self, reason: str) -> None:
         self._note("began_anew", reason)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from robot_energy.errors import StateFileError
+from robot_energy.files.output_files import write_all
 from robot_energy.files.placement import sync_folder
 from robot_energy.store.adoption import Adoption
 from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_newer, unwrap, wrap
@@ -79,20 +80,19 @@ class SlotPair(Generic[T]):
         self._newest = 1  # slot of the newest state; the first write goes to slot 0
 
     def acquire(self) -> Stored[T]:
-        """Become the only writer and read what is there.
+        """Return the newest state that can be used, as the only writer from now on.
 
         A slot that is damaged, or of a newer format, is moved aside and the other one
         used. Nothing is ever deleted.
-
-        Returns:
-            The newest state that can be used.
 
         Raises:
             StateFileError: If another process writes here, or the folder cannot be used.
         """
         self.release()
         try:
-            self._make_folder()
+            if not self.folder.is_dir():
+                self.folder.mkdir(parents=True, exist_ok=True)
+                sync_folder(self.folder.parent)
             self._take_lock()
             adopted = self._adoption is not None and self._adoption.take()
             found = replace(self._read_slots(), adopted=adopted)
@@ -121,7 +121,7 @@ class SlotPair(Generic[T]):
             existed = path.exists()
             file = self._open_slot(path)
             try:
-                _write_all(file, content)
+                write_all(file, content)
                 os.ftruncate(file, len(content))
                 os.fsync(file)
             finally:
@@ -134,10 +134,7 @@ class SlotPair(Generic[T]):
         self._newest = slot
 
     def set_aside(self) -> list[str]:
-        """Move both slots aside, because they belong to something else.
-
-        Returns:
-            Where they are now, one sentence each.
+        """Move both slots aside, as they are of something else; return where to, a sentence each.
 
         Raises:
             StateFileError: If they cannot be moved.
@@ -170,11 +167,6 @@ class SlotPair(Generic[T]):
             if path.is_symlink() or (path.exists() and not path.is_file()):
                 self.release()  # the next checkpoint moves it aside
             raise
-
-    def _make_folder(self) -> None:
-        if not self.folder.is_dir():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            sync_folder(self.folder.parent)
 
     def _take_lock(self) -> None:
         try:
@@ -228,7 +220,11 @@ class SlotPair(Generic[T]):
                 sequence, payload = unwrap(self._version, content)
                 found.append((sequence, slot, self._read(payload)))
             except StateFileError as error:
-                notices.append(f"{path}: {error} It was {_aside_or_left(path)}.")
+                try:
+                    became = f"moved aside as {_move_aside(path).name}"
+                except OSError as trouble:
+                    became = f"left in place ({trouble.strerror or trouble})"
+                notices.append(f"{path}: {error} It was {became}.")
         if notices:
             with suppress(OSError):  # a read-only folder, where nothing was moved either
                 sync_folder(self.folder)
@@ -251,12 +247,6 @@ def _content(path: Path) -> bytes | None:
         raise
 
 
-def _write_all(file: int, content: bytes) -> None:
-    done = 0
-    while done < len(content):
-        done += os.pwrite(file, content[done:], done)
-
-
 def _move_aside(path: Path) -> Path:
     """Rename a file to the first free name; OSError if there is none."""
     for number in range(1, MAX_ASIDE + 1):
@@ -265,13 +255,6 @@ def _move_aside(path: Path) -> Path:
             path.rename(target)
             return target
     raise OSError(f"{MAX_ASIDE} files lie aside already")
-
-
-def _aside_or_left(path: Path) -> str:
-    try:
-        return f"moved aside as {_move_aside(path).name}"
-    except OSError as error:
-        return f"left in place ({error.strerror or error})"
 
 
 def _wrapped(error: OSError, path: Path) -> StateFileError:

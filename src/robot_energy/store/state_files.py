@@ -15,14 +15,11 @@ SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
 
 def open_regular(path: Path, flags: int) -> int:
-    """Open a regular file.
+    """Return the descriptor of a regular file.
 
     Args:
         path: The file; its last part must not be a link.
         flags: Of `os.open`.
-
-    Returns:
-        Its descriptor.
 
     Raises:
         OSError: If it cannot be opened, or is a link, pipe, device or folder.

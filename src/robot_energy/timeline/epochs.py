@@ -164,13 +164,10 @@ class EpochSplitter:
         return int(np.median(self._periods)) if len(self._periods) else 0
 
     def step(self, stamp_ns: Int) -> Sorted:
-        """Take stamps in order of arrival.
+        """Return what became of stamps in order of arrival, and of the messages held before.
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
-
-        Returns:
-            What became of the messages held before and of these.
         """
         start, position, size = len(self._held), 0, FIRST_PIECE
         waiting: list[int] = list(range(start))
@@ -346,7 +343,8 @@ class EpochSplitter:
             if first and 0 < stamp - newest <= MAX_PAUSE_NS:
                 _rows(runs).extend(first)
                 first, self._sure, self._accepted = [], True, 1
-            if held and not self._follows(stamp, stamps[held[-1]], newest):
+            before = stamps[held[-1]] if held else stamp
+            if stamp <= before - self._reach.behind_ns or before < newest < stamp:
                 strays += self._refused(held, stamps)
                 held = []
             held.append(row)
@@ -366,11 +364,6 @@ class EpochSplitter:
         waiting = sorted([*first, *held])
         self._held = [stamps[row] for row in waiting]
         return Sorted([run for run in runs if run.rows], strays, waiting)
-
-    def _follows(self, stamp: int, before: int, newest: int) -> bool:
-        """Whether a stamp may go on from one that is held."""
-        beyond_both = before < newest < stamp
-        return stamp > before - self._reach.behind_ns and not beyond_both
 
     def _jump(self, stamps: list[int], held: list[int], runs: list[EpochRun]) -> None:
         """Go on from what was held."""

@@ -39,18 +39,26 @@ def checked_max_gap(max_gap: float) -> float:
 
 
 def newer(stamp_ns: Int, last_ns: int | None) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Compare the stamps of one epoch with all before them.
+    """Return which stamps of an epoch are newer than all before, and which repeat the newest.
 
     Args:
         stamp_ns: In order of arrival, shape (N,), N >= 1. [ns]
         last_ns: Newest stamp before them; None if there is none. [ns]
-
-    Returns:
-        Which are newer than all before, and which repeat the newest, each of shape (N,).
     """
     last = int(stamp_ns[0]) - 1 if last_ns is None else last_ns
     before = np.maximum.accumulate(np.append(last, stamp_ns[:-1]))
     return stamp_ns > before, stamp_ns == before
+
+
+def newest_by_epoch(stamp_ns: Int, epoch: Int) -> Int:
+    """Return the newest stamp so far in each epoch, shape (N,). [ns]
+
+    Args:
+        stamp_ns: In order of arrival, shape (N,). [ns]
+        epoch: Of each, rising, shape (N,).
+    """
+    parts = np.split(stamp_ns, np.flatnonzero(np.diff(epoch)) + 1)
+    return np.concatenate([np.maximum.accumulate(part) for part in parts])
 
 
 class StampOrder:
@@ -103,15 +111,12 @@ class StampOrder:
         self._interrupted = self._last is not None
 
     def segments(self, stamp_ns: Int, broken: NDArray[np.bool_] | None = None) -> Int:
-        """Number the segments of accepted samples and remember where they ended.
+        """Return the segment number of each accepted sample, shape (N,).
 
         Args:
             stamp_ns: Accepted stamps, shape (N,). [ns]
             broken: Samples before which something is missing, whatever the stamps say,
                 shape (N,); None for none.
-
-        Returns:
-            Segment number of each sample, shape (N,).
         """
         if not len(stamp_ns):
             return np.empty(0, dtype=np.int64)

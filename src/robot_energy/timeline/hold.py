@@ -8,15 +8,12 @@ from robot_energy.blocks import Int
 
 
 def held_rows(times_ns: Int, at_ns: Int, max_age_ns: int | None = None) -> Int:
-    """Return which value holds at each instant.
+    """Return the row of the value that holds at each instant, shape of ``at_ns``; -1 for none.
 
     Args:
         times_ns: Stamps of the values, rising, shape (M,). [ns]
         at_ns: The instants, any shape. [ns]
         max_age_ns: Age beyond which a value does not hold any more; None: it never ends. [ns]
-
-    Returns:
-        Rows of the values, the shape of ``at_ns``; -1 where none holds.
     """
     row = np.asarray(np.searchsorted(times_ns, at_ns, side="right") - 1, dtype=np.int64)
     if max_age_ns is None or not len(times_ns):

@@ -86,14 +86,11 @@ class CoveredPieces(Block):
         return row, (self.start_ns[row] <= start_ns) & (end_ns <= self.end_ns[row])
 
     def value(self, row: Int, time_ns: Int) -> Float:
-        """Return the power at times within pieces.
+        """Return the power at times within pieces, shape (..., M). [W]
 
         Args:
             row: Number of the piece of each time, shape (M,).
             time_ns: Within that piece, shape (..., M). [ns]
-
-        Returns:
-            Shape (..., M). [W]
         """
         start = self.start_ns[row]
         share = (time_ns - start) / (self.end_ns[row] - start)

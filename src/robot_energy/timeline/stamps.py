@@ -28,25 +28,19 @@ BAD_STAMP = "bad_stamp"  # the reason under which such messages are counted
 
 
 def valid_stamps(stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which stamps are within the range that can be published again.
+    """Return which stamps are from ``MIN_STAMP_NS`` to ``MAX_STAMP_NS``, same shape.
 
     Args:
         stamp_ns: Any shape. [ns]
-
-    Returns:
-        True where ``MIN_STAMP_NS <= stamp <= MAX_STAMP_NS``, same shape.
     """
     return (stamp_ns >= MIN_STAMP_NS) & (stamp_ns <= MAX_STAMP_NS)
 
 
 def bounded(stamp_ns: int) -> int:
-    """Return the nearest stamp within the range, for an output whose stamp is derived.
+    """Return the nearest stamp within the range, for an output whose stamp is derived. [ns]
 
     Args:
         stamp_ns: Any time. [ns]
-
-    Returns:
-        From ``MIN_STAMP_NS`` to ``MAX_STAMP_NS``. [ns]
     """
     return min(max(stamp_ns, MIN_STAMP_NS), MAX_STAMP_NS)
 

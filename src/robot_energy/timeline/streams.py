@@ -10,8 +10,8 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Block, Int
 from robot_energy.timeline.epochs import SLOW_NS, STRAY_STAMP, EpochSplitter, Reach, Sorted
-from robot_energy.timeline.reorder import ReorderBuffer, all_alike
 
+OLDER = "older_stamp"  # the reason under which messages that come too late are counted
 B = TypeVar("B", bound=Block)
 
 
@@ -36,6 +36,79 @@ class StreamRun(Generic[B]):
     first_ns: int
 
 
+class ReorderBuffer(Generic[B]):
+    """Puts messages of one kind into the order of their stamps.
+
+    A message waits until the stamps of its kind have passed it by the window. One that
+    arrives later than that is dropped.
+
+    Args:
+        window_ns: How far a stamp may lie behind the newest one of the same kind. [ns]
+        reject: Counts what is dropped, by its reason.
+        kinds: Gives the rows of each kind, as of the messages that have the same joints; None where
+            there is one kind only.
+    """
+
+    def __init__(
+        self,
+        window_ns: int,
+        reject: Callable[[str, int], None],
+        kinds: Callable[[B], dict[bytes, Int]] | None = None,
+    ) -> None:
+        self._window_ns = window_ns
+        self._reject = reject
+        self._kinds = kinds
+        self.restart()
+
+    @property
+    def waiting(self) -> int:
+        """Messages that wait for the window to pass."""
+        return 0 if self._held is None else len(self._held)
+
+    def restart(self) -> None:
+        """Forget what waits, and the stamps met."""
+        self._newest: dict[bytes, int] = {}
+        self._held: B | None = None
+
+    def step(self, block: B) -> B:
+        """Return the messages that are in order by now, which may be none.
+
+        Args:
+            block: Of one epoch, in order of arrival.
+        """
+        if not self._window_ns:
+            return block
+        known = self.waiting
+        whole = block if self._held is None else type(block).concatenate([self._held, block])
+        release = np.full(len(whole), -1, dtype=np.int64)  # row whose arrival lets it go
+        keep = np.ones(len(whole), dtype=np.bool_)
+        kinds = {b"": np.arange(len(whole))} if self._kinds is None else self._kinds(whole)
+        for key, rows in kinds.items():
+            fresh = rows[rows >= known]
+            stamp = whole.stamp_ns[fresh]
+            if not len(stamp):
+                continue
+            before = self._newest.get(key, int(stamp[0]))
+            newest = np.maximum.accumulate(np.append(before, stamp))
+            keep[fresh[stamp < newest[:-1] - self._window_ns]] = False
+            self._newest[key] = int(newest[-1])
+            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self._window_ns, side="left")
+            free = at < len(stamp)
+            release[rows[free]] = fresh[at[free]]
+        self._reject(OLDER, int((~keep).sum()))
+        free = np.flatnonzero(keep & (release >= 0))
+        order = np.lexsort((whole.stamp_ns[free], release[free]))
+        left = keep & (release < 0)
+        self._held = whole[left] if bool(left.any()) else None
+        return whole[free[order]]
+
+    def flush(self) -> B | None:
+        """Return what still waits, as at the end of an epoch, and forget its stamps."""
+        held = self._held
+        self.restart()
+        return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
+
+
 class StreamSplitter(Generic[B]):
     """Cuts one stream at the jumps of its stamps, takes outliers out, and sorts what is late.
 
@@ -44,7 +117,7 @@ class StreamSplitter(Generic[B]):
 
     Args:
         reach: Of the stream.
-        reject: Counts what is refused, by its reason; None where the caller does.
+        reject: Counts what is refused, by its reason; nothing where the caller does.
         window_ns: In which messages that overtook each other are sorted. [ns]
         kinds: Gives the rows of the messages that are sorted among each other.
 
@@ -58,12 +131,12 @@ class StreamSplitter(Generic[B]):
     def __init__(
         self,
         reach: Reach,
-        reject: Callable[[str, int], None] | None = None,
+        reject: Callable[[str, int], None] = lambda reason, count: None,
         window_ns: int = 0,
-        kinds: Callable[[B], dict[bytes, Int]] = all_alike,
+        kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject or _by_caller
+        self._reject = reject
         self._order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -75,14 +148,11 @@ class StreamSplitter(Generic[B]):
         return self.epochs.waiting + self._order.waiting
 
     def step(self, block: B, arrival_ns: int | None = None) -> list[StreamRun[B]]:
-        """Take messages in order of arrival.
+        """Return the messages that are known to belong to their epoch; often one run.
 
         Args:
             block: At least one.
             arrival_ns: When the last of them was received; None where it does not matter. [ns]
-
-        Returns:
-            The messages that are known to belong to their epoch; often one run.
         """
         newest_ns = self.epochs.newest_ns
         found = self.epochs.step(block.stamp_ns)
@@ -136,10 +206,6 @@ def joined(runs: Sequence[StreamRun[B]]) -> B | None:
     return type(blocks[0]).concatenate(blocks) if blocks else None
 
 
-def _by_caller(reason: str, count: int) -> None:
-    """Leave the counting to the caller."""
-
-
 def sentence_of(
     epochs: EpochSplitter,
     what: str,
@@ -158,9 +224,10 @@ def sentence_of(
         return ""
     if within is not None and epochs.newest_ns - epochs.odd_ns > within / NANOSECOND:
         return ""
-    if epochs.strays:
-        offset, count = epochs.stray_ns * NANOSECOND, epochs.strays
-        way = "ahead of" if offset > 0 else "behind"
+    count = epochs.strays
+    offset = (epochs.stray_ns if count else epochs.first_off_ns) * NANOSECOND
+    way = "ahead of" if offset > 0 else "behind"
+    if count:
         kind = "two clocks?" if count >= 3 else "a wrong clock for a moment?"
         return (
             f"{count} {what} refused as stray_stamp: stamped {abs(offset):.1f} s {way} the "
@@ -171,9 +238,7 @@ def sentence_of(
             f"{epochs.behind} {what} are stamped up to {epochs.behind_ns * NANOSECOND:.1f} s "
             f"behind the others (two clocks?); {remedy}"
         )
-    if epochs.first_off_ns:
-        offset = epochs.first_off_ns * NANOSECOND
-        way = "ahead of" if offset > 0 else "behind"
+    if offset:
         return f"the first of the {what} was stamped {abs(offset):.1f} s {way} the next; {remedy}"
     return ""
 

@@ -18,7 +18,6 @@ from robot_energy.cli.main import main
 from robot_energy.errors import DatasetError, ParameterError
 from robot_energy.fleet.dataset import read_tables
 from robot_energy.model import load
-from robot_energy.model.constant_power import constant_power
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.ptp_loop import Program
@@ -136,7 +135,7 @@ def test_warm_friction_saves_the_difference_of_the_viscous_coefficients():
     # a fan may start: 5 % of what flows all the time, for as long as was recorded
     evidence.observed_time = 100.0
     longer = warm_up(evidence, MODEL)
-    fan = 1.645 * 0.05 * constant_power(MODEL) * 100.0
+    fan = 1.645 * 0.05 * MODEL.constant_power() * 100.0
     assert longer.half == pytest.approx(np.hypot(claim.half, fan), rel=1e-3)
     evidence.measured_temperature = False
     assert warm_up(evidence, MODEL) is None

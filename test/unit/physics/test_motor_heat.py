@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from robot_energy.model.thermal import JointThermal
+from robot_energy.model.joint import JointThermal
 from robot_energy.physics.motor_heat import MotorHeat
 from robots import figure
 

@@ -5,7 +5,7 @@ import numpy as np
 import robots
 from robot_energy.condition.learner import Learning
 from robot_energy.model import load
-from robot_energy.model.thermal import JointThermal
+from robot_energy.model.joint import JointThermal
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.store.condition_store import ConditionStore
 

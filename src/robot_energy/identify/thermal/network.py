@@ -20,7 +20,7 @@ from robot_energy.identify.stats.threads import one_thread
 from robot_energy.identify.thermal.windows import ThermalRun
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
-from robot_energy.model.thermal import JointThermal
+from robot_energy.model.joint import JointThermal
 from robot_energy.physics.motor_heat import MotorHeat
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading

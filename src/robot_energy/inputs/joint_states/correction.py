@@ -68,14 +68,10 @@ class JointCorrection:
                 )
 
     def apply(self, values: Float) -> Float:
-        """Return corrected values; NaN stays NaN.
+        """Return values of the URDF's joints; NaN stays NaN, ``values`` where nothing is corrected.
 
         Args:
             values: As logged, in SI, shape (N, n). [rad], [rad/s], [N m] or [A]
-
-        Returns:
-            Values of the URDF's joints, same shape and unit; ``values`` itself where nothing
-            is corrected.
         """
         if self == _NONE:
             return values
@@ -95,13 +91,10 @@ class JointCorrection:
         )
 
     def line(self, quantity: str) -> str:
-        """Return the line of YAML that says it, below ``joint_states`` or ``joints``.
+        """Return its line of YAML, as ``effort: {sign: [1, -1]}``; empty where it does nothing.
 
         Args:
             quantity: ``position``, ``velocity`` or ``effort``.
-
-        Returns:
-            A line such as ``effort: {sign: [1, -1]}``; empty where nothing is corrected.
         """
         parts = [
             f"{entry.name}: [{', '.join(_number(value, entry.name) for value in values)}]"

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int, JointBlock
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Run, stamp_ns
-from robot_energy.inputs.joint_states.correction import JointCorrection
+from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
-from robot_energy.timeline.reorder import OLDER
+from robot_energy.inputs.sources import JointStateSource
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.streams import OLDER
 from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
@@ -62,13 +63,10 @@ class JointStateReader:
         joint_names: Modelled joints in model order.
         log: Where messages are counted.
         effort: Whether to read the effort too.
-        receive_time: Whether the time of receipt counts instead of the header's stamp.
         typestore: Message definitions of the source; those known here by default.
         checked: Leaves out what cannot be used for what it says; None for no such check.
-        aliases: What messages call the joints, in model order, where that is not ``joint_names``;
-            messages with ``joint_names`` are read as well.
-        corrections: Of position, velocity and effort, in this order; none by default.
-        velocity: Whether to use the velocity of messages.
+        source: What dates the messages, what they call the joints, where that is not
+            ``joint_names``, which are read as well, and what corrects them.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
@@ -80,22 +78,20 @@ class JointStateReader:
         joint_names: Sequence[str],
         log: RejectionLog,
         effort: bool = False,
-        receive_time: bool = False,
         typestore: Typestore | None = None,
         checked: Callable[[JointBlock], JointBlock | None] | None = None,
-        aliases: Sequence[str] = (),
-        corrections: Sequence[JointCorrection] = (),
-        velocity: bool = True,
+        source: JointStateSource | None = None,
     ) -> None:
-        self._corrections = corrections or (JointCorrection(),) * 3
+        source = source or JointStateSource()
         self._checked = checked
         self.ignored_joints: set[str] = set()
         self._log = log
         names = tuple(joint_names)
-        self.known_names = tuple(dict.fromkeys((tuple(aliases) or names, names)))
+        self.known_names = tuple(dict.fromkeys((source.names_of(names), names)))
+        self._corrections = source.corrections_of(names)
         self._n_joints = len(names)
-        self._effort, self._velocity = effort, velocity
-        self._receive_time = receive_time
+        self._effort, self._velocity = effort, source.velocity_source == MESSAGES
+        self._receive_time = source.stamp_source == RECEIVE
         fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
         fields = (*fields, "effort") if effort else fields
         self._decoder = Decoder(JOINT_STATE, fields, typestore, MAX_JOINTS)
@@ -136,10 +132,8 @@ class JointStateReader:
         # epochs counted from the last one, which the topics have in common
         epochs = [np.append(0, np.cumsum(step <= -BACKWARD_JUMP_NS)) for step in steps]
         epochs = [epoch - epoch[-1] for epoch in epochs]
-        newest = [
-            _newest_by_epoch(part.stamp_ns, epoch)
-            for part, epoch in zip(parts, epochs, strict=True)
-        ]
+        stamps = [part.stamp_ns for part in parts]
+        newest = list(map(newest_by_epoch, stamps, epochs))
         return whole[np.lexsort((np.concatenate(newest), np.concatenate(epochs)))]
 
     def _batch(self, batch: RawBatch) -> tuple[JointBlock, Int]:
@@ -156,7 +150,7 @@ class JointStateReader:
                     placed.append((run.rows + first if first else run.rows, part))
         if not placed:
             none, empty = np.empty(0, dtype=np.int64), np.empty((0, self._n_joints))
-            return _joint_block(none, empty, empty), none
+            return joint_block(none, empty, empty), none
         part, rows = JointBlock.arranged([p for _, p in placed], [r for r, _ in placed])
         good = self._usable(part)
         return (part, rows) if good is None else (part[good], rows[good])
@@ -169,15 +163,10 @@ class JointStateReader:
             finite = bool(np.isfinite(position.sum() + velocity.sum()))
         if dated and finite:
             return None
-        left = np.ones(len(part), dtype=np.bool_)
-
-        def refuse(reason: str, wrong: Mask) -> None:
-            self._log.reject(reason, int((wrong & left).sum()))
-            left[wrong] = False
-
-        refuse("zero_stamp", stamp == 0)
-        refuse(BAD_STAMP, ~valid_stamps(stamp))
-        refuse("not_finite", np.logical_or.reduce(np.isinf(position) | np.isinf(velocity), axis=1))
+        infinite = np.logical_or.reduce(np.isinf(position) | np.isinf(velocity), axis=1)
+        left = self._log.refuse(
+            {"zero_stamp": stamp == 0, BAD_STAMP: ~valid_stamps(stamp), "not_finite": infinite}
+        )
         return None if bool(left.all()) else left
 
     def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:
@@ -209,7 +198,7 @@ class JointStateReader:
         stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
         quantities = [position, *map(columns.place, others)]
         corrected = zip(self._corrections, quantities, strict=False)
-        return _joint_block(stamp, *(each.apply(values) for each, values in corrected))
+        return joint_block(stamp, *(each.apply(values) for each, values in corrected))
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""
@@ -245,15 +234,17 @@ class _Columns:
         return placed
 
 
-def _newest_by_epoch(stamp: Int, epoch: Int) -> Int:
-    """Newest stamp so far in each epoch."""
-    parts = np.split(stamp, np.flatnonzero(np.diff(epoch)) + 1)
-    return np.concatenate([np.maximum.accumulate(part) for part in parts])
-
-
-def _joint_block(
+def joint_block(
     stamp: Int, position: Float, velocity: Float, effort: Float | None = None
 ) -> JointBlock:
+    """Return samples of segment 0, without a mark and not differentiated.
+
+    Args:
+        stamp: Shape (N,). [ns]
+        position: Shape (N, n). [rad] or [m]
+        velocity: Shape (N, n). [rad/s] or [m/s]
+        effort: Shape (N, n); None for NaN. [N m] or [A]
+    """
     return JointBlock(
         stamp_ns=stamp,
         segment=np.zeros(len(stamp), dtype=np.int64),

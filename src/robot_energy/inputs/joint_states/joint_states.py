@@ -21,7 +21,7 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
     PublisherConflictFilter,
 )
 from robot_energy.inputs.joint_states.velocities import VelocityCheck
-from robot_energy.inputs.parameters import MESSAGES, RECEIVE
+from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
@@ -68,6 +68,8 @@ class JointStateIngest:
         order: Gaps and backward jumps of the samples.
         samples: Samples given out.
         conflicts: What was seen of second publishers.
+        ignored_joints: Joints met that the model does not know.
+        known_names: What messages may call the joints, in model order: each way that is read.
 
     Raises:
         ParameterError: If ``max_gap`` cannot be one, or the source names or corrects more or
@@ -95,15 +97,11 @@ class JointStateIngest:
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
         self._reader = JointStateReader(
-            joint_names,
-            log,
-            effort,
-            self._receive_time,
-            typestore,
-            self._velocities.step,
-            source.names_of(joint_names),
-            source.corrections_of(joint_names),
-            velocity=source.velocity_source == MESSAGES,
+            joint_names, log, effort, typestore, self._velocities.step, source
+        )
+        self.ignored_joints, self.known_names = (
+            self._reader.ignored_joints,
+            self._reader.known_names,
         )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints
@@ -122,16 +120,6 @@ class JointStateIngest:
     def lag_ns(self) -> int | None:
         """Newest stamp minus the time at which it arrived; None before the first. [ns]"""
         return self._stream.lag_ns
-
-    @property
-    def ignored_joints(self) -> set[str]:
-        """Joints met that the model does not know."""
-        return self._reader.ignored_joints
-
-    @property
-    def known_names(self) -> tuple[tuple[str, ...], ...]:
-        """What messages may call the joints, in model order: each way that is read."""
-        return self._reader.known_names
 
     @property
     def missing_joints(self) -> set[str]:
@@ -247,22 +235,15 @@ class JointStateIngest:
             )
             if 2 * period_ns <= MAX_MAX_GAP / NANOSECOND:
                 setting = f"max_gap: {2 * period_ns * NANOSECOND:.3g}"
-        return [
-            JointStateProblem(
-                sentence, newest, newest, severe=True, everywhere=True, setting=setting
-            )
-        ]
+        return [JointStateProblem(sentence, newest, newest, True, True, setting)]
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
-        """Take messages of one topic or several.
+        """Return the samples that are known with messages of one topic or several; None for none.
 
         Args:
             batches: Serialised JointState messages, one batch per topic, each in order of
                 arrival. It makes no difference how they are spread over steps, as long as
                 each topic stays in order and none is ahead of another by more than a second.
-
-        Returns:
-            The samples that are known by now, or None if there are none.
         """
         given = [batches] if isinstance(batches, RawBatch) else batches
         block = self._reader.read(given)

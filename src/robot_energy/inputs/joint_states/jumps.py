@@ -22,7 +22,7 @@ MAX_SPEED = 20.0  # where the URDF knows no limit [rad/s] or [m/s]
 MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
 
 
-class Repeats:
+class _Repeats:
     """Counts the steps of a moving robot after values that its driver has repeated.
 
     Attributes:
@@ -40,11 +40,8 @@ class Repeats:
     def note(self, stamp_ns: Int, elapsed: Int, held: Int, moves: Mask) -> None:
         """Take samples.
 
-        Args:
-            stamp_ns: Shape (N,). [ns]
-            elapsed: Since the sample before, shape (N, 1). [ns]
-            held: How long values stood before they changed, shape (N, n). [ns]
-            moves: Which steps are those of a motion, shape (N, n).
+        ``elapsed`` is the time since the sample before, shape (N, 1); ``held`` how long values
+        stood before they changed, ``moves`` which steps are those of a motion, shape (N, n). [ns]
         """
         repeated = moves & (held > LONGER * elapsed) & (held <= MAX_HOLD / NANOSECOND)
         if not bool(repeated.any()):
@@ -81,7 +78,7 @@ class PositionJumpDetector:
         self._allowed = MAX_STEP_RATIO * np.where(np.isfinite(fastest), fastest, MAX_SPEED)
         self._always = self._allowed * MIN_TIME
         self._moving = self._allowed * MOVING_TIME
-        self.repeats = Repeats()
+        self.repeats = _Repeats()
         self._wraps = wraps
         self._any_wraps = bool(wraps.any())
         self._last: tuple[int, Float] | None = None
@@ -93,15 +90,12 @@ class PositionJumpDetector:
 
     @classmethod
     def of(cls, n_joints: int, limits: JointLimits | None) -> PositionJumpDetector:
-        """Watch all joints of a robot, by its limits if they are known.
+        """Return a watch of all joints of a robot, by its limits if they are known.
 
         Args:
             n_joints: Number of joints of the model.
             limits: Limits from the URDF; without them (None) no joint has a limit or turns without
                 end.
-
-        Returns:
-            A fresh detector.
         """
         if limits is None:
             return cls(np.full(n_joints, np.inf), np.zeros(n_joints, dtype=np.bool_))
@@ -127,23 +121,17 @@ class PositionJumpDetector:
         return not (self._before.any() or self.lone.any())
 
     def leaps(self, stamp_ns: Int, position: Float) -> Directions | None:
-        """Return the direction of every leap, 0 where the step is possible.
+        """Return the direction of every leap, else 0, shape (N, n); None where no step is a leap.
 
         Args:
             stamp_ns: Rising, shape (N,), N >= 1. [ns]
             position: Shape (N, n). [rad] or [m]
-
-        Returns:
-            Shape (N, n); None if there is no leap.
         """
-        before, start = position[0], int(stamp_ns[0])
-        if self._last is not None:
-            start, before = self._last
-        else:
-            self._changed, self._hold = (
-                np.full_like(self._changed, start),
-                np.zeros_like(self._hold),
-            )
+        if self._last is None:
+            self._last = int(stamp_ns[0]), position[0]
+            self._changed = np.full_like(self._changed, self._last[0])
+            self._hold = np.zeros_like(self._hold)
+        start, before = self._last
         self._last = (int(stamp_ns[-1]), position[-1].copy())
         step = np.empty_like(position)
         np.subtract(position[1:], position[:-1], out=step[1:])
@@ -192,14 +180,11 @@ class PositionJumpDetector:
         return np.minimum(stood, np.take_along_axis(holds, last[:-1], 0))
 
     def back(self, stamp_ns: int, leap: Directions) -> Mask:
-        """Take one row of leaps.
+        """Return which joints leap back in a row of leaps, shape (n,); rows come in order.
 
         Args:
             stamp_ns: Its stamp. [ns]
             leap: Shape (n,).
-
-        Returns:
-            Which joints have leapt back, shape (n,).
         """
         fresh = stamp_ns - self.lone_ns <= MEMORY_NS
         lone = np.where(fresh, self.lone, 0)

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality
-from robot_energy.inputs.joint_states.decode import Mask
+from robot_energy.inputs.joint_states.decode import Mask, joint_block
 from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortest
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.gaps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
-from robot_energy.timeline.reorder import OLDER
-from robot_energy.timeline.streams import StreamRun
+from robot_energy.timeline.streams import OLDER, StreamRun
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
 SAME_STAMP = "conflicting_stamp"  # the reason under which messages that contradict it are counted
@@ -133,13 +131,10 @@ class PartialStateMerger:
         ]
 
     def step(self, run: StreamRun[JointBlock]) -> JointBlock | None:
-        """Take messages of one epoch.
+        """Return the samples that messages of one epoch complete, or None.
 
         Args:
             run: In order of arrival.
-
-        Returns:
-            The samples that are complete, or None.
         """
         block = run.block
         if self.in_parts or not len(block):
@@ -181,7 +176,7 @@ class PartialStateMerger:
         kept = block.joint_position[fresh]
         kept = np.concatenate([kept[:1] if last is None else last.joint_position, kept])
         newest = np.cumsum(fresh)
-        conflict = differ(block.joint_position[again], kept[newest[again]]).any(axis=1)
+        conflict = _differ(block.joint_position[again], kept[newest[again]]).any(axis=1)
         self._dispute(block.stamp_ns[again[conflict]].tolist())
         self._log.reject(SAME_STAMP, int(conflict.sum()))
         self._log.reject("duplicate_stamp", int((~conflict).sum()))
@@ -201,9 +196,7 @@ class PartialStateMerger:
         first = int(stamp[0]) if self._newest is None else self._newest
         newest = np.maximum(np.maximum.accumulate(stamp), first)
         self._newest = int(newest[-1])
-        used = np.zeros(len(stamp), dtype=np.bool_)
-        same = np.zeros(len(stamp), dtype=np.bool_)
-        conflict = np.zeros(len(stamp), dtype=np.bool_)
+        used, same, conflict = np.zeros((3, len(stamp)), dtype=np.bool_)
         disputes: list[int] = []
         for joint, track in enumerate(self._tracks):
             rows = np.flatnonzero(mask[:, joint])
@@ -217,9 +210,8 @@ class PartialStateMerger:
                 self.conflicting[joint] |= bool(found)
             track.extend(stamp[fresh], newest[fresh], _values(block, joint, fresh))
             if joint == 0:
-                self._lead = np.concatenate(
-                    [self._lead, np.stack([stamp[fresh], newest[fresh]])], axis=1
-                )
+                lead = np.stack([stamp[fresh], newest[fresh]])
+                self._lead = np.concatenate([self._lead, lead], axis=1)
                 self._log.accepted -= len(fresh)
         self._log.accepted += int(used.sum())
         self._log.reject(SAME_STAMP, int((conflict & ~used).sum()))
@@ -243,7 +235,7 @@ class PartialStateMerger:
             of_last = float(track.values[0, -1]) if known else np.nan
             kept = np.append(of_last, position[fresh])
             earlier = kept[np.cumsum(fresh)[again]]
-            conflict[rows[again]] |= differ(position[again], earlier)
+            conflict[rows[again]] |= _differ(position[again], earlier)
         return rows[fresh]
 
     def _decide(self, closing: bool) -> JointBlock | None:
@@ -276,7 +268,12 @@ class PartialStateMerger:
         given_up = np.flatnonzero(~complete)
         if len(given_up):
             self.missing = ~surrounded[given_up[-1]]
-        self._forget(int(at[count - 1]) if count else None, newest)
+        if self.waiting:
+            oldest = int(self._lead[0, 0])
+        else:
+            oldest = max(newest - self._patience_ns, int(at[count - 1]) if count else 0)
+        for track in self._tracks:  # no later sample needs what is older
+            track.forget(oldest)
         return samples
 
     def _samples(self, at: Int, right: Int, complete: Mask) -> JointBlock | None:
@@ -294,15 +291,9 @@ class PartialStateMerger:
             for joint in range(self._n_joints)
         ]
         position, velocity, effort = np.stack(columns, axis=1)  # joint by joint contiguous
-        return JointBlock(
-            stamp_ns=at[rows],
-            segment=np.zeros(len(rows), dtype=np.int64),
-            quality=np.where(gaps[rows + 1] > gaps[since + 1], BROKEN, np.uint32(0)),
-            joint_position=position.T,
-            joint_velocity=velocity.T,
-            joint_acceleration=np.full_like(position.T, np.nan),
-            joint_effort=effort.T,
-        )
+        samples = joint_block(at[rows], position.T, velocity.T, effort.T)
+        samples.quality[gaps[rows + 1] > gaps[since + 1]] = BROKEN
+        return samples
 
     def _interpolate(self, joint: int, at: Int, right: Int) -> Float:
         """Position, velocity and effort of a joint at some stamps, shape (3, N)."""
@@ -330,15 +321,6 @@ class PartialStateMerger:
         values[:, rows] = between
         return values
 
-    def _forget(self, decided: int | None, newest: int) -> None:
-        """Drop readings that no later sample needs."""
-        if self.waiting:
-            oldest = int(self._lead[0, 0])
-        else:
-            oldest = max(newest - self._patience_ns, 0 if decided is None else decided)
-        for track in self._tracks:
-            track.forget(oldest)
-
 
 def _values(block: JointBlock, joint: int, rows: Int | slice) -> Float:
     """Position, velocity and effort of a joint, shape (3, N)."""
@@ -346,11 +328,6 @@ def _values(block: JointBlock, joint: int, rows: Int | slice) -> Float:
     return np.stack([column[rows, joint] for column in columns])
 
 
-def differ(position: Float, other: Float) -> NDArray[np.bool_]:
-    """Whether two positions of one stamp contradict each other, elementwise.
-
-    Args:
-        position: Of some joints, any shape (...). [rad] or [m]
-        other: Of the same joints, from another message, same shape (...). [rad] or [m]
-    """
+def _differ(position: Float, other: Float) -> Mask:
+    """Whether two positions of one stamp contradict each other, elementwise."""
     return np.abs(position - other) > SAME * (1 + np.abs(other))

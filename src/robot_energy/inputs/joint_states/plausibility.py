@@ -8,15 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import (
-    NANOSECOND,
-    Float,
-    Int,
-    JointBlock,
-    Quality,
-    differences,
-    mark,
-)
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, differences, mark
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.parameters import POSITIONS
 from robot_energy.physics.urdf.checks import JointLimits
@@ -97,9 +89,8 @@ class Plausibility:
         self._low, self._high, self._fastest = -wide, wide, wide
         self._wraps = np.zeros(n_joints, dtype=np.bool_)
         if limits is not None:
-            spread = np.where(np.isfinite(limits.upper - limits.lower), limits.upper, 0.0)
-            spread = spread - np.where(np.isfinite(limits.upper - limits.lower), limits.lower, 0.0)
-            slack = np.maximum(SLACK * spread, MIN_SLACK)
+            spread = limits.upper - limits.lower
+            slack = np.maximum(SLACK * np.where(np.isfinite(spread), spread, 0.0), MIN_SLACK)
             self._low, self._high = limits.lower - slack, limits.upper + slack
             self._fastest = MAX_SPEED_RATIO * limits.velocity
             self._wraps = limits.wraps

@@ -70,14 +70,11 @@ class PublisherConflictFilter:
         self._disputes += stamps_ns
 
     def begin_epoch(self, restless: bool, stamp_ns: int) -> JointBlock | None:
-        """Note that the stamps jumped back.
+        """Return the samples that waited, or None; the stamps have jumped back.
 
         Args:
             restless: Whether they did so twice within a second: two clocks take turns.
             stamp_ns: First stamp of the new epoch. [ns]
-
-        Returns:
-            The samples that waited, or None.
         """
         held = self.flush()
         self.steps.begin_epoch()
@@ -88,24 +85,17 @@ class PublisherConflictFilter:
         return held
 
     def step(self, samples: JointBlock) -> JointBlock | None:
-        """Take samples of one epoch in time order.
+        """Return the samples that can be used, with some that waited before, or None.
 
         Args:
             samples: One or more.
-
-        Returns:
-            Those that can be used, with some that waited before; None if there are none.
         """
         leaps = self.steps.leaps(samples.stamp_ns, samples.joint_position)
-        disputed = self._disputed(samples)
-        if leaps is None and disputed is None and self.steps.calm and not self._to_watch:
-            out = samples
-        else:
+        out: JointBlock | None = samples
+        if leaps is not None or self._disputes or not self.steps.calm or self._to_watch:
             if leaps is None:
                 leaps = np.zeros(samples.joint_position.shape, dtype=np.int8)
-            if disputed is None:
-                disputed = np.zeros(len(samples), dtype=np.bool_)
-            out = self._judge(samples, leaps, disputed)
+            out = self._judge(samples, leaps, self._disputed(samples))
         self._last_ns = int(samples.stamp_ns[-1])
         return out
 
@@ -116,10 +106,8 @@ class PublisherConflictFilter:
             held.quality[0] |= BROKEN
         return held
 
-    def _disputed(self, samples: JointBlock) -> NDArray[np.bool_] | None:
+    def _disputed(self, samples: JointBlock) -> NDArray[np.bool_]:
         """Which samples are the first after messages that contradicted each other."""
-        if not self._disputes:
-            return None
         after = np.searchsorted(samples.stamp_ns, self._disputes, side="right")
         self._disputes = [
             stamp for stamp, row in zip(self._disputes, after, strict=True) if row == len(samples)

@@ -59,13 +59,10 @@ class VelocityCheck:
         return 0 if self._held is None else 1
 
     def step(self, block: JointBlock) -> JointBlock | None:
-        """Take messages in order of arrival.
+        """Return the messages that can be used, with the one that waited before, or None.
 
         Args:
             block: One or more, one sample each.
-
-        Returns:
-            Those that can be used, with the one that waited before; None if there are none.
         """
         if self._fastest is None:
             return block

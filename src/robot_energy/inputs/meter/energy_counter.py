@@ -92,14 +92,11 @@ class EnergyCounterDecoder:
         return None if self._edge is None else self._edge[0]
 
     def step(self, stamp_ns: Int, energy: Float) -> CoveredPieces:
-        """Take readings.
+        """Return levels between changes of the count, each ending at one of the readings taken.
 
         Args:
             stamp_ns: Strictly increasing, shape (N,). [ns]
             energy: Finite counts, shape (N,). [J]
-
-        Returns:
-            Levels between changes of the count, each ending at a reading.
         """
         pieces = self._together(stamp_ns, energy)
         if pieces is not None:

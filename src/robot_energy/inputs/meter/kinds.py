@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,14 @@ def _discharging(column: Mapping[str, Float]) -> Float:
         return -column["voltage"] * column["current"]
 
 
+_NUMBER = MeterKind(
+    name=FLOAT64,
+    label="Float64",
+    line="a number; unit, meaning and location by parameters",
+    headed=False,
+    pairs=True,
+    topic_words=METER_WORDS,
+)
 METER_KINDS = Kinds(
     "meter type",
     MeterKind(
@@ -79,29 +87,12 @@ METER_KINDS = Kinds(
         says_all=True,
         found_by_type=True,
     ),
-    MeterKind(
-        name=FLOAT64,
-        label="Float64",
-        line="a number; unit, meaning and location by parameters",
-        headed=False,
-        pairs=True,
-        topic_words=METER_WORDS,
-    ),
-    MeterKind(
-        name=FLOAT32,
-        label="Float32",
-        line="a number; unit, meaning and location by parameters",
-        headed=False,
-        pairs=True,
-        topic_words=METER_WORDS,
-    ),
-    MeterKind(
+    _NUMBER,
+    replace(_NUMBER, name=FLOAT32, label="Float32"),
+    replace(
+        _NUMBER,
         name=EXAMPLE_FLOAT64,
-        label="Float64",
         line="a number, as the RTDE publisher of Universal Robots sends it; likewise",
-        headed=False,
-        pairs=True,
-        topic_words=METER_WORDS,
     ),
     MeterKind(
         name=BATTERY_STATE,

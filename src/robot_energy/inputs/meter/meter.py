@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.cdr.batch import RawBatch
@@ -128,13 +127,10 @@ class MeterIngest:
         return numbers
 
     def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
-        """Take messages of the topics of the meter.
+        """Return the readings in messages of the topics of the meter; None if there are none.
 
         Args:
             batches: Serialised messages, each in order of arrival.
-
-        Returns:
-            The readings, or None if there are none.
         """
         kind = self.source.kind
         if self.source.pair and kind is not None:
@@ -178,14 +174,10 @@ class MeterIngest:
         rows, stamp, column = self._columns(batch)
         if not len(rows):
             return None
-        stamped = stamp != 0
-        self.rejections.reject("zero_stamp", int((~stamped).sum()))
         if kind is None:
-            return self._told(stamp, column, stamped)
+            return self._told(stamp, column)
         value = self.source.reading.number(column)
-        finite = np.isfinite(value)
-        self.rejections.reject("not_finite", int((stamped & ~finite).sum()))
-        used = stamped & finite
+        used = self.rejections.refuse({"zero_stamp": stamp == 0, "not_finite": ~np.isfinite(value)})
         self.rejections.accepted += int(used.sum())
         return self._readings(stamp[used], value[used], kind)
 
@@ -215,14 +207,15 @@ class MeterIngest:
             column = {path: values[valid] for path, values in column.items()}
         return rows, stamp, column
 
-    def _told(
-        self, stamp: Int, column: dict[str, Float], stamped: NDArray[np.bool_]
-    ) -> MeterBlock | None:
+    def _told(self, stamp: Int, column: dict[str, Float]) -> MeterBlock | None:
         """Readings that say by themselves what they are."""
-        meant, located = np.isin(column["meaning"], (1, 2, 3)), np.isin(column["location"], (1, 2))
-        self.rejections.reject("unknown_meaning", int((stamped & ~meant).sum()))
-        self.rejections.reject("unknown_location", int((stamped & meant & ~located).sum()))
-        good = stamped & meant & located
+        good = self.rejections.refuse(
+            {
+                "zero_stamp": stamp == 0,
+                "unknown_meaning": ~np.isin(column["meaning"], (1, 2, 3)),
+                "unknown_location": ~np.isin(column["location"], (1, 2)),
+            }
+        )
         if not good.any():
             return None
         if self._kind is None:
@@ -275,10 +268,7 @@ class MeterIngest:
         """Dated finite values of one topic of a pair, which the pairing counts."""
         rows, stamp, column = self._columns(batch)
         value = self.source.reading.number(column) if len(rows) else np.empty(0)
-        stamped, finite = stamp != 0, np.isfinite(value)
-        self.rejections.reject("zero_stamp", int((~stamped).sum()))
-        self.rejections.reject("not_finite", int((stamped & ~finite).sum()))
-        used = stamped & finite
+        used = self.rejections.refuse({"zero_stamp": stamp == 0, "not_finite": ~np.isfinite(value)})
         self.rejections.received += len(batch) - int(used.sum())
         return stamp[used], value[used]
 

@@ -102,18 +102,15 @@ class MeterCurve:
         return pieces
 
     def _usable(self, block: MeterBlock, value: Float, cumulative: bool) -> NDArray[np.bool_]:
-        good = np.isfinite(value)
-        if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
-            good &= np.isfinite(block.interval) & (block.interval > 0)
-        self.rejections.reject("meter_not_finite", int((~good).sum()))
-        if cumulative:
-            return good
+        lost, absurd = ~np.isfinite(value), np.zeros(len(block), dtype=np.bool_)
+        mean = block.meaning is MeterMeaning.MEAN_OVER_INTERVAL
         with np.errstate(invalid="ignore"):
-            absurd = good & (np.abs(value) > self._max_power)
-            if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
-                absurd |= good & (block.interval > MAX_INTERVAL)
-        self.rejections.reject("meter_implausible", int(absurd.sum()))
-        return good & ~absurd
+            if mean:
+                lost |= ~(np.isfinite(block.interval) & (block.interval > 0))
+                absurd |= block.interval > MAX_INTERVAL
+            if not cumulative:
+                absurd |= np.abs(value) > self._max_power
+        return self.rejections.refuse({"meter_not_finite": lost, "meter_implausible": absurd})
 
     def _epochs(self, stamp_ns: Int, good: NDArray[np.bool_]) -> list[Int]:
         """Rows of usable readings that are newer than all before, epoch by epoch."""
@@ -141,7 +138,8 @@ class MeterCurve:
                 self.left.append(self._readings)
                 self._readings = 0
             elif newest is not None:
-                self._space(stamp - newest)
+                self.gaps += stamp - newest > self._max_gap_ns
+                self.spacing_ns = stamp - newest
             epochs[-1].append(row)
             self._readings += 1
             newest = stamp
@@ -158,10 +156,6 @@ class MeterCurve:
         if len(steps):
             self.spacing_ns = int(steps[-1])
         self.newest_ns = newest
-
-    def _space(self, step: int) -> None:
-        self.gaps += step > self._max_gap_ns
-        self.spacing_ns = step
 
     def _counted(self, stamp_ns: Int, energy: Float) -> CoveredPieces:
         counter = self.counter

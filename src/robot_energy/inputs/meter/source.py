@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
 from robot_energy.errors import ParameterError
@@ -29,6 +30,16 @@ LOCATIONS = tuple(
 )
 END, CENTRE, START = "end", "centre", "start"
 LOAD_POSITIVE, LOAD_NEGATIVE = "load_positive", "load_negative"
+
+
+def stamps_by_type() -> Any:
+    """Return the parameter of where stamps come from, for messages of any type."""
+    return parameter(
+        "Where the stamps come from: the header, or the receive time; by_type: the header "
+        "where there is one.",
+        BY_TYPE,
+        choices=(BY_TYPE, HEADER, RECEIVE),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,12 +107,7 @@ class MeterSource:
         0.001,
         3600.0,
     )
-    stamp_source: str = parameter(
-        "Where the stamps come from: the header, or the receive time; by_type: the header "
-        "where there is one.",
-        BY_TYPE,
-        choices=(BY_TYPE, HEADER, RECEIVE),
-    )
+    stamp_source: str = stamps_by_type()
     stamp_offset: float = parameter(
         "Added to the stamps, where the clock of the meter is off by a known time [s].",
         0.0,
@@ -258,11 +264,8 @@ class MeterSource:
         """Meaning and place of every reading; None where each reading says it."""
         if self.reading.says_all:
             return None
-        if self.cumulative:
-            meaning = MeterMeaning.CUMULATIVE
-        else:
-            means = self.meaning == "mean_over_interval"
-            meaning = MeterMeaning.MEAN_OVER_INTERVAL if means else MeterMeaning.INSTANTANEOUS
+        usual = "cumulative" if self.cumulative else "instantaneous"
+        meaning = MeterMeaning[(usual if self.meaning == BY_TYPE else self.meaning).upper()]
         place = self.reading.location if self.location == BY_TYPE else self.location
         return meaning, MeterLocation[place.upper()]
 

@@ -37,14 +37,11 @@ class Pairing:
         self._newest_ns: int | None = None
 
     def step(self, voltage: Values, current: Values) -> Values:
-        """Take finite values of both topics, each in order of receipt.
+        """Return times [ns] and powers [W] of the currents that found their voltage by now.
 
         Args:
             voltage: Times [ns] and voltages [V].
             current: Times [ns] and currents [A].
-
-        Returns:
-            Times [ns] and powers [W] of the currents that found their voltage.
         """
         times = np.concatenate([voltage[0], current[0]])
         if not len(times):
@@ -63,28 +60,19 @@ class Pairing:
         ready = int(np.searchsorted(self._current[0], newest))
         stamp, ampere = self._current[0][:ready], self._current[1][:ready]
         self._current = self._current[0][ready:], self._current[1][ready:]
+        times, values = self._voltage
+        volt = np.full(len(stamp), np.nan)  # none, or too old
+        if len(times):
+            row = held_rows(times, stamp, self._max_age_ns)
+            volt = np.where(row >= 0, values[row], np.nan)
         with np.errstate(over="ignore"):  # beyond all numbers: refused below
-            power = ampere * self._voltage_at(stamp)
+            power = ampere * volt
         found = np.isfinite(power)
         self._refuse(int((~found).sum()))
-        self._prune(newest)
-        return stamp[found], power[found]
-
-    def _voltage_at(self, stamp: Int) -> Float:
-        """Voltage valid at each time; NaN where there is none or it is too old. [V]"""
-        times, values = self._voltage
-        if not len(times):
-            return np.full(len(stamp), np.nan)
-        row = held_rows(times, stamp, self._max_age_ns)
-        return np.where(row >= 0, values[row], np.nan)
-
-    def _prune(self, newest_ns: int) -> None:
-        """Forget voltages before the one valid at what waits, or at the newest message."""
-        waiting = self._current[0]
-        oldest = int(waiting[0]) if len(waiting) else newest_ns
-        times, values = self._voltage
-        first = first_needed(times, oldest)
+        waiting = self._current[0]  # forget voltages before that of what waits, or of now
+        first = first_needed(times, int(waiting[0]) if len(waiting) else newest)
         self._voltage = times[first:], values[first:]
+        return stamp[found], power[found]
 
     def _refuse(self, unpaired: int) -> None:
         self._rejections.accepted -= unpaired

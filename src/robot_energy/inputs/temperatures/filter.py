@@ -56,14 +56,11 @@ class TemperatureFilter:
         self._other_support: Int = np.zeros(n_joints, dtype=np.int64)
 
     def take_all(self, stamp_ns: Int, values: Float) -> bool:
-        """Take readings of every motor of which none is in doubt, at once.
+        """Return whether readings of every motor could be taken at once; none is taken if not.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             values: Shape (N, n). [degC]
-
-        Returns:
-            False, with nothing taken, if they must be judged one by one.
         """
         low, high = PLAUSIBLE_DEGC
         elapsed = differences(stamp_ns, self.newest_ns)
@@ -83,14 +80,11 @@ class TemperatureFilter:
         return True
 
     def take(self, stamp_ns: int, values: Float) -> NDArray[np.uint8]:
-        """Take one reading.
+        """Return the `ReadingStatus` of each motor in one reading, shape (n,).
 
         Args:
             stamp_ns: Its stamp. [ns]
             values: Shape (n,); NaN where it says nothing. [degC]
-
-        Returns:
-            `ReadingStatus` of each motor, shape (n,).
         """
         if stamp_ns <= self.newest_ns - SLOW_NS:
             self.stamp_ns[:] = 0

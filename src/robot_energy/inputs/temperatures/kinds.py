@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -58,7 +58,7 @@ class Adapter(Protocol):
         """Paths of the fields it needs."""
         ...
 
-    def read(self, run: Run) -> Said | str:
+    def read(self, run: Run, /) -> Said | str:
         """Read messages of one layout.
 
         Args:
@@ -70,105 +70,64 @@ class Adapter(Protocol):
         ...
 
 
-class MotorTemperaturesAdapter:
-    """``MotorTemperatures``: parallel arrays of names and values.
+@dataclass(frozen=True)
+class _Reading:
+    """An adapter that keeps nothing."""
 
-    Args:
-        source: Its parameters; none is used.
-    """
+    fields: tuple[str, ...]
+    read: Callable[[Run], Said | str]
 
+
+def _motor_temperatures(source: TemperatureSource) -> Adapter:
+    """Parallel arrays of names and values: the messages say everything."""
     fields = (*HEADER, "joint_names", "temperature_degc")
-
-    def __init__(self, source: TemperatureSource) -> None:
-        pass  # the messages say everything
-
-    def read(self, run: Run) -> Said | str:
-        """Return what the messages say; argument and result as in `Adapter.read`."""
-        return _named(run.names("joint_names"), run.array("temperature_degc"))
+    return _Reading(fields, lambda run: _named(run.names(fields[2]), run.array(fields[3])))
 
 
-class TemperatureAdapter:
-    """``Temperature``: one value; its joint is that of the topic, or said by ``frame_id``.
+def _temperature(source: TemperatureSource) -> Adapter:
+    """One value; its joint is that of the topic, or said by ``frame_id``."""
+    joint = source.joints[0] if source.joints and not source.names else None
 
-    Args:
-        source: Its parameters; with a joint and no names, all values are of that joint.
-    """
-
-    fields = (*HEADER, "header.frame_id", "temperature")
-
-    def __init__(self, source: TemperatureSource) -> None:
-        self._joint = source.joints[0] if source.joints and not source.names else None
-
-    def read(self, run: Run) -> Said | str:
-        """Return what the messages say; argument and result as in `Adapter.read`."""
+    def read(run: Run) -> Said | str:
         frame = str(run.columns["header.frame_id"])
-        return _named((self._joint or frame,), run.array("temperature")[:, None])
+        return _named((joint or frame,), run.array("temperature")[:, None])
+
+    return _Reading((*HEADER, "header.frame_id", "temperature"), read)
 
 
-class FloatArrayAdapter:
-    """``Float64MultiArray``: values alone, in the order of the source's joints.
-
-    Args:
-        source: Its parameters, with the joints in the order of the values.
-    """
-
-    fields = ("data",)
-
-    def __init__(self, source: TemperatureSource) -> None:
-        self._joints = source.joints
-
-    def read(self, run: Run) -> Said | str:
-        """Return what the messages say; argument and result as in `Adapter.read`."""
-        return _named(self._joints, run.array("data"))
+def _float_array(source: TemperatureSource) -> Adapter:
+    """Values alone, in the order of the source's joints."""
+    return _Reading(("data",), lambda run: _named(source.joints, run.array("data")))
 
 
-class DynamicJointStateAdapter:
-    """``DynamicJointState``: for each joint some interfaces, one of which is meant.
+def _dynamic_joint_state(source: TemperatureSource) -> Adapter:
+    """For each joint some interfaces, one of which is meant."""
+    fields = (*HEADER, "joint_names", "interface_values.interface_names", "interface_values.values")
 
-    Args:
-        source: Its parameters, with the interface that is the temperature.
-    """
-
-    fields = (
-        *HEADER,
-        "joint_names",
-        "interface_values.interface_names",
-        "interface_values.values",
-    )
-
-    def __init__(self, source: TemperatureSource) -> None:
-        self._interface = source.interface
-
-    def read(self, run: Run) -> Said | str:
-        """Return what the messages say; argument and result as in `Adapter.read`."""
+    def read(run: Run) -> Said | str:
         joints = run.names("joint_names")
-        interfaces = cast("tuple[tuple[str, ...], ...]", run.columns[self.fields[3]])
-        values = cast("Any", run.columns[self.fields[4]])  # (m, j, k), or (m, k) for each joint
-        whole = isinstance(run.columns[self.fields[4]], np.ndarray)
+        interfaces = cast("tuple[tuple[str, ...], ...]", run.columns[fields[3]])
+        values = cast("Any", run.columns[fields[4]])  # (m, j, k), or (m, k) for each joint
+        whole = isinstance(run.columns[fields[4]], np.ndarray)
         if len(interfaces) != len(joints):
             return "wrong_length"
         names: list[str] = []
         columns: list[Float] = []
         for index, (joint, own) in enumerate(zip(joints, interfaces, strict=True)):
-            if self._interface not in own:
+            if source.interface not in own:
                 continue
             part: Float = values[:, index] if whole else values[index]
             if part.shape[1] != len(own):
                 return "wrong_length"
             names.append(joint)
-            columns.append(part[:, own.index(self._interface)])
+            columns.append(part[:, own.index(source.interface)])
         return _named(tuple(names), np.stack(columns, axis=1)) if names else "no_temperature"
 
+    return _Reading(fields, read)
 
-class InterfaceValuesAdapter:
-    """``Float64Values``: values whose keys, ``joint/interface``, came on a topic beside it.
 
-    Args:
-        source: Its parameters, with the interface that is the temperature.
-
-    Attributes:
-        keys: The keys in force; None before the first.
-    """
+class _InterfaceValues:
+    """Values whose keys, ``joint/interface``, came on a topic of their own."""
 
     fields = (*HEADER, "values")
 
@@ -177,7 +136,6 @@ class InterfaceValuesAdapter:
         self._interface = source.interface
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say; argument and result as in `Adapter.read`."""
         if self.keys is None:
             return "before_names"
         values = run.array("values")
@@ -190,36 +148,31 @@ class InterfaceValuesAdapter:
         return _named(tuple(parts[index][0] for index in chosen), values[:, chosen])
 
 
-class DiagnosticsAdapter:
-    """``DiagnosticArray``: texts such as ``45.2`` or ``45.2 C`` under a status and a key.
+class _Diagnostics:
+    """Texts such as ``45.2`` or ``45.2 C`` under a status and a key.
 
     A unit in the text counts more than that of the source, as it stands beside the value.
-
-    Args:
-        source: Its parameters: joints, and the names of statuses and the keys of each.
     """
 
     fields = (*HEADER, "status.name", "status.values.key", "status.values.value")
 
     def __init__(self, source: TemperatureSource) -> None:
         self._kelvin = source.unit == "kelvin"
-        self._places = list(
-            zip(
-                source.joints,
-                _for_each(source.names or source.joints, len(source.joints)),
-                _for_each(source.keys, len(source.joints)),
-                strict=True,
-            )
+        joints = source.joints
+        places = (
+            values * len(joints) if len(values) == 1 else values
+            for values in (source.names or joints, source.keys)
         )
+        self._places = list(zip(joints, *places, strict=True))
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say; argument and result as in `Adapter.read`."""
         columns = [cast("Sequence[Any]", run.columns[field]) for field in self.fields[2:]]
         statuses = list(zip(*columns, strict=True))
         found: dict[str, float] = {}
         for joint, name, key in self._places:
             for status, keys, values in statuses:
-                if _matches(status, name) and key in keys:
+                begins = name.endswith("*") and status.startswith(name[:-1])
+                if (begins or status == name) and key in keys:
                     found[joint] = self._number(values[keys.index(key)])
         if not found:
             return "no_temperature"
@@ -267,61 +220,57 @@ class TemperatureKind(Kind):
     topic_word: str = ""
 
 
+_FLOAT_ARRAY = TemperatureKind(
+    name=FLOAT_ARRAY,
+    label="Float64MultiArray",
+    line="values alone, in the order of the joints of the source",
+    adapter=_float_array,
+    headed=False,
+    needs_joints=True,
+    named=False,
+    topic_word="temp",
+)
 TEMPERATURE_KINDS = Kinds(
     "temperature type",
     TemperatureKind(
         name=MOTOR_TEMPERATURES,
         label="MotorTemperatures",
         line="parallel arrays of joint names and temperatures",
-        adapter=MotorTemperaturesAdapter,
+        adapter=_motor_temperatures,
         found_by_type=True,
     ),
     TemperatureKind(
         name=TEMPERATURE,
         label="Temperature",
         line="one value; its joint is that of the topic, or said by `frame_id`",
-        adapter=TemperatureAdapter,
+        adapter=_temperature,
         found_by_type=True,
         single=True,
     ),
-    TemperatureKind(
-        name=FLOAT_ARRAY,
-        label="Float64MultiArray",
-        line="values alone, in the order of the joints of the source",
-        adapter=FloatArrayAdapter,
-        headed=False,
-        needs_joints=True,
-        named=False,
-        topic_word="temp",
-    ),
-    TemperatureKind(
+    _FLOAT_ARRAY,
+    replace(
+        _FLOAT_ARRAY,
         name=EXAMPLE_FLOAT_ARRAY,
-        label="Float64MultiArray",
         line="the same, as the RTDE publisher of Universal Robots sends it",
-        adapter=FloatArrayAdapter,
-        headed=False,
-        needs_joints=True,
-        named=False,
-        topic_word="temp",
     ),
     TemperatureKind(
         name=DYNAMIC_JOINT_STATE,
         label="DynamicJointState",
         line="interfaces of each joint, one of which is the temperature",
-        adapter=DynamicJointStateAdapter,
+        adapter=_dynamic_joint_state,
     ),
     TemperatureKind(
         name=INTERFACE_VALUES,
         label="Float64Values",
         line="values whose keys, `joint/interface`, come on a second topic",
-        adapter=InterfaceValuesAdapter,
+        adapter=_InterfaceValues,
         keys_type=INTERFACE_NAMES,
     ),
     TemperatureKind(
         name=DIAGNOSTICS,
         label="DiagnosticArray",
         line="texts such as `45.2 C` under a status and a key",
-        adapter=DiagnosticsAdapter,
+        adapter=_Diagnostics,
         needs_joints=True,
         by_status=True,
     ),
@@ -329,14 +278,6 @@ TEMPERATURE_KINDS = Kinds(
 
 register_temperature_kind = TEMPERATURE_KINDS.register
 """Add a kind of yours, by the type of its messages: parameters may name it from now on."""
-
-
-def _for_each(values: tuple[str, ...], count: int) -> tuple[str, ...]:
-    return values * count if len(values) == 1 else values
-
-
-def _matches(status: str, name: str) -> bool:
-    return status.startswith(name[:-1]) if name.endswith("*") else status == name
 
 
 def _named(names: tuple[str, ...], values: Float) -> Said | str:

@@ -95,13 +95,10 @@ class TemperatureReader:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
 
     def read(self, batches: Mapping[str, RawBatch]) -> TemperatureReadings | None:
-        """Take messages in order of arrival.
+        """Return the readings in messages in order of arrival; None if there are none.
 
         Args:
             batches: Serialised messages by topic; topics of other sources are left alone.
-
-        Returns:
-            The readings, or None if there are none.
         """
         parts = [part for batch in self._pieces(batches) for part in self._decode(batch)]
         if not parts:
@@ -111,11 +108,7 @@ class TemperatureReader:
         due = self._due(block)
         if not due.any():
             return None
-        return (
-            TemperatureReadings(block, arrival)
-            if due.all()
-            else TemperatureReadings(block[due], arrival[due])
-        )
+        return TemperatureReadings(block[due], arrival[due])
 
     @property
     def doubt(self) -> str:
@@ -218,14 +211,11 @@ class TemperatureReader:
 
     def _usable(self, block: TemperatureBlock) -> NDArray[np.bool_]:
         """Refuse readings without a stamp in range or without a number."""
-        given = np.isfinite(block.motor_temperature_degc).any(axis=1)
-        stamped = block.stamp_ns != 0
-        self.rejections.reject("zero_stamp", int((~stamped).sum()))
-        valid = valid_stamps(block.stamp_ns)
-        self.rejections.reject(BAD_STAMP, int((~valid).sum()))
-        stamped &= valid
-        self.rejections.reject("not_finite", int((stamped & ~given).sum()))
-        return stamped & given
+        stamp, finite = block.stamp_ns, np.isfinite(block.motor_temperature_degc)
+        none = ~np.logical_or.reduce(finite, axis=1)
+        return self.rejections.refuse(
+            {"zero_stamp": stamp == 0, BAD_STAMP: ~valid_stamps(stamp), "not_finite": none}
+        )
 
     def _place(self, run: Run, batch: RawBatch, said: Said) -> TemperatureBlock | str:
         """Put what was said into model joint order, in degC."""
@@ -254,14 +244,9 @@ class TemperatureReader:
         unnamed = (NO_JOINT, "")
         foreign = (name for name in names if name not in self._columns and name not in unnamed)
         remember_names(self.ignored_joints, foreign)
-        return self._placed.put(
-            names,
-            [
-                (index, self._columns[name])
-                for index, name in enumerate(names)
-                if name in self._columns
-            ],
-        )
+        columns = self._columns
+        places = [(index, columns[name]) for index, name in enumerate(names) if name in columns]
+        return self._placed.put(names, places)
 
     def _believed(self, degc: Float) -> Float:
         """Return readings in order of arrival without fault codes; note what is not used."""

@@ -66,16 +66,13 @@ class StuckTemperatureDetector:
     def step(
         self, stamp_ns: Int, segment: Int, loss: Float, temperature_degc: Float
     ) -> NDArray[np.bool_] | None:
-        """Take samples.
+        """Return at which samples any reading is stuck, shape (N,); None for none.
 
         Args:
             stamp_ns: Shape (N,), N >= 1; they may jump back. [ns]
             segment: Shape (N,); no heat counts between two segments.
             loss: Of each motor while it turns, shape (N, n); NaN counts as none. [W]
             temperature_degc: Readings in use, shape (N, n), NaN where there is none. [degC]
-
-        Returns:
-            At which samples any reading is stuck, shape (N,); None for none.
         """
         first = self._window is None
         elapsed = differences(stamp_ns, int(stamp_ns[0]) if first else self._last_ns)

@@ -14,7 +14,7 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
 from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
 from robot_energy.timeline.streams import (
     StreamRun,
     StreamSplitter,
@@ -99,8 +99,7 @@ class TemperatureIngest:
     @property
     def ignored_joints(self) -> set[str]:
         """Names met that no source takes for a joint of the model."""
-        met = [reader.ignored_joints for reader in self.readers]
-        return set[str]().union(*met)
+        return set[str]().union(*(reader.ignored_joints for reader in self.readers))
 
     @property
     def doubts(self) -> list[str]:
@@ -118,13 +117,10 @@ class TemperatureIngest:
         return found
 
     def ahead_ns(self, states: JointStateIngest) -> int | None:
-        """Return how far the stamps are ahead of those of the joint states on arrival. [ns]
+        """Return how far the stamps are ahead of the joint states on arrival; None if unknown. [ns]
 
         Args:
             states: The joint states, received by the same clock.
-
-        Returns:
-            Negative where they are behind; None before the first of either.
         """
         own, other = self._stream.lag_ns, states.lag_ns
         return None if own is None or other is None else own - other
@@ -141,9 +137,9 @@ class TemperatureIngest:
         topics = ", ".join(reader.source.topic for reader in self.readers)
         found = [sentence_of(self.epochs, f"temperatures on {topics}", within=within)]
         if states is not None:
-            given = states.newest_ns, self.ahead_ns(states)
-            found.append(apart_sentence(self.epochs, *given, "temperature"))
-        return [sentence for sentence in found if sentence]
+            ahead_ns = self.ahead_ns(states)
+            found.append(apart_sentence(self.epochs, states.newest_ns, ahead_ns, "temperature"))
+        return list(filter(None, found))
 
     def account_of(self, topic: str) -> RejectionLog:
         """Return the account of the first source that reads values from a topic.
@@ -183,19 +179,13 @@ class TemperatureIngest:
         parts = [(number, part) for number, part in enumerate(read) if part is not None]
         if not parts:
             return None
-        block = _Arrived.concatenate(
-            [
-                _Arrived(
-                    part.block.stamp_ns,
-                    part.block.motor_temperature_degc,
-                    np.full(len(part.block), number, dtype=np.int64),
-                )
-                for number, part in parts
-            ]
-        )
+        arrived: list[_Arrived] = []
         for number, part in parts:
-            known = np.isfinite(part.block.motor_temperature_degc)
-            self._met[number] |= np.logical_or.reduce(known, axis=0)
+            stamp_ns, degc = part.block.stamp_ns, part.block.motor_temperature_degc
+            self._met[number] |= np.logical_or.reduce(np.isfinite(degc), axis=0)
+            source = np.full(len(stamp_ns), number, dtype=np.int64)
+            arrived.append(_Arrived(stamp_ns, degc, source))
+        block = _Arrived.concatenate(arrived)
         if len(parts) > 1:
             keys = [_order(part) for _, part in parts]
             block = block[np.lexsort([np.concatenate(key) for key in zip(*keys, strict=True)])]
@@ -228,11 +218,5 @@ def _order(readings: TemperatureReadings) -> tuple[Int, Int, Int]:
     Stamps are made to rise, so that no sorting changes the order of one source.
     """
     stamp = readings.block.stamp_ns
-    epoch = np.zeros(len(stamp), dtype=np.int64)
-    if len(stamp) > 1:
-        epoch[1:] = np.cumsum(np.diff(stamp) < -BACKWARD_JUMP_NS)
-    rising = stamp.copy()
-    for number in range(int(epoch[-1]) + 1 if len(epoch) else 0):
-        rows = epoch == number
-        rising[rows] = np.maximum.accumulate(stamp[rows])
-    return rising, epoch, readings.arrival_ns
+    epoch = np.append(0, np.cumsum(np.diff(stamp) < -BACKWARD_JUMP_NS))
+    return newest_by_epoch(stamp, epoch), epoch, readings.arrival_ns
