@@ -131,12 +131,12 @@ class StreamSplitter(Generic[B]):
     def __init__(
         self,
         reach: Reach,
-        reject: Callable[[str, int], None] = lambda reason, count: None,
+        reject: Callable[[str, int], None] | None = None,
         window_ns: int = 0,
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject
+        self._reject = reject or _by_caller
         self._order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -268,3 +268,7 @@ def apart_sentence(
         f"the newest {what} is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint states "
         "that arrived with it: synchronise the clocks"
     )
+
+
+def _by_caller(reason: str, count: int) -> None:
+    """Leave the count to the caller."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -26,6 +27,7 @@ INTERFACE_NAMES = "control_msgs/msg/Keys"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 HEADER = ("header.stamp.sec", "header.stamp.nanosec")
+INTERFACES, INTERFACE_NUMBERS = "interface_values.interface_names", "interface_values.values"
 ZERO_DEGC = 273.15  # K
 NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 UNITS = {
@@ -75,55 +77,45 @@ class _Reading:
     """An adapter that keeps nothing."""
 
     fields: tuple[str, ...]
-    read: Callable[[Run], Said | str]
+    said: Callable[[TemperatureSource, Run], Said | str]
+    source: TemperatureSource
+
+    def read(self, run: Run) -> Said | str:
+        return self.said(self.source, run)
 
 
-def _motor_temperatures(source: TemperatureSource) -> Adapter:
-    """Parallel arrays of names and values: the messages say everything."""
-    fields = (*HEADER, "joint_names", "temperature_degc")
-    return _Reading(fields, lambda run: _named(run.names(fields[2]), run.array(fields[3])))
+def _motor_temperatures(source: TemperatureSource, run: Run) -> Said | str:
+    return _named(run.names("joint_names"), run.array("temperature_degc"))
 
 
-def _temperature(source: TemperatureSource) -> Adapter:
-    """One value; its joint is that of the topic, or said by ``frame_id``."""
+def _temperature(source: TemperatureSource, run: Run) -> Said | str:
     joint = source.joints[0] if source.joints and not source.names else None
-
-    def read(run: Run) -> Said | str:
-        frame = str(run.columns["header.frame_id"])
-        return _named((joint or frame,), run.array("temperature")[:, None])
-
-    return _Reading((*HEADER, "header.frame_id", "temperature"), read)
+    frame = str(run.columns["header.frame_id"])
+    return _named((joint or frame,), run.array("temperature")[:, None])
 
 
-def _float_array(source: TemperatureSource) -> Adapter:
-    """Values alone, in the order of the source's joints."""
-    return _Reading(("data",), lambda run: _named(source.joints, run.array("data")))
+def _float_array(source: TemperatureSource, run: Run) -> Said | str:
+    return _named(source.joints, run.array("data"))
 
 
-def _dynamic_joint_state(source: TemperatureSource) -> Adapter:
-    """For each joint some interfaces, one of which is meant."""
-    fields = (*HEADER, "joint_names", "interface_values.interface_names", "interface_values.values")
-
-    def read(run: Run) -> Said | str:
-        joints = run.names("joint_names")
-        interfaces = cast("tuple[tuple[str, ...], ...]", run.columns[fields[3]])
-        values = cast("Any", run.columns[fields[4]])  # (m, j, k), or (m, k) for each joint
-        whole = isinstance(run.columns[fields[4]], np.ndarray)
-        if len(interfaces) != len(joints):
+def _dynamic_joint_state(source: TemperatureSource, run: Run) -> Said | str:
+    joints = run.names("joint_names")
+    interfaces = cast("tuple[tuple[str, ...], ...]", run.columns[INTERFACES])
+    values = cast("Any", run.columns[INTERFACE_NUMBERS])  # (m, j, k), or (m, k) for each joint
+    whole = isinstance(run.columns[INTERFACE_NUMBERS], np.ndarray)
+    if len(interfaces) != len(joints):
+        return "wrong_length"
+    names: list[str] = []
+    columns: list[Float] = []
+    for index, (joint, own) in enumerate(zip(joints, interfaces, strict=True)):
+        if source.interface not in own:
+            continue
+        part: Float = values[:, index] if whole else values[index]
+        if part.shape[1] != len(own):
             return "wrong_length"
-        names: list[str] = []
-        columns: list[Float] = []
-        for index, (joint, own) in enumerate(zip(joints, interfaces, strict=True)):
-            if source.interface not in own:
-                continue
-            part: Float = values[:, index] if whole else values[index]
-            if part.shape[1] != len(own):
-                return "wrong_length"
-            names.append(joint)
-            columns.append(part[:, own.index(source.interface)])
-        return _named(tuple(names), np.stack(columns, axis=1)) if names else "no_temperature"
-
-    return _Reading(fields, read)
+        names.append(joint)
+        columns.append(part[:, own.index(source.interface)])
+    return _named(tuple(names), np.stack(columns, axis=1)) if names else "no_temperature"
 
 
 class _InterfaceValues:
@@ -224,7 +216,7 @@ _FLOAT_ARRAY = TemperatureKind(
     name=FLOAT_ARRAY,
     label="Float64MultiArray",
     line="values alone, in the order of the joints of the source",
-    adapter=_float_array,
+    adapter=partial(_Reading, ("data",), _float_array),
     headed=False,
     needs_joints=True,
     named=False,
@@ -236,14 +228,16 @@ TEMPERATURE_KINDS = Kinds(
         name=MOTOR_TEMPERATURES,
         label="MotorTemperatures",
         line="parallel arrays of joint names and temperatures",
-        adapter=_motor_temperatures,
+        adapter=partial(
+            _Reading, (*HEADER, "joint_names", "temperature_degc"), _motor_temperatures
+        ),
         found_by_type=True,
     ),
     TemperatureKind(
         name=TEMPERATURE,
         label="Temperature",
         line="one value; its joint is that of the topic, or said by `frame_id`",
-        adapter=_temperature,
+        adapter=partial(_Reading, (*HEADER, "header.frame_id", "temperature"), _temperature),
         found_by_type=True,
         single=True,
     ),
@@ -257,7 +251,11 @@ TEMPERATURE_KINDS = Kinds(
         name=DYNAMIC_JOINT_STATE,
         label="DynamicJointState",
         line="interfaces of each joint, one of which is the temperature",
-        adapter=_dynamic_joint_state,
+        adapter=partial(
+            _Reading,
+            (*HEADER, "joint_names", INTERFACES, INTERFACE_NUMBERS),
+            _dynamic_joint_state,
+        ),
     ),
     TemperatureKind(
         name=INTERFACE_VALUES,

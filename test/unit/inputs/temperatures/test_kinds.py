@@ -1,5 +1,7 @@
 """Each message type, read by its source."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from robot_energy.inputs.temperatures.kinds import (
     INTERFACE_VALUES,
     MOTOR_TEMPERATURES,
     TEMPERATURE,
+    TEMPERATURE_KINDS,
 )
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 
@@ -306,3 +309,10 @@ def test_a_joint_that_the_model_lacks_is_refused_at_the_start():
         ParameterError, match=r"'motors' names q; expected joints of the model, a, b"
     ):
         TemperatureIngest(("a", "b"), {"motors": source})
+
+
+@pytest.mark.parametrize("kind", TEMPERATURE_KINDS)
+def test_what_reads_each_kind_goes_to_another_process(kind):
+    source = TemperatureSource(topic="/t", type=kind, joints=("a",)).resolved(str)
+    ingest = TemperatureIngest(("a", "b"), {"motors": source})
+    assert pickle.loads(pickle.dumps(ingest)).readers[0].source == source
