@@ -43,8 +43,8 @@ def judge_new_moves(work: DrawnWork, model: RobotModel) -> list[JudgedSaving]:
     before = base.table.cost(base.base)
     standing = float((base.table.held.energy * before.duration).mean() / before.energy)
     changed = {
-        "order": form.reordered(best_order(form, chain), chain.robot),
-        "place": form.moved(best_place(form, chain, BOX, TOOL).joint_position, chain.robot),
+        "order": form.reordered(best_order(form, chain)),
+        "place": form.moved(best_place(form, chain, BOX, TOOL).joint_position),
     }
     found: list[JudgedSaving] = []
     for name, other in changed.items():

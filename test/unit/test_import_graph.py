@@ -131,13 +131,9 @@ MODULES = {
         tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain comparison deviation_sums deviations forms gcode_form levelling order
-        path_power place plan ptp_form recorded_motion rest_states run search task time_law
-        timed_form timed_moves trajectory_form written_trajectory
-    """,
-    "robot_energy.optimization.measures": """
-        move_overrides one_override order place regenerative rest_pose rest_state slack table
-        time_law
+        candidates chain comparison deviation_sums deviations forms gcode_form levelling measures
+        order path_power place plan program_form ptp_form recorded_motion rest_states run search
+        task time_law timed_form timed_moves trajectory_form
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers

@@ -124,7 +124,7 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
             rows = slice(1 if again else 0, None)
             last = path.joint_position[-1]
             if len(time[rows]):
-                held.append((time[rows] + turn * motion.duration, path.rows(rows)))
+                held.append((time[rows] + turn * motion.duration, path[rows]))
                 count += len(time[rows])
             if count >= BLOCK:
                 yield _joined(held)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.model import RobotModel
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.ptp import ArrayRecord, Trajectory
 from robot_energy.optimization.candidates import SAMPLES, Candidates, Moves, Samples, blocks
 from robot_energy.optimization.deviations import EnergyDeviations
 from robot_energy.physics.cabinet import CabinetStage
@@ -29,7 +29,7 @@ TORQUE_SHARE = 0.95
 
 
 @dataclass(frozen=True)
-class Use:
+class Use(ArrayRecord):
     """What candidates or rests need; the mean over the temperatures, of P candidates.
 
     Attributes:
@@ -49,19 +49,6 @@ class Use:
     columns: Float
     torque_use: Float
     by_temperature: Float
-
-    def __getitem__(self, rows: slice | Int) -> Use:
-        """Return some of them."""
-        return Use(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-    def __add__(self, other: Use) -> Use:
-        """Return both, one after the other."""
-        return Use(
-            *(
-                np.concatenate([getattr(self, name), getattr(other, name)])
-                for name in self.__dataclass_fields__
-            )
-        )
 
 
 class PowerChain:
@@ -111,7 +98,7 @@ class PowerChain:
             found.append(self._use(motion, moves.duration(candidates[part])))
             if progress is not None:
                 progress(part.stop / len(candidates))
-        return sum(found[1:], found[0])
+        return Use.concatenate(found)
 
     def rests(self, joint_position: Float, holding: bool = True) -> Use:
         """Return what one second at rest needs.

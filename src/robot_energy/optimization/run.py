@@ -8,8 +8,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.optimization.measures import MEASURES, Measure
-from robot_energy.optimization.measures.rest_state import best_states
+from robot_energy.optimization.measures import MEASURES, Measure, best_states
 from robot_energy.optimization.plan import Cost, CyclePlan, Saving, saving
 from robot_energy.optimization.search import cheapest, front
 from robot_energy.optimization.task import Task

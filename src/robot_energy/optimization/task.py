@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
-from robot_energy.model import RobotModel
 from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
-from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
 from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
 from robot_energy.optimization.rest_states import RestState
-from robot_energy.optimization.timed_moves import TimedMoves
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
 PERCENT = 100.0  # shares are whole per cent, as robot languages take them
@@ -91,10 +89,6 @@ class Task:
         """Allowed candidates without a time law, shape (P,)."""
         return self.allowed & (self.table.candidates.law < 0)
 
-    def model(self) -> RobotModel:
-        """The robot's model."""
-        return self.chain.model
-
     def near(self, plan: CyclePlan) -> Task:
         """Return the task with further candidates close to those of a plan.
 
@@ -118,8 +112,8 @@ class Task:
         more = Candidates(chosen.move[place], speed, acceleration)
         use = self.chain.moves(self.moves, more)
         wider = CostTable(
-            table.candidates + more,
-            table.use + use,
+            Candidates.concatenate([table.candidates, more]),
+            Use.concatenate([table.use, use]),
             table.held,
             table.braked,
             table.states,
@@ -168,9 +162,9 @@ def make_task(
     Raises:
         MotionError: If the program does not fit into the cycle time.
     """
-    every = base + grid(moves, speeds, accelerations)
-    if isinstance(moves, TimedMoves):
-        every = every + moves.candidates
+    every = Candidates.concatenate(
+        [base, grid(moves, speeds, accelerations), *filter(None, [moves.laws])]
+    )
     use = chain.moves(moves, every, progress)
     table = CostTable(
         every,

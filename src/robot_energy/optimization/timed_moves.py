@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -16,50 +16,29 @@ from robot_energy.optimization.time_law import LawLimits, time_law
 PARTS = 60  # of a path
 MARGIN = 0.99  # of the acceleration limits: between the places that are looked at [-]
 LAW_TORQUE = 0.95  # of the torque that a changed move may use, for the same reason [-]
-PRICES = (-0.9, -0.5, 0.0, 1.0, 3.0)  # of a second, over the power at rest
+PRICES = (-0.9, -0.5, 0.0, 1.0, 3.0)  # of a second, over the power at rest, on top of the losses
 
 
-class TimedMoves:
+class _TimedMoves(Moves):
     """Moves of a program, and the same along the same paths under time laws.
 
-    Args:
-        moves: The moves.
-        base: How they are made now, in their order: it gives the paths their own time.
-        laws: Speed along the path of each law at its nodes, shape (L, PARTS + 1). [-]
-        move: Move of each law, shape (L,).
+    ``base`` gives the paths their own time; ``speed`` is that along the path of each law at its
+    nodes, shape (L, PARTS + 1), and ``move`` the move of each law.
     """
 
-    def __init__(self, moves: Moves, base: Candidates, laws: Float, move: Int) -> None:
+    def __init__(self, moves: Moves, base: Candidates, speed: Float, move: Int) -> None:
+        self.count = moves.count
+        none = np.full(len(move), np.nan)
+        self.laws = Candidates(move, none, none, np.arange(len(move)))
         self._moves, self._base = moves, base
         self._path_time = moves.duration(base)[move]
-        self._move = move
-        self._speed = laws
+        self._speed = speed
         self._step = self._path_time / PARTS
-        part = 2.0 * self._step[:, None] / (laws[:, 1:] + laws[:, :-1])
-        self._clock = np.concatenate([np.zeros((len(laws), 1)), np.cumsum(part, axis=1)], axis=1)
-        squares = laws**2
-        self._rise = np.diff(squares, axis=1) / (2.0 * self._step[:, None])
-
-    @property
-    def count(self) -> int:
-        """Number of moves."""
-        return self._moves.count
-
-    @property
-    def candidates(self) -> Candidates:
-        """All laws."""
-        none = np.full(len(self._move), np.nan)
-        return Candidates(self._move, none, none, np.arange(len(self._move)))
+        part = 2.0 * self._step[:, None] / (speed[:, 1:] + speed[:, :-1])
+        self._clock = np.concatenate([np.zeros((len(speed), 1)), np.cumsum(part, axis=1)], axis=1)
+        self._rise = np.diff(speed**2, axis=1) / (2.0 * self._step[:, None])
 
     def duration(self, candidates: Candidates) -> Float:
-        """Return how long each candidate lasts.
-
-        Args:
-            candidates: Which.
-
-        Returns:
-            Shape (P,). [s]
-        """
         found = np.empty(len(candidates))
         timed = candidates.law >= 0
         found[~timed] = self._moves.duration(candidates[np.flatnonzero(~timed)])
@@ -67,16 +46,6 @@ class TimedMoves:
         return found
 
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
-        """Return the motion.
-
-        Args:
-            candidates: Which.
-            place: Candidate of each row, shape (N,).
-            time: Since the start of the move, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
-        """
         law = candidates.law[place]
         timed = np.flatnonzero(law >= 0)
         ways = Candidates(  # of a law: any way, as its rows are replaced
@@ -116,9 +85,8 @@ def timed_moves(
     moves: Moves,
     base: Candidates,
     limits: LawLimits,
-    prices: Sequence[float] = PRICES,
     progress: Callable[[float], None] | None = None,
-) -> TimedMoves:
+) -> Moves:
     """Find the cheapest time laws of every move, for several prices of a second.
 
     Args:
@@ -126,7 +94,6 @@ def timed_moves(
         moves: The moves.
         base: How they are made now, in their order.
         limits: Of speed, acceleration and jerk.
-        prices: Of a second, over the power at rest, on top of the losses. [-]
         progress: Called with the share done, 0 to 1.
 
     Returns:
@@ -144,7 +111,7 @@ def timed_moves(
         along = moves.sample(base, np.full(len(time), move, dtype=np.int64), time)
         places = path_power(chain, along)
         at_rest = cabinet.loss_dc.value + cabinet.loss_grid.value + places.constant
-        for price in prices:
+        for price in PRICES:
             cost = cabinet.loss_grid.value + price * at_rest
             law = time_law(places, step, limits, cabinet.loss_dc.value, cost)
             if law is not None:
@@ -153,7 +120,7 @@ def timed_moves(
         if progress is not None:
             progress((move + 1) / moves.count)
     table = np.array(laws).reshape(-1, PARTS + 1)
-    return TimedMoves(moves, base, table, np.array(owner, dtype=np.int64))
+    return _TimedMoves(moves, base, table, np.array(owner, dtype=np.int64))
 
 
 def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits:
