@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from robot_energy.blocks import Float
 from robot_energy.motion import Program
 from robot_energy.motion.ptp import MotionLimits
-from robot_energy.optimization.plan import Saving
+from robot_energy.optimization.plan import Cost, saving
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_papers.band_coverage import AMBIENT
 
@@ -136,25 +136,23 @@ class DrawnWork:
         self,
         measure: str,
         base: float,
-        claim: Saving,
+        before: Cost,
+        after: Cost,
         changed: Program,
-        faster: float,
         standing: float,
     ) -> JudgedSaving:
-        """Run a changed program on the rig.
+        """Return what is claimed of a changed program, and what the rig saves with it.
 
         Args:
             measure: What was changed.
             base: Energy of a cycle on the rig as it was. [J]
-            claim: What the model predicts.
+            before: Of the program as it was, by the model.
+            after: Of the changed one.
             changed: The program then.
-            faster: Time that a cycle lasts less. [s]
             standing: Share of losses at rest in the energy, by the model. [-]
-
-        Returns:
-            What was claimed, and what the rig saves.
         """
-        truth = base - self.rig.energy(changed)
+        truth, claim = base - self.rig.energy(changed), saving(before, after)
         return JudgedSaving(
-            self.plant, self.degc, measure, base, claim.energy, claim.half, truth, faster, standing
-        )
+            self.plant, self.degc, measure, base, claim.energy, claim.half, truth,
+            before.duration - after.duration, standing,
+        )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -26,7 +27,7 @@ COLD_DEGC = 20.0
 RISE_IN_BOTH_FORMS = ("capacity", "share", "length", "reading")
 ROUGH = 5e-3  # of the values that are sought, where each takes a run of the rig
 
-HOLD_FIGURES = (
+ELECTRICAL = (
     OpenFigure(
         "resistance", "winding resistance, factor", "", 0.4, 1.0, 1.5,
         "0.3 to 1.2 ohm a phase for motors of 1.5 to 3 kW",
@@ -35,6 +36,9 @@ HOLD_FIGURES = (
         "constant", "torque constant, factor", "", 0.8, 1.0, 1.25,
         "windings for 300 to 450 V at top speed, same resistance",
     ),
+)  # fmt: skip
+HOLD_FIGURES = (
+    *ELECTRICAL,
     OpenFigure(
         "ratio", "gear ratios, factor", "", 0.8, 1.0, 1.25,
         "motors of 3000 to 4500 rpm at the published top speed",
@@ -78,14 +82,7 @@ RISE_FIGURES = (
         "share", "share of the friction heat that reaches the motor", "", 0.0, 0.1, 0.5,
         "gear far from the motor up to a motor flanged into the gear",
     ),
-    OpenFigure(
-        "resistance", "winding resistance, factor", "", 0.4, 1.0, 1.5,
-        "0.3 to 1.2 ohm a phase for motors of 1.5 to 3 kW",
-    ),
-    OpenFigure(
-        "constant", "torque constant, factor", "", 0.8, 1.0, 1.25,
-        "windings for 300 to 450 V at top speed, same resistance",
-    ),
+    *ELECTRICAL,
     OpenFigure(
         "conductance", "heat conductance from motor to gear, factor", "", 0.5, 1.0, 2.0,
         "a gasket or a metal flange",
@@ -115,12 +112,10 @@ def holding_table(seed: int) -> dict[str, SensitivityTable]:
     robot, drivetrain = profile.mechanics()
     (weight,) = robot.payload
     unloaded = robot.with_payload(())
-    kept: dict[float, Float] = {}
 
+    @cache
     def poses(share: float) -> Float:
-        if share not in kept:
-            kept[share] = random_poses(profile, seed, share)
-        return kept[share]
+        return random_poses(profile, seed, share)
 
     def deviation(values: Values) -> dict[str, float]:
         pose = poses(values["poses"])
@@ -153,11 +148,8 @@ def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
         quick: Only the figures with the largest effect.
     """
     plain = load_profile("kr16")
-    figures = [entry for entry in RISE_FIGURES if not quick or entry.key in RISE_IN_BOTH_FORMS]
-    nominal = {entry.key: entry.nominal for entry in RISE_FIGURES}
 
-    def read(values: Values) -> dict[str, float]:
-        given = {**nominal, **values}
+    def read(given: Values) -> dict[str, float]:
         profile = replace(
             _electrical(plain, given),
             motor_capacity=plain.motor_capacity * given["capacity"],
@@ -170,7 +162,8 @@ def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
         rise = _rise(profile, program, program.period * given["length"])
         return {RISE: rise + given["reading"]}
 
-    return sensitivity(read, figures, {RISE: PUBLISHED_RISE}, ROUGH)
+    only = RISE_IN_BOTH_FORMS if quick else None
+    return sensitivity(read, RISE_FIGURES, {RISE: PUBLISHED_RISE}, ROUGH, only)
 
 
 def _rise(profile: PlantProfile, program: Program, duration: float) -> float:

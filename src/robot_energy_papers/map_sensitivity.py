@@ -68,21 +68,17 @@ Runs = tuple[list[PrintRun], RobotModel]
 def map_tables(train: FourierMotion, seed: int, quick: bool) -> dict[str, SensitivityTable]:
     """Return what the accuracy of electrical energy with maps owes to open figures.
 
+    By stage of the method; identified from both excitation runs, print path of all joints.
+
     Args:
         train: The excitation at full speed.
         seed: Seed of the rigs.
         quick: Only the figures that need no other excitation.
-
-    Returns:
-        By stage of the method; identified from both excitation runs, print path of all joints. [-]
-
-    Raises:
-        RobotEnergyError: If a rig, a recording or a fit fails.
     """
-    figures = [entry for entry in FIGURES if not quick or entry.key in IN_BOTH_FORMS]
-    goals = {stage: PAPER["map_processed"] for stage in STAGES}
+    goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["map_processed"])
+    only = IN_BOTH_FORMS if quick else None
     with TemporaryDirectory() as folder:
-        return sensitivity(_Maps(Path(folder), train, seed).accuracy, figures, goals, ROUGH)
+        return sensitivity(_Maps(Path(folder), train, seed).accuracy, FIGURES, goals, ROUGH, only)
 
 
 class _Maps:
@@ -96,8 +92,7 @@ class _Maps:
         self._walls: dict[object, PrintRun] = {}
         self._bags = 0
 
-    def accuracy(self, values: Values) -> Mapping[str, float]:
-        given = {entry.key: entry.nominal for entry in FIGURES} | dict(values)
+    def accuracy(self, given: Values) -> Mapping[str, float]:
         plant = tuple(given[key] for key in PLANT)
         identified = *plant, given["slow"]
         if identified not in self._known:

@@ -184,19 +184,13 @@ class PaperB:
 def study(
     folder: Path, seed: int, scale: PaperBStudySize, progress: Progress | None = None
 ) -> PaperB:
-    """Do all studies.
+    """Return what all studies find.
 
     Args:
         folder: For the bags; it exists.
         seed: Seed of motions and rigs.
         scale: How much to do.
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        What was found.
-
-    Raises:
-        RobotEnergyError: If a rig, a recording or a fit fails.
     """
     step = Steps(STEPS + scale.plants, progress).done
     start, profile = load("mantis"), load_profile("mantis")
@@ -280,22 +274,16 @@ def _machine(key: str, scale: PaperBStudySize, seed: int) -> MachineResult:
     machine = MACHINES[key]
     model = load(machine.model)
     single = wall_motion(machine)
-    layer, curve = predicted(model, single)
+    layer, curve = predicted(model, single.blocks())
     rig, _ = played(machine, single, seed)
     heights = (layer,) * len(scale.heights)
     if scale.layers or key == ARM:  # heights matter to the arm only (full form)
         heights = tuple(
-            predicted(model, wall_motion(machine, height=height))[0] for height in scale.heights
+            predicted(model, wall_motion(machine, height=height).blocks())[0]
+            for height in scale.heights
         )
     if scale.layers:
-        wall, _ = predicted(model, wall_motion(machine, scale.layers))
+        wall, _ = predicted(model, wall_motion(machine, scale.layers).blocks())
     else:
-        wall = _sum(heights)
+        wall = sum(heights[1:], heights[0])
     return MachineResult(layer, curve, rig, heights, wall)
-
-
-def _sum(parts: tuple[Energies, ...]) -> Energies:
-    total = parts[0]
-    for part in parts[1:]:
-        total = total.plus(part)
-    return total

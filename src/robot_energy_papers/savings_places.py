@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program
 from robot_energy.motion.ptp import MotionLimits
@@ -14,7 +13,6 @@ from robot_energy.motion.ptp_file import ProgramFile
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.order import best_order
 from robot_energy.optimization.place import best_place
-from robot_energy.optimization.plan import saving
 from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.task import Task, make_task
 from robot_energy_papers.experiment import TOOL
@@ -25,17 +23,11 @@ ONE = np.ones(1)  # share of speed and acceleration: moves are not made at other
 
 
 def judge_new_moves(work: DrawnWork, model: RobotModel) -> list[JudgedSaving]:
-    """Change the order of a program and the place of its work, each alone.
+    """Return what another order and another place of the work save, each alone, where they do.
 
     Args:
         work: The program and the plant.
         model: Of the plant, identified.
-
-    Returns:
-        What was claimed and what is saved; nothing where no order or place is better.
-
-    Raises:
-        RobotEnergyError: If the model cannot be used.
     """
     chain = PowerChain(model, np.full((1, len(model.joints)), work.degc))
     form = PtpForm(Path("drawn"), chain.robot, _file(work.program, work.limits, chain))
@@ -52,10 +44,7 @@ def judge_new_moves(work: DrawnWork, model: RobotModel) -> list[JudgedSaving]:
             continue
         task = _task(chain, other, True)
         after = task.table.cost(task.base)
-        faster = before.duration - after.duration
-        found.append(
-            work.judged(name, energy, saving(before, after), _run(other), faster, standing)
-        )
+        found.append(work.judged(name, energy, before, after, _run(other), standing))
     return found
 
 
@@ -76,9 +65,8 @@ def _file(program: Program, limits: MotionLimits, chain: PowerChain) -> ProgramF
 
 
 def _task(chain: PowerChain, form: PtpForm, elsewhere: bool) -> Task:
-    rests: Float = form.joint_position
     return make_task(
-        chain, form.moves, form.base, form.needed, rests,
+        chain, form.moves, form.base, form.needed, form.joint_position,
         elsewhere=elsewhere, speeds=ONE, accelerations=ONE,
     )  # fmt: skip
 

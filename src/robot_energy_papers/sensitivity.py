@@ -125,6 +125,7 @@ def sensitivity(
     figures: Sequence[OpenFigure],
     published: Mapping[str, float],
     tolerance: float = TOLERANCE,
+    only: Sequence[str] | None = None,
 ) -> dict[str, SensitivityTable]:
     """Return a table for every quantity that the paper publishes.
 
@@ -133,11 +134,10 @@ def sensitivity(
         figures: What is open.
         published: Results of the paper by quantity. [any unit]
         tolerance: Of values that are sought, share of the way to an end. [-]
-
-    Returns:
-        By quantity.
+        only: Keys of the figures that are changed; None for all.
     """
     nominal = {figure.key: figure.nominal for figure in figures}
+    figures = [figure for figure in figures if only is None or figure.key in only]
     base = evaluate(nominal)
     ends = {
         (figure.key, end): evaluate({**nominal, figure.key: end})

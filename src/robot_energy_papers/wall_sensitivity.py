@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
 
@@ -100,39 +99,24 @@ MOTION_FIGURES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class KeptMotion:
-    """A planned motion that is planned once.
-
-    Attributes:
-        parts: Times and joints of each block.
-    """
-
-    parts: list[tuple[Float, Trajectory]]
-
-    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Return the blocks."""
-        return iter(self.parts)
-
-
 def wall_tables(quick: bool) -> dict[str, SensitivityTable]:
     """Return what the energy of the gantry over that of the arm owes to open figures.
 
+    By measure of energy; one layer at the bottom of the wall, shipped models.
+
     Args:
         quick: Without the figures that change a motion.
-
-    Returns:
-        By measure of energy; one layer at the bottom of the wall, shipped models. [-]
     """
-    figures = MACHINE_FIGURES + (() if quick else MOTION_FIGURES)
-    published = 1.0 + float(MACHINES[GANTRY].paper or 0.0)
-    return sensitivity(_over_arm, figures, dict.fromkeys(QUANTITIES, published))
+    share = 1.0 + float(MACHINES[GANTRY].paper or 0.0)
+    published: dict[str, float] = dict.fromkeys(QUANTITIES, share)
+    only = [figure.key for figure in MACHINE_FIGURES] if quick else None
+    return sensitivity(_over_arm, MACHINE_FIGURES + MOTION_FIGURES, published, only=only)
 
 
 def _over_arm(values: Values) -> dict[str, float]:
     """Energy of the gantry over that of the arm by measure. [-]"""
     gantry, arm = _gantry(values), _arm(values)
-    place = {figure.key: values.get(figure.key, figure.nominal) for figure in MOTION_FIGURES}
+    place = {figure.key: values[figure.key] for figure in MOTION_FIGURES}
     ours, theirs = (_energy(key, model, **place) for key, model in ((GANTRY, gantry), (ARM, arm)))
     return {name: ours[name] / theirs[name] for name in QUANTITIES}
 
@@ -157,13 +141,14 @@ def _energy(
 @cache
 def _motion(
     key: str, distance: float, height: float, acceleration: float, strokes: int
-) -> KeptMotion:
+) -> list[tuple[Float, Trajectory]]:
+    """The blocks of a motion, which is planned once."""
     machine = MACHINES[key]
     if key == ARM:
         place = replace(machine.placement, y=-distance, z=-height)
         machine = replace(machine, placement=place)
     limits = ToolLimits(acceleration=acceleration)
-    return KeptMotion(list(wall_motion(machine, infill=strokes, limits=limits).blocks()))
+    return list(wall_motion(machine, infill=strokes, limits=limits).blocks())
 
 
 def _gantry(values: Values) -> RobotModel:
@@ -190,17 +175,8 @@ def _gantry(values: Values) -> RobotModel:
 
 def _arm(values: Values) -> RobotModel:
     model = load(MACHINES[ARM].model)
-    joints = [
-        _changed(
-            joint,
-            values["arm_ratio"],
-            values["arm_coulomb"],
-            values["arm_viscous"],
-            values["arm_copper"],
-            values["amplifier"],
-        )
-        for joint in model.joints
-    ]
+    named = ("arm_ratio", "arm_coulomb", "arm_viscous", "arm_copper", "amplifier")
+    joints = [_changed(joint, *(values[name] for name in named)) for joint in model.joints]
     head = model.payload[0]
     share = values["head"] / head.mass
     moments = tuple(share * moment for moment in head.inertia)

@@ -184,13 +184,12 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy advice_study band_coverage boat calibration certainty certainty_numbers
-        certainty_page drawings drawn_plants drive_study effects experiment fleet_study
-        generated_fleet held_out interval_coverage job_pool judged_savings kr16_sensitivity
-        learning_study machines mantis map_sensitivity models more_recordings pages paper_a
-        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
-        savings_numbers savings_page savings_places savings_study sensitivity soaked_rigs
-        thermal_study wall wall_sensitivity wear_cycle wear_rows wear_shift wear_study
+        accuracy advice_study band_coverage boat calibration certainty certainty_page drawings
+        drive_study experiment fleet_study generated_fleet held_out interval_coverage job_pool
+        judged_savings kr16_sensitivity learning_study machines mantis map_sensitivity models
+        more_recordings pages paper_a paper_a_page paper_b paper_b_page savings savings_page
+        savings_places savings_study sensitivity soaked_rigs thermal_study wall wall_sensitivity
+        wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

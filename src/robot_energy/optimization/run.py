@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.optimization.measures import MEASURES, Measure, best_states
 from robot_energy.optimization.plan import Cost, CyclePlan, Saving, saving
@@ -120,14 +119,3 @@ def together(task: Task) -> CyclePlan:
             continue  # too little time to wake up
         plans.append(best_states(task, task.plan(row, place, state)))
     return min(plans, key=lambda plan: table.cost(plan).energy)
-
-
-def shares_of(task: Task, plan: CyclePlan) -> tuple[Float, Float]:
-    """Return the shares of speed and acceleration of each move, shape (K,) each. [-]
-
-    Args:
-        task: The task.
-        plan: A plan of it.
-    """
-    chosen = task.table.candidates[plan.row]
-    return chosen.speed, chosen.acceleration
