@@ -117,13 +117,10 @@ def name_of(robot: int) -> str:
 
 
 def visits(plan: FleetPlan) -> Iterator[Visit]:
-    """Set up the robots, each at the times at which it is recorded.
+    """Yield the robots, one after the other, at the times at which each is recorded.
 
     Args:
         plan: What is made.
-
-    Yields:
-        Robot after robot, in order of time.
     """
     profile = load_profile(ROBOT)
     limits = profile.motion_limits(profile.mechanics()[0])

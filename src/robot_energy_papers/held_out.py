@@ -66,15 +66,12 @@ class SetRow:
 def held_out(
     sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
 ) -> list[SetRow]:
-    """Replay every set with every model.
+    """Return one row per set, replayed with every model.
 
     Args:
         sets: Recordings that were not used in any fit.
         models: By name.
         reference: The model whose temperatures and extrapolation are reported.
-
-    Returns:
-        One row per set, in their order.
 
     Raises:
         RigError: If the meter covers nothing of a set.

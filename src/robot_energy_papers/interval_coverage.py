@@ -147,7 +147,7 @@ def given_model(robot: str, seed: int) -> RobotModel:
 def record_plant(
     profile: PlantProfile, config: RigConfig, seed: int, folder: Path, drive_power: bool = False
 ) -> list[Bag]:
-    """Record one robot at all temperatures: other motions and noise, the same sensors.
+    """Return a bag per temperature of one robot: other motions and noise, the same sensors.
 
     Args:
         profile: The plant.
@@ -155,9 +155,6 @@ def record_plant(
         seed: Of motions, noise and constant errors.
         folder: For the bags.
         drive_power: Whether the power of each drive is measured.
-
-    Returns:
-        One bag per temperature.
     """
     bags: list[Bag] = []
     for number, degc in enumerate(DEGC):
@@ -188,7 +185,7 @@ def program_of(profile: PlantProfile, seed: int) -> Program:
 
 
 def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
-    """Draw a plant, record, identify, and compare with the truth.
+    """Return every identified figure of a drawn and recorded plant, compared with the truth.
 
     In every second repetition the power of each drive is measured as well.
 
@@ -197,9 +194,6 @@ def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
         seed: Of everything that is drawn.
         hard: As of `plant`.
         folder: For the bags.
-
-    Returns:
-        Every figure that was identified.
     """
     profile, config = plant(robot, seed, hard)
     bags = record_plant(profile, config, seed, folder, drive_power=bool(seed % 2))
@@ -208,15 +202,12 @@ def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
 
 
 def judged(result: FullIdentification, profile: PlantProfile, config: RigConfig) -> list[Judged]:
-    """Compare every identified figure with the plant.
+    """Return every identified figure that has a group here, compared with the plant.
 
     Args:
         result: The identification.
         profile: The plant.
         config: Its effects.
-
-    Returns:
-        Those that have a group here.
     """
     model = result.model
     found = result.step("dynamics").found
@@ -298,16 +289,13 @@ def repetitions(
     hard: bool = False,
     progress: Callable[[str, int], None] | None = None,
 ) -> list[list[Judged]]:
-    """Repeat the identification, one robot after the other.
+    """Return the figures of each repetition, one robot after the other.
 
     Args:
         robots: Names of shipped models; each seed has the next of them.
         seeds: Of the repetitions.
         hard: As of `plant`.
         progress: Called with robot and seed before each.
-
-    Returns:
-        Figures of each repetition.
     """
     found: list[list[Judged]] = []
     for seed in seeds:
@@ -320,13 +308,10 @@ def repetitions(
 
 
 def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
-    """Count how often the intervals of each group hold the truth.
+    """Return how often the intervals of each group hold the truth.
 
     Args:
         found: Figures of each repetition.
-
-    Returns:
-        One entry per group that has figures.
     """
     rows: list[IntervalCoverage] = []
     for group in GROUPS:

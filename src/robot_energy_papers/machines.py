@@ -187,7 +187,7 @@ def predicted(
 
     Args:
         model: The model.
-        blocks: Times and joints of the motion, as of `ToolMotion.blocks`.
+        blocks: Times, shape (N,) [s], and joints of the motion, as of `ToolMotion.blocks`.
     """
     pipeline = EnergyPipeline(model, Settings(power_period=None, temperature_assumed=True))
     warm: TemperatureBlock | None = TemperatureBlock(

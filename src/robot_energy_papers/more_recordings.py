@@ -38,16 +38,13 @@ class MoreRecordings:
 
 
 def more_recordings(robot: str, seed: int, hard: bool, folder: Path) -> list[MoreRecordings]:
-    """Identify a plant from two of its recordings, from three, and so on.
+    """Return one entry for each recording that is added to the first two of a plant.
 
     Args:
         robot: Name of a shipped model, for the bodies.
         seed: Of everything that is drawn.
         hard: As of `plant`.
         folder: For the bags.
-
-    Returns:
-        One entry for each recording that was added.
     """
     profile, config = plant(robot, seed, hard)
     bags, given = record_plant(profile, config, seed, folder), given_model(robot, seed)

@@ -45,9 +45,6 @@ def document(
         context: What its expressions use.
         pieces: Figures and parts by name.
 
-    Returns:
-        The page.
-
     Raises:
         RobotEnergyError: If a figure cannot be drawn.
     """

@@ -162,13 +162,10 @@ class PaperB:
         return self.main.model
 
     def relative(self, stage: str) -> dict[str, dict[str, float]]:
-        """Return the energy of every machine over that of the arm, less one.
+        """Return the energy of every machine over that of the arm, less one, by figure. [-]
 
         Args:
             stage: ``layer``, ``wall`` or ``rig``.
-
-        Returns:
-            By machine and figure. [-]
         """
         energies: dict[str, Energies] = {
             key: getattr(found, stage) for key, found in self.machines.items()

@@ -169,20 +169,17 @@ class WearRows:
         return pairs
 
     def days(self, days: int, wear: Wear | None = None) -> Iterator[Day]:
-        """Run day after day, with the torque of every motor.
+        """Yield the parts of day after day, with the torque of every motor.
 
         Args:
             days: How many.
             wear: Factor on the friction of each axis, of its hours of motion, shape (n,) both.
-
-        Yields:
-            The parts of each.
         """
         for day, states in self._states(days, wear):
             yield self._day(day, states)
 
     def meter_days(self, days: int, wear: Wear | None = None) -> Iterator[list[MeterRow]]:
-        """Run day after day, with a power meter alone.
+        """Yield the windows of day after day, with a power meter alone.
 
         Grid power is that of the rig at `COULOMB_DEGC`, plus what friction and copper of the plant
         take more at the present temperatures, over the efficiency of the rectifier; the prediction
@@ -191,9 +188,6 @@ class WearRows:
         Args:
             days: How many.
             wear: As for `days`.
-
-        Yields:
-            The windows of each.
         """
         for day, states in self._states(days, wear):
             yield self._meter_day(day, states)

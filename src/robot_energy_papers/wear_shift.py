@@ -121,13 +121,10 @@ class Shift:
         self._pipeline.torque.set_payload(carried[1])
 
     def hours(self, joint: int) -> float:
-        """Return how long an axis has moved.
+        """Return how long an axis has moved. [h]
 
         Args:
             joint: Its index.
-
-        Returns:
-            Its motion so far. [h]
         """
         return self.monitor.state().hours[joint]
 
@@ -143,7 +140,7 @@ class Shift:
 def detection(
     shift: Shift, joint: int, rise: float, before: float, after: float, per_hour: float = 0.0
 ) -> WearRow:
-    """Let one axis wear, at once or slowly, and see when it is found.
+    """Return when the wear of one axis, at once or slow, is found.
 
     Args:
         shift: Not yet begun.
@@ -152,9 +149,6 @@ def detection(
         before: Time without wear. [h]
         after: Time with it. [h]
         per_hour: Further rise in an hour. [-]
-
-    Returns:
-        What was found.
     """
     shift.run(round(60 * before))
     tests = shift.monitor.joints
@@ -187,7 +181,7 @@ class StuckRow:
 def stuck_thermometer(
     shift: Shift, joint: int, before: float, during: float, after: float
 ) -> StuckRow:
-    """Let the thermometer of one axis stand still, and see whether this is taken for wear.
+    """Return whether a thermometer of one axis that stands still is taken for wear.
 
     Args:
         shift: Not yet begun.
@@ -195,9 +189,6 @@ def stuck_thermometer(
         before: Time until the fault. [h]
         during: Of the fault. [h]
         after: Time with a good thermometer again. [h]
-
-    Returns:
-        What was said.
     """
     shift.run(round(60 * before))
     begun = shift.hours(joint)

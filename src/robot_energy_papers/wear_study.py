@@ -78,7 +78,7 @@ def simulated(
     per_hour: float = 0.0005,
     changes: tuple[float, float] | None = None,
 ) -> SimulatedRow:
-    """Run a plant for days without wear, and let wear begin at some hours of motion.
+    """Return what is found of wear that begins at some hours of motion, and without any.
 
     Args:
         profile: The plant.
@@ -88,9 +88,6 @@ def simulated(
         step: Rise of friction at once; a fall is as large. [-]
         per_hour: Rise of friction in an hour of motion, where it is slow. [-]
         changes: Shortest and longest time with one program; None for one program always. [h]
-
-    Returns:
-        What was found.
     """
     rows = WearRows(profile, seed, changes=changes)
     records = records_of(rows.days(days), profile.n_joints)
@@ -113,14 +110,11 @@ def simulated(
 
 
 def records_of(days: Iterable[list[MotionSums]], n_joints: int) -> list[list[WearRecord]]:
-    """Gather the records of every axis.
+    """Return the records of every axis, oldest first.
 
     Args:
         days: Parts of each day.
         n_joints: Number of axes.
-
-    Returns:
-        Of each axis, oldest first.
     """
     gatherer = MotionGatherer(n_joints)
     records: list[list[WearRecord]] = [[] for _ in range(n_joints)]
@@ -174,7 +168,7 @@ def worn_in_plant(
     rise: Callable[[float], float],
     begin: float = 48.0,
 ) -> WornRow:
-    """Let axes of the plant itself wear, with the heat that this makes.
+    """Return when axes of the plant itself that wear are found, with the heat that this makes.
 
     Args:
         profile: The plant.
@@ -183,9 +177,6 @@ def worn_in_plant(
         joints: Which axes wear.
         rise: Of their friction, by hours of motion since the beginning. [-]
         begin: Hours of motion without wear. [h]
-
-    Returns:
-        What was found.
     """
 
     def wear(hours: Float) -> Float:

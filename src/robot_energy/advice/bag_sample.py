@@ -67,9 +67,6 @@ def bag_sample(folder: str | Path, keys: Sequence[str], options: ReplayOptions) 
         folder: Of the dataset.
         keys: Of the rows that count, by robot and time.
         options: That go before those with which a bag was replayed.
-
-    Returns:
-        The bags.
     """
     rows = scan(folder).select("key", "bag", "settings").collect().iter_rows()
     known = {key: SampledBag(bag, _options(settings)) for key, bag, settings in rows}

@@ -75,7 +75,7 @@ def advise(
     look_at_speeds: bool = True,
     **options: Unpack[ReplayOptions],
 ) -> AdviceResult:
-    """Say what would save energy, from recordings alone.
+    """Return a ranked list of what would save energy, from recordings alone.
 
     Args:
         recordings: Bags of one robot model, or the folder of a dataset of a fleet.
@@ -89,9 +89,6 @@ def advise(
         days_per_year: With such work; None: all where the recordings span a week, else 250. [1]
         look_at_speeds: Whether other speeds are looked for, which takes longest.
         **options: How bags are read: see `ReplayOptions`.
-
-    Returns:
-        A ranked list.
 
     Raises:
         ParameterError: If a figure makes no sense.

@@ -101,13 +101,10 @@ class FourierMotion:
         return self.basis.period
 
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the motion; before its start it rests.
+        """Return the motion, joint side; before its start it rests.
 
         Args:
             time: Since the start of the first loop, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         phase = np.where(time > 0, np.remainder(time, self.period), 0.0)

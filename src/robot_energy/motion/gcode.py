@@ -65,14 +65,11 @@ class GcodeProgram:
 
 
 def load_gcode(path: str | Path, rapid_speed: float = RAPID_SPEED) -> GcodeProgram:
-    """Read a G-code file.
+    """Return the tool path of a G-code file, and what was read over.
 
     Args:
         path: The file.
         rapid_speed: Speed of G0 without F. [m/s]
-
-    Returns:
-        Its tool path and what was read over.
 
     Raises:
         MotionError: If it cannot be read, naming the line.
@@ -89,16 +86,15 @@ def load_gcode(path: str | Path, rapid_speed: float = RAPID_SPEED) -> GcodeProgr
 def read_gcode(
     text: str, name: str = "the program", rapid_speed: float = RAPID_SPEED
 ) -> GcodeProgram:
-    """Read G-code.
+    """Return the tool path of G-code, and what was read over.
+
+    The tool begins where the program first puts each axis; an axis that is first named after the
+    first move began at 0.
 
     Args:
         text: The program.
         name: Name of the program, for messages.
         rapid_speed: Speed of G0 without F. [m/s]
-
-    Returns:
-        Its tool path and what was read over. The tool begins where the program first puts
-        each axis; an axis that is first named after the first move began at 0.
 
     Raises:
         MotionError: Naming line, what was found and what was expected.

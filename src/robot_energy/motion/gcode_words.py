@@ -41,15 +41,13 @@ class Word:
 
 
 def words_of(text: str, where: str) -> list[Word]:
-    """Take a line apart.
+    """Return the words of a line in order, without line number and checksum.
+
+    The free text of message codes (M117 ...) is left out.
 
     Args:
         text: One line, without its end.
         where: File and line, for messages.
-
-    Returns:
-        Its words in order, without line number and checksum; the free text of message
-        codes (M117 ...) is left out.
 
     Raises:
         MotionError: If a part is not a word, a comment does not end, or a checksum is wrong.

@@ -54,14 +54,11 @@ class PlanarArm:
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:
-        """Read the geometry from a robot.
+        """Return the geometry of a robot; None if it is not a planar arm.
 
         Args:
             robot: Any robot.
             link: Link of the URDF that is the tool.
-
-        Returns:
-            The arm; None if the robot is not a planar arm.
         """
         zero = np.zeros(robot.n_joints)
         tool, _, jacobian = robot.link_jacobian(zero, link)
@@ -95,26 +92,20 @@ class PlanarArm:
         return plane[:, 0] + 1j * plane[:, 1], away @ self.normal - self.height
 
     def tool(self, joint_position: Float) -> Complex:
-        """Return the tool's place in the plane.
+        """Return the tool's place in the plane, shape (...,). [m]
 
         Args:
             joint_position: Shape (..., n). [rad]
-
-        Returns:
-            Shape (...,). [m]
         """
         theta = np.cumsum(joint_position * self.sense, axis=-1)
         return np.asarray((self.link * np.exp(1j * theta)).sum(axis=-1))
 
     def reach(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, float, float]:
-        """Where the tool gets to with some joints only.
+        """Return the place of the first free joint, least and greatest distance from it. [m]
 
         Args:
             joint_position: Positions of the others, shape (n,). [rad]
             free: Indices of the joints that move, rising.
-
-        Returns:
-            Place of the first free joint, least and greatest distance from it. [m]
         """
         start, links = self.chain(joint_position, free)
         size = np.abs(links)
@@ -141,15 +132,14 @@ class PlanarArm:
         return start, np.array(parts)
 
     def two_free(self, place: Complex, start: Float, free: Sequence[int]) -> Float:
-        """Closed form for two free joints, on the side of the start.
+        """Return the closed form for two free joints on the side of the start, shape (N, n). [rad]
+
+        It is nan where both links lie in one line.
 
         Args:
             place: Places of the tool, within reach, shape (N,). [m]
             start: Joint positions before the first place; decides the side, shape (n,). [rad]
             free: Indices of the two joints.
-
-        Returns:
-            Shape (N, n); nan where both links lie in one line. [rad]
         """
         origin, (inner, outer) = self.chain(start, free)
         a, b = free
@@ -169,16 +159,15 @@ class PlanarArm:
         return result
 
     def nearest(self, place: Complex, start: Float, free: Sequence[int], weight: Float) -> Float:
-        """Configurations nearest to the start, tool in place, found along the path.
+        """Return configurations nearest to the start, tool in place, shape (N, n). [rad]
+
+        They are found along the path; nan from the first place that was not found.
 
         Args:
             place: Places of the tool, shape (N,). [m]
             start: The reference, shape (n,). [rad]
             free: Indices of the joints that move, three or more.
             weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
-
-        Returns:
-            Shape (N, n); nan from the first place that was not found. [rad]
         """
         result = np.full((len(place), len(start)), np.nan)
         posture, force = start.copy(), np.zeros(2)

@@ -99,14 +99,11 @@ class SampledMotion:
 
 
 def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Trajectory]]:
-    """Go through a motion several times without a pause.
+    """Yield the blocks of a motion that is made several times without a pause.
 
     Args:
         motion: The motion.
         times: How often, >= 1.
-
-    Yields:
-        As `PlannedMotion.blocks`, over all times.
 
     Raises:
         MotionError: If it is to be repeated but does not end where it begins.

@@ -73,15 +73,12 @@ class MotionLimits:
     def of_robot(
         cls, robot: Robot, acceleration: Float, jerk_time: float = DEFAULT_JERK_TIME
     ) -> MotionLimits:
-        """Take positions and speeds from the URDF, which has no accelerations.
+        """Return limits with positions and speeds of the URDF, which has no accelerations.
 
         Args:
             robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
-
-        Returns:
-            The limits.
 
         Raises:
             MotionError: If the URDF gives no finite velocity limit.

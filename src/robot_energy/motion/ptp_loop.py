@@ -108,14 +108,11 @@ class Program:
         return np.stack([self._begin + self.dwell, ends], axis=1).ravel()
 
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the program.
+        """Return the motion, joint side.
 
         Args:
             time: Since the start of the first loop; before it the robot rests at the
                 first via, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         phase = np.where(time > 0, np.remainder(time, self.period), 0.0)
@@ -140,7 +137,7 @@ def random_program(
     accept: Callable[[Float], bool] | None = None,
     start: Float | None = None,
 ) -> Program:
-    """Draw a program of random configurations, the same for the same seed.
+    """Return a program of random configurations, the same for the same seed.
 
     Args:
         limits: Position, velocity and acceleration limits.
@@ -154,9 +151,6 @@ def random_program(
             every motion, the way back to the first via included. See `tool_above`.
         start: First via, so that programs can follow one another, shape (n,); default: drawn
             like the others. [rad] or [m]
-
-    Returns:
-        The program.
 
     Raises:
         MotionError: If the figures make no sense, or no allowed program is found.

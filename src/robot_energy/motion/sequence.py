@@ -55,13 +55,10 @@ class Sequence:
         return self._motions[0].n_joints
 
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the sequence.
+        """Return the motion, joint side.
 
         Args:
             time: Since the start of the first part, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         part = np.maximum(np.searchsorted(self.begin, time, side="right") - 1, 0)

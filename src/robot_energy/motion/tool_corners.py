@@ -99,15 +99,12 @@ class _Piece(NamedTuple):
 
 
 def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPieces:
-    """Round the corners of a path.
+    """Return the pieces of a path with rounded corners.
 
     Args:
         path: The path.
         acceleration: Greatest of the tool, > 0. [m/s^2]
         tolerance: Greatest distance between path and rounded path, >= 0. [m]
-
-    Returns:
-        The pieces.
     """
     maker = _Maker(acceleration, tolerance)
     moves = path.segments

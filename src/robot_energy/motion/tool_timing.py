@@ -218,13 +218,10 @@ class TimedPath:
         )
 
     def sample(self, time: Float) -> ToolTrajectory:
-        """Evaluate the motion; the tool rests before its start and after its end.
+        """Return the motion; the tool rests before its start and after its end.
 
         Args:
             time: Since the start, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         smooth = self.limits.smoothing

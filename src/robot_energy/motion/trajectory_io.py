@@ -54,15 +54,12 @@ def check_sampling(rate: float, loops: int) -> None:
 
 
 def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, Trajectory]:
-    """Sample a motion from rest to rest, the end included.
+    """Return times from 0, shape (N,) [s], and a motion at them, from rest to rest.
 
     Args:
         motion: What to sample.
         rate: Points per second. [Hz]
         loops: Periods one after the other.
-
-    Returns:
-        Times from 0, shape (N,) [s], and the motion at them.
 
     Raises:
         MotionError: If rate or loops make no sense.
@@ -113,13 +110,10 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
 
 
 def read_csv_trajectory(path: str | Path) -> JointTrajectory:
-    """Read a table.
+    """Return the motion of a table.
 
     Args:
         path: The file.
-
-    Returns:
-        The motion.
 
     Raises:
         MotionError: If it cannot be read or columns are missing.
@@ -220,14 +214,11 @@ def write_trajectory(
 
 
 def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
-    """Read the JointTrajectory of a bag.
+    """Return the motion of the JointTrajectory of a bag.
 
     Args:
         path: MCAP file or rosbag2 folder.
         topic: Its topic; None where there is one only.
-
-    Returns:
-        The motion.
 
     Raises:
         BagError: If the bag cannot be read.
@@ -261,7 +252,7 @@ def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTraj
 
 
 def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
-    """Decode a serialized ``trajectory_msgs/msg/JointTrajectory``.
+    """Return a serialized ``trajectory_msgs/msg/JointTrajectory``, for `read_points`.
 
     Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
 
@@ -269,9 +260,6 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
         store: Message definitions.
         data: The message.
         name: Where it comes from, for messages.
-
-    Returns:
-        The message, for `read_points`.
 
     Raises:
         MotionError: If it is too long or no such message.

@@ -105,16 +105,13 @@ class PtpMoves(Moves):
 
     @classmethod
     def of_program(cls, program: Program, limits: MotionLimits) -> PtpMoves:
-        """Take the moves of a program, which can be as fast as its limits without an override.
+        """Return the moves of a program, which can be as fast as its limits without an override.
 
         The jerk time is that of the program as it runs, so that what is left alone does not change.
 
         Args:
             program: The loop.
             limits: Its limits without an override.
-
-        Returns:
-            Its moves.
         """
         bounds = replace(limits, jerk_time=program.limits.jerk_time)
         return cls(program.via, np.roll(program.via, -1, axis=0), bounds)
@@ -164,15 +161,12 @@ def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATION
 def blocks(
     moves: Moves, candidates: Candidates, samples: int = SAMPLES
 ) -> Iterator[tuple[slice, Samples]]:
-    """Go through the samples of all candidates, a bounded number at a time.
+    """Yield the samples of all candidates, a bounded number at a time: which, and their motion.
 
     Args:
         moves: The moves.
         candidates: Which; a move without way has two samples at rest.
         samples: Of one candidate, at most.
-
-    Yields:
-        Which candidates, and their motion.
     """
     duration = moves.duration(candidates)
     fine, coarse = (np.ceil(duration / step - 1e-9).astype(np.int64) for step in (STEP, LONG_STEP))

@@ -91,7 +91,7 @@ def compare_motions(
     progress: Callable[[float], None] | None = None,
     max_samples: int = MAX_SAMPLES,
 ) -> MotionComparison:
-    """Predict several motions and say which needs least energy.
+    """Return what several motions need, and which needs least energy.
 
     Args:
         model: The robot's model, with what it carries as payload.
@@ -103,9 +103,6 @@ def compare_motions(
         calibration: What a meter has shown of the bands of this model.
         progress: Called with the share done, 0 to 1.
         max_samples: Of all motions together.
-
-    Returns:
-        One entry for each, and their order.
 
     Raises:
         MotionError: If there is none, or a figure makes no sense.

@@ -89,7 +89,7 @@ class EnergyDeviations:
         reaches: Float,
         fed_back: Float,
     ) -> Float:
-        """Return the rates of all columns.
+        """Return the rates of all columns, shape (N, K). [W]
 
         Args:
             motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
@@ -100,9 +100,6 @@ class EnergyDeviations:
             motor_temperature_degc: Shape (n,). [degC]
             reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
-
-        Returns:
-            Shape (N, K). [W]
         """
         speed = np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))

@@ -27,7 +27,7 @@ def read_form(
     tool: ToolOptions | None = None,
     max_feed: float = 1.0,
 ) -> ProgramForm:
-    """Read a program.
+    """Return a program that can be made cheaper.
 
     Args:
         path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
@@ -38,9 +38,6 @@ def read_form(
         time_range: Part of recorded joint states; None for all.
         tool: What G-code does not state.
         max_feed: Greatest factor on the feeds of G-code. [-]
-
-    Returns:
-        The program.
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.

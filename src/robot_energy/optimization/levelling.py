@@ -47,9 +47,6 @@ def level_starts(power: Sequence[Float], cycle_time: float, seed: int = 0) -> Le
         cycle_time: Of all. [s]
         seed: Of the beginnings for more than two robots.
 
-    Returns:
-        The starts.
-
     Raises:
         MotionError: If there are not at least two robots of one length.
     """

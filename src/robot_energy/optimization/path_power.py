@@ -63,14 +63,11 @@ class PathPower:
 
 
 def path_power(chain: PowerChain, path: Trajectory) -> PathPower:
-    """Return the figures of a path.
+    """Return the figures of a path; of drives without a loss model the losses are 0.
 
     Args:
         chain: The robot; its mean temperature counts.
         path: The motion over its own time, shape (N, n) each.
-
-    Returns:
-        The figures; of drives without a loss model the losses are 0.
     """
     degc = chain.motor_temperature_degc.mean(axis=0)
     q, v, a = path.joint_position, path.joint_velocity, path.joint_acceleration

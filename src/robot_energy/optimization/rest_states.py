@@ -67,13 +67,10 @@ ASSUMED = (
 
 
 def read_rest_states(path: str | Path) -> tuple[RestState, ...]:
-    """Read the states of a robot.
+    """Return the states of a robot.
 
     Args:
         path: A YAML file with the key ``rest_states``.
-
-    Returns:
-        The states.
 
     Raises:
         MotionError: Naming the bad key, what was found and what was expected.

@@ -54,14 +54,11 @@ class Optimum:
 
 
 def optimise(task: Task, moved: Task | None = None) -> Optimum:
-    """Try every measure alone, then all together.
+    """Return the choice, each measure alone and the trade-offs.
 
     Args:
         task: The program and what may be changed.
         moved: The same with the moves that take the place of its own in the choice.
-
-    Returns:
-        The choice, each measure and the trade-offs.
 
     Raises:
         MotionError: If a move cannot be made within the limits.
@@ -95,9 +92,6 @@ def together(task: Task) -> CyclePlan:
 
     Args:
         task: The program and what may be changed.
-
-    Returns:
-        The plan.
 
     Raises:
         MotionError: If a move cannot be made within the limits.

@@ -23,16 +23,13 @@ MAX_FRONT = 40  # points that are kept
 def cheapest(
     table: CostTable, allowed: NDArray[np.bool_], time: float, wait_power: float = 0.0
 ) -> Int:
-    """Return the candidate of each move that together cost least.
+    """Return the row of the candidate of each move that together cost least, shape (K,).
 
     Args:
         table: All candidates.
         allowed: Which of them may be used, shape (P,).
         time: For all moves together. [s]
         wait_power: Power of the wait that takes what is left of the time. [W]
-
-    Returns:
-        Row of each move, shape (K,).
 
     Raises:
         MotionError: If the moves cannot be made within the time.

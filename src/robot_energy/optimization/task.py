@@ -139,7 +139,7 @@ def make_task(
     accelerations: Float = ACCELERATIONS,
     progress: Callable[[float], None] | None = None,
 ) -> Task:
-    """Work out what every candidate costs.
+    """Return the task, with what every candidate costs.
 
     Args:
         chain: The robot at its temperatures.
@@ -155,9 +155,6 @@ def make_task(
         speeds: Shares of speed that are tried, shape (S,). [-]
         accelerations: Shares of acceleration that are tried, shape (A,). [-]
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        The task.
 
     Raises:
         MotionError: If the program does not fit into the cycle time.

@@ -87,7 +87,9 @@ def timed_moves(
     limits: LawLimits,
     progress: Callable[[float], None] | None = None,
 ) -> Moves:
-    """Find the cheapest time laws of every move, for several prices of a second.
+    """Return moves with their cheapest time laws, for several prices of a second.
+
+    A move whose program has no solution has none.
 
     Args:
         chain: The robot at its temperatures.
@@ -95,9 +97,6 @@ def timed_moves(
         base: How they are made now, in their order.
         limits: Of speed, acceleration and jerk.
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        The moves with their laws; a move whose program has no solution has none.
     """
     cabinet = chain.model.cabinet
     laws: list[Float] = []
@@ -124,16 +123,14 @@ def timed_moves(
 
 
 def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits:
-    """Return the limits of laws.
+    """Return the limits of laws, with the velocity and torque limits of the URDF.
+
+    Torques of joints are as those of their motors, wrist coupling left out.
 
     Args:
         chain: The robot.
         acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Joint side, shape (n,). [rad/s^3] or [m/s^3]
-
-    Returns:
-        With the velocity and torque limits of the URDF; torques of joints as those of their
-        motors, wrist coupling left out.
     """
     limits = chain.robot.limits
     ratio = np.abs(np.diag(chain.drivetrain.transmission))
