@@ -103,11 +103,7 @@ class AfterRest:
     def __init__(self, motion: JointMotion, duration: float) -> None:
         self._motion = motion
         self._duration = duration
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return self._motion.n_joints
+        self.n_joints = motion.n_joints
 
     def sample(self, time: Float) -> Trajectory:
         """Return the motion.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
@@ -85,14 +84,12 @@ class Trained:
     """What was identified from some excitation, and how it predicts what it has not seen.
 
     Attributes:
-        dynamics: By ordinary least squares, as in the paper.
-        model: The Mantis's model with it.
+        model: The Mantis's model with bodies by ordinary least squares, as in the paper.
         drives: Maps and losses.
         mechanical: By run.
         tests: Tests of the drives, one per run.
     """
 
-    dynamics: Dynamics
     model: RobotModel
     drives: DrivesFit
     mechanical: dict[str, MechanicalTest]
@@ -255,12 +252,11 @@ def _drawn(
 
 
 def _trained(runs: list[PrintRun], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
-    dynamics = identify_mechanics(runs, start, "ols")
-    model = to_model(dynamics, ["excitation on the virtual rig"])
+    model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
     drives = identify_drives(runs)
     held_out = {name: read_run(paths[name], model) for name in (WALL, WALL_HELD, VALIDATION)}
     mechanical = {name: MechanicalTest(run, _accuracy(run)) for name, run in held_out.items()}
-    return Trained(dynamics, model, drives, mechanical, tested(held_out, drives))
+    return Trained(model, drives, mechanical, tested(held_out, drives))
 
 
 def _accuracy(run: PrintRun) -> dict[Definition, Accuracy]:

@@ -126,12 +126,12 @@ MODULES = {
         reference schema thermal
     """,
     "robot_energy.motion": """
-        fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
+        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion planar
         planned ptp ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path
         tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain comparison deviation_sums deviations forms gcode_form levelling measures
+        candidates chain comparison deviations forms gcode_form levelling measures
         order path_power place plan program_form ptp_form recorded_motion rest_states run search
         task time_law timed_form timed_moves trajectory_form
     """,

@@ -46,22 +46,14 @@ def evenly(count: int) -> list[int]:
     return places
 
 
-@dataclass(frozen=True)
-class BagSample:
-    """What of a dataset can be looked at again.
+def bag_sample(
+    folder: str | Path, keys: Sequence[str], options: ReplayOptions
+) -> tuple[list[SampledBag], int]:
+    """Return bags of a dataset that can be looked at again, evenly spread over a list.
 
-    Attributes:
-        bags: `MAX_BAGS` at most; none where fewer than `MIN_BAGS` can be read from this host.
-        without_inputs: Bags that are there, but were replayed with a file of inputs, of which a
-            dataset keeps a hash alone, how many.
-    """
-
-    bags: list[SampledBag]
-    without_inputs: int
-
-
-def bag_sample(folder: str | Path, keys: Sequence[str], options: ReplayOptions) -> BagSample:
-    """Return bags of a dataset, evenly spread over a list.
+    They are `MAX_BAGS` at most, and none where fewer than `MIN_BAGS` can be read from this host.
+    The number is that of bags that are there, but were replayed with a file of inputs, of which a
+    dataset keeps a hash alone.
 
     Args:
         folder: Of the dataset.
@@ -75,7 +67,7 @@ def bag_sample(folder: str | Path, keys: Sequence[str], options: ReplayOptions) 
     usable = [one for one in there if "inputs" in given or "inputs" not in one.options]
     chosen = [usable[k] for k in evenly(len(usable))] if len(usable) >= MIN_BAGS else []
     bags = [replace(one, options=one.options | given) for one in chosen]
-    return BagSample(bags, len(there) - len(usable))
+    return bags, len(there) - len(usable)
 
 
 def _options(settings: str | None) -> dict[str, Any]:

@@ -48,12 +48,12 @@ def dataset_evidence(
             "the model that the bags were replayed with",
         )
     keys = runs.sort("robot", "start_ns", "bag")["key"].to_list()
-    sample = bag_sample(folder, keys, options or {})
+    sample, without_inputs = bag_sample(folder, keys, options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
-        f"{len(sample.bags)} of its {len(runs)} bags are looked at, spread over robots and time; "
+        f"{len(sample)} of its {len(runs)} bags are looked at, spread over robots and time; "
         "the bands hold how much they differ"
-        if sample.bags
+        if sample
         else f"name bags instead, such as {largest}, which took most energy: fewer than {MIN_BAGS} "
         "are where they were and can be read again"
     )
@@ -73,9 +73,9 @@ def dataset_evidence(
             f"a dataset holds sums: for warm-up, speeds and waiting poses {bags}",
         ],
     )
-    if sample.without_inputs:
+    if without_inputs:
         found.notes.append(
-            f"not looked at: {counted(sample.without_inputs, 'bag')} replayed with a file of "
+            f"not looked at: {counted(without_inputs, 'bag')} replayed with a file of "
             "inputs, which a dataset does not keep; name bags instead, and that file with --inputs"
         )
     found.notes += counted_twice(runs)
@@ -103,4 +103,4 @@ def dataset_evidence(
             found.rests += [
                 RecordedRest(hour_ns, hour_ns + length, energy / count, still) for _ in range(count)
             ]
-    return found, sample.bags
+    return found, sample

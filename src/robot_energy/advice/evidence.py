@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
-from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.optimization.deviations import DeviationSums
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output

@@ -58,6 +58,7 @@ class SampledMotion:
     Attributes:
         joint_names: As given.
         duration: As given. [s]
+        sample_count: Number of samples, or a few more.
 
     Raises:
         MotionError: If duration or step make no sense.
@@ -80,11 +81,7 @@ class SampledMotion:
         self.duration = duration
         self._count = max(1, math.ceil(duration / step - 1e-9))
         self._instants = np.asarray(instants, dtype=np.float64)
-
-    @property
-    def sample_count(self) -> int:
-        """See `PlannedMotion.sample_count`."""
-        return self._count + 1 + len(self._instants)
+        self.sample_count = self._count + 1 + len(self._instants)
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
         """See `PlannedMotion.blocks`."""

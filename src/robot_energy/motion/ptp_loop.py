@@ -36,6 +36,8 @@ class Program:
         limits: Limits under the override.
         speed_share: Of each move, shape (K,). [-]
         acceleration_share: Of each move, shape (K,). [-]
+        moves: Number of motions in one loop.
+        n_joints: Number of joints.
         period: Length of one loop. [s]
 
     Raises:
@@ -57,6 +59,7 @@ class Program:
                 f"the via configurations have shape {self.via.shape}",
                 "(number of vias, number of joints)",
             )
+        self.moves, self.n_joints = len(self.via), int(self.via.shape[1])
         for index, configuration in enumerate(self.via):
             limits.check(configuration, f"via {index + 1}")
         self.dwell = self._each(dwell, "dwell times")
@@ -90,16 +93,6 @@ class Program:
                 f"the {what} have shape {values.shape}", f"one value or {len(self.via)}"
             )
         return np.broadcast_to(values, len(self.via))
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return self.via.shape[1]
-
-    @property
-    def moves(self) -> int:
-        """Number of motions in one loop."""
-        return len(self.via)
 
     @property
     def instants(self) -> Float:

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, Segment, ToolPath
@@ -50,8 +49,6 @@ class PathPieces:
         entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
         dwell: Rest, of dwells alone. [s]
         source_line: Line of the program.
-        corner: Whether it rounds a corner.
-        feeding: Whether material flows (rounded corners: on both sides).
     """
 
     length: Float
@@ -67,8 +64,6 @@ class PathPieces:
     entry: Float
     dwell: Float
     source_line: Int
-    corner: NDArray[np.bool_]
-    feeding: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.length)
@@ -94,8 +89,6 @@ class _Piece(NamedTuple):
     entry: float = 0.0
     dwell: float = 0.0
     source_line: int = 0
-    corner: bool = False
-    feeding: bool = False
 
 
 def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPieces:
@@ -174,7 +167,6 @@ class _Maker:
                 speed=line.speed,
                 acceleration=self._acceleration,
                 source_line=line.source_line,
-                feeding=line.extruding,
             )
 
     def _arc(self, arc: Arc) -> None:
@@ -201,7 +193,6 @@ class _Maker:
                 speed=min(arc.speed, limit),
                 acceleration=ALONG_SHARE * self._acceleration,
                 source_line=arc.source_line,
-                feeding=arc.extruding,
             )
             self._entry = arc.speed
 
@@ -230,8 +221,6 @@ class _Maker:
                 commanded=commanded,
                 speed=speed,
                 source_line=before.source_line,
-                corner=True,
-                feeding=before.extruding and after.extruding,
             )
             self._entry = speed
 

@@ -100,6 +100,8 @@ class ToolMotion:
 
     Attributes:
         duration: [s]
+        joint_names: In the order of the arrays.
+        sample_count: Number of samples that ``blocks`` gives.
 
     Raises:
         MotionError: If the step makes no sense or the motion is too long for it.
@@ -132,17 +134,8 @@ class ToolMotion:
         self._placement = placement or ToolPlacement()
         self._count = max(2 * DEGREE, math.ceil(path.duration / step - 1e-9)) + 1
         self._step = path.duration / (self._count - 1)
-        self.duration = path.duration
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of the arrays."""
-        return self._limits.joint_names
-
-    @property
-    def sample_count(self) -> int:
-        """Number of samples that ``blocks`` gives."""
-        return self._count
+        self.duration, self.joint_names = path.duration, limits.joint_names
+        self.sample_count = self._count
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
         """Go through the motion once.

@@ -13,7 +13,7 @@ from robot_energy.errors import MotionError, RobotEnergyError
 from robot_energy.model import RobotModel
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.optimization.deviations import DeviationSums
 from robot_energy.prediction import MAX_SAMPLES, planned_samples, predict
 from robot_energy.uncertainty.band import Z90
 

@@ -11,7 +11,7 @@ from robot_energy.errors import MotionError
 from robot_energy.files.output_files import GENERATOR, FileKind, write_file
 from robot_energy.files.regular_file import read_regular
 from robot_energy.motion.gcode import MAX_BYTES, read_gcode
-from robot_energy.motion.gcode_feed import with_feed
+from robot_energy.motion.gcode_words import with_feed
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.load_motion import ToolOptions, tool_program
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory

@@ -125,7 +125,7 @@ def _with_shares(table: CostTable, speed: float, rise: float) -> Int | None:
 
 
 def front(
-    table: CostTable, allowed: NDArray[np.bool_], plan: CyclePlan, most: int = MAX_FRONT
+    table: CostTable, allowed: NDArray[np.bool_], plan: CyclePlan
 ) -> list[tuple[CyclePlan, Cost]]:
     """Return plans of which none is better than another in energy, time and peak at once.
 
@@ -136,7 +136,6 @@ def front(
         table: All candidates.
         allowed: Which of them may be used, shape (P,).
         plan: Whose rests are kept.
-        most: Number of plans, at most.
 
     Returns:
         From fast to slow.
@@ -162,8 +161,8 @@ def front(
     best_rows: list[int] = np.flatnonzero(_not_worse(points)).tolist()
     kept = [plans[k] for k in best_rows]
     kept.sort(key=lambda pair: pair[1].duration)
-    if len(kept) > most:
-        shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, most).astype(int)).tolist()
+    if len(kept) > MAX_FRONT:
+        shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, MAX_FRONT).astype(int)).tolist()
         kept = [kept[k] for k in shown]
     return kept
 
