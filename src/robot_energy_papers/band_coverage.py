@@ -138,9 +138,6 @@ def band_coverage(
         plants: Seeds of drawn plants; None: the standard plant of the KR 16 class.
         runs: What the rig does; None for the full runs.
         hard: Whether the rig has effects that no model has a term for.
-
-    Raises:
-        RobotEnergyError: If a plant cannot be identified.
     """
     runs = runs or BandRuns()
     for plant in plants:
@@ -187,9 +184,6 @@ class DrawnRig:
 
         Args:
             training: What the rig does in them.
-
-        Raises:
-            RobotEnergyError: If the plant cannot be identified.
         """
         bags = [self.record(one, seed) for seed, one in enumerate(training, 1)]
         return identify_all(bags, BODY, "motor_torque", held_out=False).model

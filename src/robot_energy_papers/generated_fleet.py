@@ -198,19 +198,8 @@ def _wear(n_joints: int, share: float) -> np.ndarray:
     return worn
 
 
-def write_bags(folder: Path, plan: FleetPlan) -> int:
-    """Record the fleet to bags: a folder for each robot, and ``bags.csv``, the table of all.
-
-    Args:
-        folder: Where to; made here.
-        plan: What is made.
-
-    Returns:
-        How many bags there are.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be written.
-    """
+def _write_bags(folder: Path, plan: FleetPlan) -> int:
+    """Record the fleet: a folder for each robot, and ``bags.csv``, the table of all its bags."""
     folder.mkdir(parents=True, exist_ok=True)
     count = 0
     with (folder / "bags.csv").open("w", newline="") as file:
@@ -250,7 +239,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     plan = FleetPlan(args.robots, args.weeks, args.seed, not args.sound)
     begun = time.perf_counter()
-    count = write_bags(args.folder, plan)
+    count = _write_bags(args.folder, plan)
     size = sum(path.stat().st_size for path in args.folder.rglob("*") if path.is_file())
     print(f"{count} bags, {size / 1e6:.0f} MB, {time.perf_counter() - begun:.0f} s")
     return 0

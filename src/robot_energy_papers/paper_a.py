@@ -116,20 +116,6 @@ class ShaftCurve:
 
 
 @dataclass(frozen=True)
-class TrueFriction:
-    """What the rig's friction and iron drag truly were in one set for identification.
-
-    Attributes:
-        motor_temperature_degc: Mean over the set, shape (n,). [degC]
-        viscous: At the gear temperature, with the eddy drag of the motor, shape (n,).
-            [N m s/rad]
-    """
-
-    motor_temperature_degc: Float
-    viscous: Float
-
-
-@dataclass(frozen=True)
 class PaperA:
     """Everything the study found; all of it from the virtual rig.
 
@@ -142,7 +128,9 @@ class PaperA:
         identified: Models.
         rows: Held-out sets with every model, in the order of ``test``.
         shaft: Shaft power of the first axis, cold to hot.
-        truth: True friction of every set for identification.
+        truth: Of every set for identification mean motor temperatures [degC], and the true viscous
+            friction at the gear temperature with the eddy drag of the motor [N m s/rad], shape (n,)
+            each.
         effects: What unmodelled effects cost.
         plants: The experiment on plants drawn at random.
         calibration: The plant in figures.
@@ -158,7 +146,7 @@ class PaperA:
     identified: Identified
     rows: list[SetRow]
     shaft: list[ShaftCurve]
-    truth: list[TrueFriction]
+    truth: list[tuple[Float, Float]]
     effects: list[EffectRow]
     plants: list[PlantRow]
     calibration: Calibration
@@ -191,18 +179,12 @@ class PaperA:
 
         Motor temperatures [degC], and identified over true friction less 1 [-], shape (n,) each.
         """
-        return [
-            (
-                entry.motor_temperature_degc,
-                self.identified.viscous(entry.motor_temperature_degc) / entry.viscous - 1.0,
-            )
-            for entry in self.truth
-        ]
+        return [(degc, self.identified.viscous(degc) / true - 1.0) for degc, true in self.truth]
 
     @property
     def viscous_fall(self) -> Float:
         """Identified viscous friction in the coldest set over that in the hottest, shape (n,)."""
-        cold, hot = (self.truth[index].motor_temperature_degc for index in (0, -1))
+        cold, hot = (self.truth[index][0] for index in (0, -1))
         return self.identified.viscous(cold) / self.identified.viscous(hot)
 
     @property
@@ -337,8 +319,8 @@ def _shaft_curves(
     return found
 
 
-def _true_friction(entry: MotionSet) -> TrueFriction:
+def _true_friction(entry: MotionSet) -> tuple[Float, Float]:
     profile = load_profile("kr16")
     gear = entry.recording.gear_temperature_degc.mean(axis=0)
     viscous = PlantFriction(profile, RigConfig(), 1.0).viscous(gear) + profile.eddy_viscous
-    return TrueFriction(entry.recording.motor_temperature_degc.mean(axis=0), viscous)
+    return entry.recording.motor_temperature_degc.mean(axis=0), viscous

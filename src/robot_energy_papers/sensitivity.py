@@ -48,6 +48,15 @@ class OpenFigure:
             raise ValueError(f"{self.key}: {self.low}, {self.nominal}, {self.high} do not rise")
 
 
+def open_figures(*rows: tuple[str, str, str, float, float, float, str]) -> tuple[OpenFigure, ...]:
+    """Return open figures of a table.
+
+    Args:
+        rows: Key, name, unit; lower end, nominal and upper end [unit]; reason.
+    """
+    return tuple(OpenFigure(*row) for row in rows)
+
+
 @dataclass(frozen=True)
 class SensitivityRow(Result):
     """One open figure.

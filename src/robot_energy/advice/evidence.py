@@ -21,6 +21,7 @@ WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the work
 SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
 DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
+DEGC_MIDDLES = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
 
 
 @dataclass
@@ -101,8 +102,7 @@ class RecordedEvidence:
     def mean_degc(self) -> float:
         """Mean motor temperature of the motion, of all joints; NaN without motion. [degC]"""
         time = self.motion_time.sum()
-        middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
-        return float((self.motion_time * middle).sum() / time) if time > 0 else math.nan
+        return float((self.motion_time * DEGC_MIDDLES).sum() / time) if time > 0 else math.nan
 
     def add(self, other: RecordedEvidence) -> None:
         """Add what another recording shows.

@@ -165,7 +165,9 @@ class _Machine:
         elif "E" in values:
             self._extruded(values)  # the extruder alone
         if not codes and not given:
-            self._note_leftover(words)
+            for word in words:
+                if word.letter not in "EFMT":
+                    self._note(word.letter)
 
     def _code(self, word: Word) -> int:
         if word.value != int(word.value) or int(word.value) not in KNOWN_G | {18, 19}:
@@ -368,11 +370,6 @@ class _Machine:
             raise self._error(f"more than {MAX_SEGMENTS} moves", "fewer", "split the program")
         self.moved = self.moved or not isinstance(segment, Dwell)
         self.segments.append(segment)
-
-    def _note_leftover(self, words: list[Word]) -> None:
-        for word in words:
-            if word.letter not in "EFMT":
-                self._note(word.letter)
 
     def _note(self, code: str) -> None:
         if code in self.noted or len(self.noted) < MAX_NOTES:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.model import RobotModel
@@ -126,10 +125,47 @@ class PowerChain:
         standing = np.abs(speed) <= self._standstill
         moving = np.where(standing, 0.0, speed)
         weight, place = _weights(motion, len(speed))
-        uses = [
-            self._at(degc, motion.first, place, weight, speed, moving, rigid, standing)
-            for degc in self.motor_temperature_degc
-        ]
+        shape, first = speed.shape, motion.first
+
+        def at(degc: Float) -> tuple[Float, Float, Float, Float, Float]:
+            """Energy, peak, brake energy, columns, use of the torque limits at a temperature."""
+            coulomb = np.broadcast_to(self.friction.coulomb, shape)
+            viscous = np.broadcast_to(self.friction.viscous(degc), shape)
+            friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
+            torque = rigid + friction
+            rigid_power, friction_power = rigid * speed, friction * speed
+            shaft = rigid_power + friction_power
+            electrical, _ = self.drive.input_power(
+                shaft, speed, torque, np.broadcast_to(degc, shape).copy()
+            )
+            stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
+            balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
+            returned = self.model.cabinet.regeneration_efficiency
+            share = 0.0 if returned is None else returned.value
+            excess = np.maximum(
+                -(electrical.sum(axis=1) + balance.loss_dc + balance.capacitor_power), 0
+            )
+            columns = self._deviations.columns(
+                moving,
+                torque,
+                rigid_power,
+                friction_power,
+                electrical - shaft,
+                degc,
+                np.where(excess > 0, share, 1.0),
+                excess,
+            )
+            use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
+            lasting = balance.grid_power - balance.capacitor_power
+            return (
+                np.add.reduceat(lasting * weight, first),
+                np.maximum.reduceat(balance.grid_power, first),
+                np.add.reduceat(balance.brake_power * weight, first),
+                np.add.reduceat(columns * weight[:, None], first),
+                np.maximum.reduceat(np.nan_to_num(use).max(axis=1), first),
+            )
+
+        uses = [at(degc) for degc in self.motor_temperature_degc]
         energy = np.stack([use[0] for use in uses], axis=1)
         return Use(
             duration=duration,
@@ -139,55 +175,6 @@ class PowerChain:
             columns=np.mean([use[3] for use in uses], axis=0),
             torque_use=np.max([use[4] for use in uses], axis=0),
             by_temperature=energy,
-        )
-
-    def _at(
-        self,
-        degc: Float,
-        first: Int,
-        place: Int,
-        weight: Float,
-        speed: Float,
-        moving: Float,
-        rigid: Float,
-        standing: NDArray[np.bool_],
-    ) -> tuple[Float, Float, Float, Float, Float]:
-        """Energy, peak, brake energy, columns and use of the torque limits at one temperature."""
-        shape = speed.shape
-        coulomb = np.broadcast_to(self.friction.coulomb, shape)
-        viscous = np.broadcast_to(self.friction.viscous(degc), shape)
-        friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
-        torque = rigid + friction
-        rigid_power, friction_power = rigid * speed, friction * speed
-        shaft = rigid_power + friction_power
-        electrical, _ = self.drive.input_power(
-            shaft, speed, torque, np.broadcast_to(degc, shape).copy()
-        )
-        stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-        balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
-        returned = self.model.cabinet.regeneration_efficiency
-        share = 0.0 if returned is None else returned.value
-        excess = np.maximum(
-            -(electrical.sum(axis=1) + balance.loss_dc + balance.capacitor_power), 0
-        )
-        columns = self._deviations.columns(
-            moving,
-            torque,
-            rigid_power,
-            friction_power,
-            electrical - shaft,
-            degc,
-            np.where(excess > 0, share, 1.0),
-            excess,
-        )
-        use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
-        lasting = balance.grid_power - balance.capacitor_power
-        return (
-            np.add.reduceat(lasting * weight, first),
-            np.maximum.reduceat(balance.grid_power, first),
-            np.add.reduceat(balance.brake_power * weight, first),
-            np.add.reduceat(columns * weight[:, None], first),
-            np.maximum.reduceat(np.nan_to_num(use).max(axis=1), first),
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,11 +37,11 @@ class ComparedMotion:
 
     feasible: bool
     message: str
-    duration: float
-    energy: float
-    half: float
-    peak: float
-    columns: Float
+    duration: float = np.nan
+    energy: float = np.nan
+    half: float = np.nan
+    peak: float = np.nan
+    columns: Float = field(default_factory=lambda: np.full(1, np.nan))
 
     def more_than(self, other: ComparedMotion) -> tuple[float, float]:
         """Return what it needs more than another, and half the width of the 90 % band of that.
@@ -130,10 +130,7 @@ def compare_motions(
                 )
             one = _compared(chain, given, cycle_time, peak_limit, calibration, show)
         except RobotEnergyError as error:
-            nothing = np.nan
-            one = ComparedMotion(
-                False, str(error), nothing, nothing, nothing, nothing, np.full(1, nothing)
-            )
+            one = ComparedMotion(False, str(error))
         found.append(one)
     order = [number for number, one in enumerate(found) if one.feasible]
     order.sort(key=lambda number: found[number].energy)

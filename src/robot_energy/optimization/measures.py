@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.kinds import Kind, Kinds
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
+from robot_energy.optimization.plan import Cost, CyclePlan
 from robot_energy.optimization.rest_states import RestState
 from robot_energy.optimization.search import cheapest, uniform
 from robot_energy.optimization.task import Task
@@ -88,10 +88,7 @@ def _with_supply(task: Task, plan: CyclePlan) -> Cost:
     supply = model.cabinet.model_copy(update={"regeneration_efficiency": share})
     chain = PowerChain(model.changed(cabinet=supply), task.chain.motor_temperature_degc)
     chosen = task.table.candidates[plan.row]
-    table = CostTable(
-        chosen, chain.moves(task.moves, chosen), task.table.held, task.table.braked,
-        task.table.states, task.table.elsewhere,
-    )  # fmt: skip
+    table = replace(task.table, candidates=chosen, use=chain.moves(task.moves, chosen))
     return table.cost(CyclePlan(np.arange(len(chosen)), plan.rest, plan.state))
 
 

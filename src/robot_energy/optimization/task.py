@@ -111,13 +111,10 @@ class Task:
         )
         more = Candidates(chosen.move[place], speed, acceleration)
         use = self.chain.moves(self.moves, more)
-        wider = CostTable(
-            Candidates.concatenate([table.candidates, more]),
-            Use.concatenate([table.use, use]),
-            table.held,
-            table.braked,
-            table.states,
-            table.elsewhere,
+        wider = replace(
+            table,
+            candidates=Candidates.concatenate([table.candidates, more]),
+            use=Use.concatenate([table.use, use]),
         )
         fit = (use.torque_use <= TORQUE_SHARE) & (use.peak <= self.peak_limit)
         return replace(self, table=wider, allowed=np.concatenate([self.allowed, fit]))
@@ -168,7 +165,7 @@ def make_task(
         use,
         chain.rests(joint_position),
         chain.rests(joint_position, holding=False),
-        states,
+        tuple(states),
         elsewhere,
     )
     allowed = (use.torque_use <= TORQUE_SHARE) & (use.peak <= peak_limit)
