@@ -148,13 +148,10 @@ def _steps(visit: Visit) -> Iterator[RigOutput]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Judge the reports of several fleets, with faults and without.
+    """Return the exit code, after the reports of several fleets are judged.
 
     Args:
         argv: Words of the command line; None for those of the process.
-
-    Returns:
-        Exit code.
     """
     parser = ArgumentParser(prog="fleet_study", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("seeds", type=int, nargs="+", help="of the fleets")

@@ -222,13 +222,10 @@ def _write_bags(folder: Path, plan: FleetPlan) -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Make the fleet and a table of its bags, and print what it cost.
+    """Return the exit code, after the fleet and a table of its bags are made.
 
     Args:
         argv: Words of the command line; None for those of the process.
-
-    Returns:
-        Exit code.
     """
     parser = ArgumentParser(prog="generated_fleet", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path, help="where the bags go; bags.csv lists them")

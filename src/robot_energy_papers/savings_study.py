@@ -36,8 +36,8 @@ from robot_energy_papers.judged_savings import (
     JudgedChoice,
     JudgedSaving,
     PlantAtWork,
+    judge_new_moves,
 )
-from robot_energy_papers.savings_places import judge_new_moves
 
 MOVES = 8  # of a program
 SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force [-]

@@ -133,7 +133,7 @@ MODULES = {
     "robot_energy.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures
         order path_power place plan program_form ptp_form recorded_motion rest_states run search
-        task time_law timed_form timed_moves trajectory_form
+        task time_law timed_moves trajectory_form
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
@@ -187,8 +187,8 @@ MODULES = {
         accuracy advice_study band_coverage boat calibration certainty certainty_page drawings
         drive_study experiment fleet_study generated_fleet held_out interval_coverage job_pool
         judged_savings kr16_sensitivity learning_study machines mantis map_sensitivity models
-        more_recordings pages paper_a paper_a_page paper_b paper_b_page savings savings_page
-        savings_places savings_study sensitivity soaked_rigs thermal_study wall wall_sensitivity
+        pages paper_a paper_a_page paper_b paper_b_page savings savings_page
+        savings_study sensitivity soaked_rigs thermal_study wall wall_sensitivity
         wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """

@@ -52,6 +52,13 @@ class RecordedRest:
         return (self.end_ns - self.start_ns) * NANOSECOND
 
 
+SUMS = (
+    "recordings", "observed_time", "grid_energy", "brake_energy", "brake_columns", "rests",
+    "rest_time", "squared_speed", "motion_time", "warm_loss",
+)  # fmt: skip
+"""Fields of the evidence of several recordings that add up."""
+
+
 @dataclass
 class RecordedEvidence:
     """What recordings of one robot model show.
@@ -110,16 +117,8 @@ class RecordedEvidence:
         Args:
             other: Of the same robot model.
         """
-        self.recordings += other.recordings
-        self.observed_time += other.observed_time
-        self.grid_energy += other.grid_energy
-        self.brake_energy += other.brake_energy
-        self.brake_columns = self.brake_columns + other.brake_columns
-        self.rests += other.rests
-        self.rest_time += other.rest_time
-        self.squared_speed = self.squared_speed + other.squared_speed
-        self.motion_time = self.motion_time + other.motion_time
-        self.warm_loss = self.warm_loss + other.warm_loss
+        for name in SUMS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
         starts = [one for one in (self.start_ns, other.start_ns) if one is not None]
         ends = [one for one in (self.end_ns, other.end_ns) if one is not None]
         self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)

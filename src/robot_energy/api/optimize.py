@@ -27,8 +27,7 @@ from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.task import Task, make_task
-from robot_energy.optimization.timed_form import TimedForm
-from robot_energy.optimization.timed_moves import law_limits, timed_moves
+from robot_energy.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy.physics.collision import SelfCollision, touching_moves
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.optimization_figures import optimization_report, with_supply

@@ -107,13 +107,10 @@ def _count(least: int) -> Callable[[str], int]:
 
 
 def run(args: Namespace) -> int:
-    """Do a study and write everything.
+    """Return the exit code, after a study is done and everything written.
 
     Args:
         args: Arguments of the command.
-
-    Returns:
-        The exit code.
 
     Raises:
         RobotEnergyError: If the folder cannot be used, or a run or fit fails.
