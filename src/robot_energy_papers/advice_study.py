@@ -168,14 +168,8 @@ class AdvisedPlant:
         return found
 
 
-def judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[JudgedAdvice]:
-    """Return what was advised on one plant, and what it saves on the rig.
-
-    Args:
-        folder: For the recordings.
-        seed: Of the plant.
-        training: For the identification.
-    """
+def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[JudgedAdvice]:
+    """What was advised on one plant, and what it saves on the rig."""
     drawn = DrawnRig(random_profile(BODY, seed), RigConfig.hard(), folder / "training")
     model = drawn.identified(training)
     plant = AdvisedPlant(folder, seed)
@@ -224,5 +218,5 @@ if __name__ == "__main__":
     judged: list[JudgedAdvice] = []
     for plant in range(first, first + plants):
         with TemporaryFolder() as scratch:
-            judged += judge_advice(scratch.path, plant, TRAINING)
+            judged += _judge_advice(scratch.path, plant, TRAINING)
     print("\n".join(count(judged)))

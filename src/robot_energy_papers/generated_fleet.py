@@ -74,7 +74,7 @@ class FleetPlan:
         kinds = {WORN: "friction", MISLOADED: "payload", AWAKE: "standby"}
         if not self.faults:
             return {}
-        return {name_of(robot % self.robots): kind for robot, kind in kinds.items()}
+        return {_name_of(robot % self.robots): kind for robot, kind in kinds.items()}
 
 
 @dataclass(frozen=True)
@@ -107,12 +107,7 @@ class Visit:
                 for k in range(count)]  # fmt: skip
 
 
-def name_of(robot: int) -> str:
-    """Return the name of a robot.
-
-    Args:
-        robot: Its number, from 0.
-    """
+def _name_of(robot: int) -> str:
     return f"robot-{robot + 1:02d}"
 
 
@@ -152,7 +147,7 @@ def _visits(
     hard = RigConfig.hard()
     config = replace(hard, sensors=replace(hard.sensors, torque_constant_error=TORQUE_SPREAD))
     dark = replace(config, sensors=replace(config.sensors, meter_rate=1.0, temperature_rate=0.02))
-    name, device = name_of(robot), 1000 * plan.seed + robot
+    name, device = _name_of(robot), 1000 * plan.seed + robot
     kind = plan.faulty().get(name, "")
     carried = load(profile.body).payload[0]
     for day in range(7 * plan.weeks):

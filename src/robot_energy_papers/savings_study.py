@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
@@ -172,9 +171,11 @@ def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedC
     moving = program.period - float(program.dwell.sum())
     resting = float((held.energy * program.dwell).sum())
     rows: list[JudgedChoice] = []
+    # The few candidates of the brute force need not be as fast as the program.
+    fastest = sum(
+        float(use.duration[allowed & (found.move == move)].min()) for move in np.unique(found.move)
+    )
     for free in (True, False):
-        # The few candidates of the brute force need not be as fast as the program.
-        fastest = _fastest(found, use, allowed)
         time = max(moving if free else (stretch * program.period - program.dwell.sum()), fastest)
         waits = [0.0 if free else float(one.energy[0]) for one in (braked, held)]
         picked = [
@@ -189,12 +190,6 @@ def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedC
         )
         rows.append(JudgedChoice(work.plant, work.degc, free, chosen, best))
     return rows
-
-
-def _fastest(found: Candidates, use: Use, allowed: NDArray[np.bool_]) -> float:
-    return sum(
-        float(use.duration[allowed & (found.move == move)].min()) for move in np.unique(found.move)
-    )
 
 
 def _by_the_rig(found: Candidates, use: Use, work: DrawnWork) -> tuple[Use, Use]:

@@ -359,7 +359,9 @@ class WearRows:
     def torques(
         self, load: CycleSums, gear_degc: Float, motor_degc: Float, seen_degc: Float, worn: Float
     ) -> tuple[Float, Float]:
-        """Return what the parts of a cycle say of friction, without noise.
+        """Return sums of measured and of model friction in a cycle, without noise. [N m s]
+
+        Shape (P, 2, n, SPEED_BUCKETS) each.
 
         Args:
             load: The cycle.
@@ -367,9 +369,6 @@ class WearRows:
             motor_degc: Shape (n,). [degC]
             seen_degc: What the monitor takes for it, shape (n,) or (P, n). [degC]
             worn: Factor on the friction of the plant, shape (n,). [-]
-
-        Returns:
-            Sums of measured and of model friction, shape (P, 2, n, SPEED_BUCKETS). [N m s]
         """
         rigid, still, turning, drag, own, coulomb, turn = load.sums
         fall = self.profile.torque_constant_fall

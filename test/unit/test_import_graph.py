@@ -132,7 +132,7 @@ MODULES = {
     """,
     "robot_energy.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures
-        order path_power place plan program_form ptp_form recorded_motion rest_states run search
+        order place plan program_form ptp_form recorded_motion rest_states run search
         task time_law timed_moves trajectory_form
     """,
     "robot_energy.page": """

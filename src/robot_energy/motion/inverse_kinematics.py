@@ -110,16 +110,13 @@ class InverseKinematics:
             )
 
     def solve(self, tool_position: Float, start: Float) -> Float:
-        """Return joint positions along a path of the tool.
+        """Return joint positions along a path of the tool, shape (N, n). [rad] or [m]
 
         Args:
             tool_position: Places of the link's origin in the base frame, shape (N, 3). [m]
             start: Joint positions from which the first place is searched; decides elbow and
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
-
-        Returns:
-            Shape (N, n). [rad] or [m]
 
         Raises:
             MotionError: If a place is not finite, out of reach, singular, or breaks a limit;

@@ -38,14 +38,11 @@ class ToolKinematics(Protocol):
     """What turns positions of the tool into positions of the joints."""
 
     def solve(self, tool_position: Float, start: Float) -> Float:
-        """Return joint positions that follow a path of the tool.
+        """Return joint positions that follow a path of the tool, shape (N, n). [rad] or [m]
 
         Args:
             tool_position: In the robot's base frame, shape (N, 3). [m]
             start: Joint positions to begin from, shape (n,). [rad] or [m]
-
-        Returns:
-            Shape (N, n). [rad] or [m]
         """
         ...
 
@@ -138,11 +135,7 @@ class ToolMotion:
         self.sample_count = self._count
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Go through the motion once.
-
-        Yields:
-            Times since the start, shape (N,) [s], and the motion at them, joint side; equal
-            steps, none twice.
+        """Yield times since the start, shape (N,) [s], and the motion at them, joint side.
 
         Raises:
             MotionError: If a position cannot be reached or a limit is exceeded; the text

@@ -70,12 +70,8 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
     return time, motion.sample(time)
 
 
-def csv_header(joint_names: Sequence[str]) -> str:
-    """Return the first line of a table.
-
-    Args:
-        joint_names: In the order of the columns.
-    """
+def _header(joint_names: Sequence[str]) -> str:
+    """The first line of a table."""
     return ",".join(["time", *(f"{kind}_{name}" for kind in COLUMNS for name in joint_names)])
 
 
@@ -85,7 +81,7 @@ def csv_kind(joint_names: Sequence[str]) -> tuple[FileKind, ...]:
     Args:
         joint_names: In the order of the columns.
     """
-    header = f"{csv_header(joint_names)}\n".encode()
+    header = f"{_header(joint_names)}\n".encode()
     return (FileKind("the trajectory of these joints", header, b""),)
 
 
@@ -104,7 +100,7 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
     rows = np.column_stack(
         [time, motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
     )
-    text, header = StringIO(), csv_header(joint_names)
+    text, header = StringIO(), _header(joint_names)
     np.savetxt(text, rows, fmt="%.9g", delimiter=",", header=header, comments="")
     write_file(path, text.getvalue().encode(), csv_kind(joint_names), "the trajectory")
 
@@ -126,7 +122,7 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
         ) from error
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     joints = [name.removeprefix("position_") for name in names if name.startswith("position_")]
-    known = set(names) <= set(csv_header(joints).split(",")) and len(set(names)) == len(names)
+    known = set(names) <= set(_header(joints).split(",")) and len(set(names)) == len(names)
     if not joints or "time" not in names or not known:
         raise MotionError(
             f"{path} has the columns {', '.join(names)[:200]}",

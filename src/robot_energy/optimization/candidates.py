@@ -137,15 +137,14 @@ class PtpMoves(Moves):
 
 
 def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATIONS) -> Candidates:
-    """Return every move with every pair of shares.
+    """Return every move with every pair of shares, S times A of each, move by move.
+
+    Of two that last equally long it is the one with less speed.
 
     Args:
         moves: The moves.
         speed: Shares of the speed limits, shape (S,). [-]
         acceleration: Shares of the acceleration limits, shape (A,). [-]
-
-    Returns:
-        Move by move, S times A of each; of two that last equally long the one with less speed.
     """
     pairs = len(speed) * len(acceleration)
     move = np.repeat(np.arange(moves.count), pairs)

@@ -127,7 +127,7 @@ def _with_shares(table: CostTable, speed: float, rise: float) -> Int | None:
 def front(
     table: CostTable, allowed: NDArray[np.bool_], plan: CyclePlan
 ) -> list[tuple[CyclePlan, Cost]]:
-    """Return plans of which none is better than another in energy, time and peak at once.
+    """Return plans of which none is better in energy, time and peak at once, from fast to slow.
 
     For each of several limits of the peak, each of many prices of a second gives the choice that
     costs least: the corners of the convex hull.
@@ -136,9 +136,6 @@ def front(
         table: All candidates.
         allowed: Which of them may be used, shape (P,).
         plan: Whose rests are kept.
-
-    Returns:
-        From fast to slow.
     """
     move, use = table.candidates.move, table.use
     lowest: float = max(use.peak[allowed & (move == k)].min() for k in range(table.moves))

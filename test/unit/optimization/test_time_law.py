@@ -10,8 +10,7 @@ from robot_energy.motion.ptp import MotionLimits
 from robot_energy.motion.trajectory_io import read_csv_trajectory
 from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.path_power import PathPower
-from robot_energy.optimization.time_law import LawLimits, time_law
+from robot_energy.optimization.time_law import LawLimits, PathPower, time_law
 from robot_energy.optimization.timed_moves import law_limits, timed_moves
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
