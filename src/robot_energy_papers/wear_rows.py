@@ -215,7 +215,7 @@ class WearRows:
                 network.ambient_degc = float(low + (hot - low) * 0.5 * (1 - np.cos(np.pi * phase)))
                 gear, motor = network.gear_temperature_degc, network.motor_temperature_degc
                 load = job.loads[which]
-                heat, friction = self._heat(load, gear, motor, worn)
+                heat, friction = (p.mean(axis=0) for p in self._powers(load, gear, motor, worn))
                 share = profile.friction_to_motor
                 duty = job.cycle / length
                 for _ in range(_steps(length)):
@@ -253,11 +253,6 @@ class WearRows:
             ambient_degc=35.0,
         )
 
-    def _heat(self, one: CycleSums, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
-        """Heat of the motors without friction, and friction, means of a cycle. [W]"""
-        heat, friction = self._powers(one, gear, motor, worn)
-        return heat.mean(axis=0), friction.mean(axis=0)
-
     def _powers(
         self, one: CycleSums, gear: Float, motor: Float, worn: Float
     ) -> tuple[Float, Float]:
@@ -280,7 +275,8 @@ class WearRows:
         highest = 0.0
         for one in loads:
             for _ in range(60):  # a fixed point; the warmth of copper and oil act on themselves
-                heat, friction = self._heat(one, gear, motor, np.ones_like(gear))
+                parts = self._powers(one, gear, motor, np.ones_like(gear))
+                heat, friction = (part.mean(axis=0) for part in parts)
                 own = duty * (heat + share * friction)
                 gear = HOT[1] + duty * (heat + friction) / profile.gear_conductance
                 motor = np.minimum(gear + own / profile.motor_conductance, 300.0)

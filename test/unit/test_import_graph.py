@@ -29,7 +29,7 @@ MODULES = {
         registers sample_counts settings shaft_comparison totals
     """,
     "robot_energy.advice": """
-        bag_sample claims dataset_evidence evidence run speeds
+        claims dataset_evidence evidence run speeds
     """,
     "robot_energy.api": """
         condition evaluate identify identify_all inputs online_monitor optimize power_table predict

@@ -9,9 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, evenly, of_all
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
-from robot_energy.advice.dataset_evidence import dataset_evidence
+from robot_energy.advice.dataset_evidence import (
+    MIN_BAGS,
+    SampledBag,
+    dataset_evidence,
+    evenly,
+    of_all,
+)
 from robot_energy.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy.advice.speeds import speeds
 from robot_energy.api.inputs import ModelName, model_of

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,9 +30,13 @@ NORMAL_SHARE = 0.8  # of the acceleration on arcs; 0.6 is left along them, toget
 ALONG_SHARE = 0.6
 
 
-@dataclass(frozen=True)
-class PathPieces:
-    """Pieces of a path in order, shape (K,) or (K, 3).
+Vector = tuple[float, float, float]
+NOTHING: Any = 0.0
+ZERO: Any = (0.0, 0.0, 0.0)
+
+
+class PathPieces(NamedTuple):
+    """Pieces of a path in order, shape (K,) or (K, 3); while it is followed, one of them.
 
     Attributes:
         length: Length of each, 0 for a dwell. [m]
@@ -51,44 +54,19 @@ class PathPieces:
         source_line: Line of the program.
     """
 
-    length: Float
-    origin: Float
-    radius: Float
-    rate: Float
-    first: Float
-    second: Float
-    drift: Float
-    commanded: Float
-    speed: Float
-    acceleration: Float
-    entry: Float
-    dwell: Float
-    source_line: Int
-
-    def __len__(self) -> int:
-        return len(self.length)
-
-
-Vector = tuple[float, float, float]
-ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-class _Piece(NamedTuple):
-    """One of the pieces; the same names as in `PathPieces`."""
-
-    length: float = 0.0
-    origin: Vector = ZERO
-    radius: float = 0.0
-    rate: float = 0.0
-    first: Vector = ZERO
-    second: Vector = ZERO
-    drift: Vector = ZERO
-    commanded: float = 0.0
-    speed: float = 0.0
-    acceleration: float = 0.0
-    entry: float = 0.0
-    dwell: float = 0.0
-    source_line: int = 0
+    length: Float = NOTHING
+    origin: Float = ZERO
+    radius: Float = NOTHING
+    rate: Float = NOTHING
+    first: Float = ZERO
+    second: Float = ZERO
+    drift: Float = ZERO
+    commanded: Float = NOTHING
+    speed: Float = NOTHING
+    acceleration: Float = NOTHING
+    entry: Float = NOTHING
+    dwell: Float = NOTHING
+    source_line: Int = NOTHING
 
 
 def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPieces:
@@ -115,7 +93,7 @@ class _Maker:
         self._tolerance = tolerance
         self._cut = 0.0  # taken from the beginning of the next line by the last corner
         self._entry = 0.0
-        self.pieces: list[_Piece] = []
+        self.pieces: list[PathPieces] = []
 
     def take(self, segment: Segment, following: Segment | None) -> None:
         """Write the pieces of a segment and of the corner behind it."""
@@ -229,13 +207,13 @@ class _Maker:
         self._add(dwell=dwell.time, source_line=dwell.source_line)
 
     def _add(self, **figures: Any) -> None:
-        self.pieces.append(_Piece(entry=self._entry, **figures))
+        figures["entry"] = self._entry
+        self.pieces.append(PathPieces(**figures))
 
 
-def _stack(pieces: Sequence[_Piece]) -> PathPieces:
-    columns = dict(zip(_Piece._fields, map(np.array, zip(*pieces, strict=True)), strict=True))
-    columns["entry"] = np.append(columns["entry"], 0.0)
-    return PathPieces(**columns)
+def _stack(pieces: Sequence[PathPieces]) -> PathPieces:
+    whole = PathPieces(*map(np.array, zip(*pieces, strict=True)))
+    return whole._replace(entry=np.append(whole.entry, 0.0))
 
 
 def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
