@@ -40,15 +40,12 @@ class Accuracy:
 
 
 def energy(power: Float, duration: Float, definition: Definition) -> Float:
-    """Integrate power.
+    """Return the integral of power, shape (...). [J]
 
     Args:
         power: Shape (N, ...). [W]
         duration: That each sample stands for, shape (N,). [s]
         definition: What is integrated; ``pointwise`` is taken as ``absolute``.
-
-    Returns:
-        Shape (...). [J]
     """
     if definition == "positive":
         power = np.maximum(power, 0.0)
@@ -58,15 +55,12 @@ def energy(power: Float, duration: Float, definition: Definition) -> Float:
 
 
 def accuracies(predicted: Float, measured: Float, duration: Float) -> dict[Definition, Accuracy]:
-    """Compare predicted with measured power of the joints by all definitions.
+    """Return how accurate a predicted power of the joints is, by all definitions.
 
     Args:
         predicted: Shape (N, n). [W]
         measured: Shape (N, n). [W]
         duration: That each sample stands for, shape (N,). [s]
-
-    Returns:
-        By definition.
     """
     result: dict[Definition, Accuracy] = {}
     for definition in DEFINITIONS:

@@ -25,19 +25,17 @@ from robot_energy.advice.claims import (
     waiting_pose,
     warm_up,
 )
-from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence, RecordedRest
+from robot_energy.advice.evidence import EvidenceSums
 from robot_energy.api.replay import run_replay
 from robot_energy.blocks import Float
 from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.optimization.rest_states import ASSUMED, rest_cost
 from robot_energy.rig import RigConfig, VirtualRig, random_profile
 from robot_energy.rig.record import record
-from robot_energy_papers.band_coverage import AMBIENT, BODY, TRAINING, Recorded
+from robot_energy_papers.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig, Recorded
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_papers.judged_savings import JudgedClaim
-from robot_energy_papers.savings_study import identified
 
 COLD = 24.0  # degC
 SPEEDUP = 120.0  # of warming
@@ -108,13 +106,10 @@ class AdvisedPlant:
         return record(self._rig(COLD, True), self.length, self._folder / "work").path
 
     def judge(self, claims: Sequence[tuple[Claim | None, bool]]) -> list[JudgedAdvice]:
-        """Apply each advice.
+        """Return what each advice saves on the rig.
 
         Args:
             claims: Of this plant, and whether the recording had a meter.
-
-        Returns:
-            What each saves on the rig.
         """
         rig = self._rig(COLD, True)
         count = round(self.length / rig.period)
@@ -173,50 +168,31 @@ class AdvisedPlant:
         return found
 
 
-def judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[JudgedAdvice]:
-    """Advise on one plant, and see what the rig says.
-
-    Args:
-        folder: For the recordings.
-        seed: Of the plant.
-        training: For the identification.
-
-    Returns:
-        What was advised, and what it saves on the rig.
-
-    Raises:
-        RobotEnergyError: If the plant cannot be identified.
-    """
-    model = identified(folder / "training", seed, training)
+def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[JudgedAdvice]:
+    """What was advised on one plant, and what it saves on the rig."""
+    drawn = DrawnRig(random_profile(BODY, seed), RigConfig.hard(), folder / "training")
+    model = drawn.identified(training)
     plant = AdvisedPlant(folder, seed)
     sums = EvidenceSums(model)
     result = run_replay(plant.recorded(), model, on_output=sums.take, keep_compared=True)
     evidence = sums.evidence(result.compared)
     evidence.measured_temperature = True
-    alone = replace(evidence, rests=[_unmeasured(rest) for rest in evidence.rests], metered=False)
-    claims = [(one, True) for one in _claims(evidence, model)]
-    claims += [
-        (one, False) for one in (standby(alone, model, ASSUMED, True), waiting_pose(alone, model))
-    ]
-    return plant.judge(claims)
+    nothing = {"compared_time": 0.0, "measured": 0.0, "predicted": 0.0}
+    rests = [replace(rest, **nothing) for rest in evidence.rests]
+    alone = replace(evidence, rests=rests, metered=False)
+    metered = (
+        standby(evidence, model, ASSUMED, True),
+        regenerative(evidence, model),
+        warm_up(evidence, model),
+        waiting_pose(evidence, model),
+    )
+    without = standby(alone, model, ASSUMED, True), waiting_pose(alone, model)
+    return plant.judge([*((one, True) for one in metered), *((one, False) for one in without)])
 
 
 def _near(places: Float, rest: Float) -> NDArray[np.bool_]:
     """Whether a rest is at these places."""
     return np.asarray(np.abs(places - rest.mean(axis=0)).max(axis=-1) < NEAR)
-
-
-def _claims(evidence: RecordedEvidence, model: RobotModel) -> list[Claim | None]:
-    return [
-        standby(evidence, model, ASSUMED, True),
-        regenerative(evidence, model),
-        warm_up(evidence, model),
-        waiting_pose(evidence, model),
-    ]
-
-
-def _unmeasured(rest: RecordedRest) -> RecordedRest:
-    return RecordedRest(rest.start_ns, rest.end_ns, rest.energy, rest.joint_position)
 
 
 def count(rows: Sequence[JudgedAdvice]) -> list[str]:
@@ -242,5 +218,5 @@ if __name__ == "__main__":
     judged: list[JudgedAdvice] = []
     for plant in range(first, first + plants):
         with TemporaryFolder() as scratch:
-            judged += judge_advice(scratch.path, plant, TRAINING)
+            judged += _judge_advice(scratch.path, plant, TRAINING)
     print("\n".join(count(judged)))

@@ -10,7 +10,7 @@ itself does not count. Simulated throughout: nothing was measured on a robot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
@@ -62,7 +62,7 @@ TRAINING = (
     Recorded("train_40", 40.0, 60.0, 0.2),
     Recorded("train_60", 60.0, 60.0, 0.5),
 )
-METERED = Recorded("ten_minutes", 30.0, 600.0, 0.5)
+SHORT_TRAINING = (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5))
 RUNS = (
     Recorded("cold", 28.0, 60.0, 0.2),
     Recorded("warm", 45.0, 60.0, 0.5),
@@ -70,6 +70,21 @@ RUNS = (
     Recorded("colder than identified", 10.0, 60.0, 0.3),
     Recorded("hotter than identified", 75.0, 60.0, 0.2),
 )
+
+
+@dataclass(frozen=True)
+class BandRuns:
+    """What the rig does for the bands.
+
+    Attributes:
+        training: For the identification.
+        metered: With a meter, which calibrates the bands.
+        held_out: Runs that neither has seen.
+    """
+
+    training: tuple[Recorded, ...] = TRAINING
+    metered: Recorded = Recorded("ten_minutes", 30.0, 600.0, 0.5)
+    held_out: tuple[Recorded, ...] = RUNS
 
 
 @dataclass(frozen=True)
@@ -112,45 +127,33 @@ class Covered:
 def band_coverage(
     folder: Path,
     plants: Sequence[int | None],
+    runs: BandRuns | None = None,
     *,
     hard: bool = True,
-    runs: Sequence[Recorded] = RUNS,
-    training: Sequence[Recorded] = TRAINING,
-    metered: Recorded = METERED,
-    say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Covered]:
     """Yield how the bands of each run fared.
 
     Args:
         folder: For the recordings.
         plants: Seeds of drawn plants; None: the standard plant of the KR 16 class.
+        runs: What the rig does; None for the full runs.
         hard: Whether the rig has effects that no model has a term for.
-        runs: Held-out runs.
-        training: For the identification.
-        metered: The run whose meter calibrates the bands.
-        say: Takes what is going on.
-
-    Raises:
-        RobotEnergyError: If a plant cannot be identified.
     """
+    runs = runs or BandRuns()
     for plant in plants:
         name = "standard" if plant is None else f"plant {plant}"
         profile = load_profile(BODY) if plant is None else random_profile(BODY, plant)
         rig = DrawnRig(profile, RigConfig.hard() if hard else RigConfig(), folder / name)
-        say(f"{name}: recording")
-        bags = [rig.record(one, seed) for seed, one in enumerate(training, 1)]
-        say(f"{name}: identifying")
-        model = identify_all(bags, BODY, "motor_torque", held_out=False).model
-        say(f"{name}: ten minutes with a meter")
+        model = rig.identified(runs.training)
         own = 0 if plant is None else SEEDS * plant
-        first = replay(rig.record(metered, own + 10), model)
+        first = replay(rig.record(runs.metered, own + 10), model)
         kept = first.account.calibration.state()
-        for seed, one in enumerate(runs, own + 20):
+        for seed, one in enumerate(runs.held_out, own + 20):
             yield _covered(name, one.name, rig.record(one, seed), model, kept)
 
 
 class DrawnRig:
-    """Records one plant.
+    """Records one plant, and identifies it.
 
     Args:
         profile: The plant.
@@ -165,19 +168,25 @@ class DrawnRig:
         self._above = tool_above(robot, TOOL, MIN_HEIGHT)
 
     def record(self, what: Recorded, seed: int) -> Path:
-        """Make one recording.
+        """Return the bag of one recording.
 
         Args:
             what: What the rig does.
             seed: Of motion and sensors.
-
-        Returns:
-            The bag.
         """
         program = random_program(self._limits, seed, dwell=what.dwell, accept=self._above)
         config = replace(self._config, thermal_speedup=what.speedup)
         rig = VirtualRig(self._profile, program, config, seed, what.degc, AMBIENT)
         return record(rig, what.duration, self._folder / what.name.replace(" ", "_")).path
+
+    def identified(self, training: Sequence[Recorded]) -> RobotModel:
+        """Return the model that is identified from recordings.
+
+        Args:
+            training: What the rig does in them.
+        """
+        bags = [self.record(one, seed) for seed, one in enumerate(training, 1)]
+        return identify_all(bags, BODY, "motor_torque", held_out=False).model
 
 
 def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrated) -> Covered:
@@ -190,9 +199,10 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
     measured = comparison.measured_energy
     known = np.isfinite(means.measured_power)
     half = Z90 * power_std(means.deviation[known])
-    off = _errors(means)[known]
+    off = (means.predicted_power_at_meter - means.measured_power)[known]
     known = np.isfinite(after_means.measured_power) & (after_means.band_half > 0)
-    scores = Z90 * _errors(after_means)[known] / after_means.band_half[known]
+    errors = after_means.predicted_power_at_meter - after_means.measured_power
+    scores = Z90 * errors[known] / after_means.band_half[known]
     power = measured / comparison.compared_ns * 1e9
     return Covered(
         plant,
@@ -211,10 +221,6 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
     )
 
 
-def _errors(means: MeanBlock) -> Float:
-    return means.predicted_power_at_meter - means.measured_power
-
-
 def _replayed(
     bag: Path, model: RobotModel, period: float, kept: Calibrated | None
 ) -> tuple[Replay, MeanBlock]:
@@ -225,24 +231,17 @@ def _replayed(
             blocks.append(output.means)
 
     result = replay(
-        bag,
-        model,
-        settings=Settings(power_period=period),
-        on_output=take,
-        keep_means=True,
+        bag, model, settings=Settings(power_period=period), on_output=take, keep_means=True,
         calibration=kept,
-    )
+    )  # fmt: skip
     return result, MeanBlock.concatenate(blocks)
 
 
 def summary(rows: Sequence[Covered]) -> dict[str, float]:
-    """Return shares within the bands, and median half widths, over all runs.
+    """Return shares within the bands, and median half widths, over all runs, by name. [-]
 
     Args:
         rows: Of any plants.
-
-    Returns:
-        By name; shares and widths without unit.
     """
     count = len(rows)
     return {
@@ -258,13 +257,12 @@ def summary(rows: Sequence[Covered]) -> dict[str, float]:
 
 
 def score_quantiles(rows: Sequence[Covered]) -> dict[str, Float]:
-    """Return quantiles of errors over the standard deviations that the bands imply.
+    """Return quantiles, at `SHARES`, of errors over the standard deviations that the bands imply.
+
+    They are those of a normal distribution where bands hold and errors are normal.
 
     Args:
         rows: Of any plants.
-
-    Returns:
-        By name, at `SHARES`; those of a normal distribution where bands hold and errors are normal.
     """
     scores = {
         "power, with meter": np.concatenate([one.scores_power for one in rows]),

@@ -29,13 +29,10 @@ LIDS = [(0, 1, 6), (0, 6, 7), (1, 2, 6), (2, 5, 6), (2, 3, 5), (3, 4, 5)]
 
 
 def hull_outline(share: float) -> Float:
-    """Return the outline of the hull at a height.
+    """Return corners of the hull at a height, counterclockwise, shape (POINTS, 2). [mm]
 
     Args:
         share: Height over the depth, 0 to 1. [-]
-
-    Returns:
-        Corners counterclockwise, shape (POINTS, 2). [mm]
     """
     angle = 2.0 * np.pi * np.arange(POINTS) / POINTS
     unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -44,11 +41,7 @@ def hull_outline(share: float) -> Float:
 
 
 def cabin_outline() -> Float:
-    """Return the outline of the cabin: a U that is open to the stern.
-
-    Returns:
-        Corners counterclockwise, shape (8, 2). [mm]
-    """
+    """Return corners of the cabin, a U open to the stern, counterclockwise, shape (8, 2). [mm]"""
     back, front, low, high = CABIN
     inside = front - WALL
     return np.array(
@@ -58,10 +51,9 @@ def cabin_outline() -> Float:
 
 
 def boat() -> Float:
-    """Return the surface of the boat, hull and cabin each closed.
+    """Return the surface of the boat, hull and cabin each closed, shape (K, 3, 3). [mm]
 
-    Returns:
-        Corners of triangles, outward by the right-hand rule, shape (K, 3, 3). [mm]
+    Corners of triangles, outward by the right-hand rule.
     """
     heights = np.linspace(0.0, DEPTH, LEVELS)
     hull = [_at(hull_outline(z / DEPTH), z) for z in heights.tolist()]

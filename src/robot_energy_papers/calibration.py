@@ -87,14 +87,11 @@ class Calibration:
     flows: dict[float, dict[str, float]]
 
     def ratio(self, cold: float, hot: float) -> Float:
-        """Return the energy at one temperature over that at another.
+        """Return the energy at one temperature over that at another, shape (programs,). [-]
 
         Args:
             cold: Start temperature above the line. [degC]
             hot: Start temperature below the line. [degC]
-
-        Returns:
-            Shape (programs,). [-]
         """
         column = self.start_degc.tolist()
         return self.mean_power[:, column.index(cold)] / self.mean_power[:, column.index(hot)]
@@ -110,7 +107,7 @@ class Calibration:
 
 
 def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: float) -> Float:
-    """Return the grid power while the drives hold poses.
+    """Return the grid power while the drives hold poses, shape (N,). [W]
 
     At rest friction and iron take nothing; copper and inverter carry gravity.
 
@@ -118,9 +115,6 @@ def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: floa
         profile: The plant.
         joint_position: Poses, shape (N, n). [rad]
         motor_degc: Temperature of every winding. [degC]
-
-    Returns:
-        Shape (N,). [W]
     """
     robot, drivetrain = profile.mechanics()
     still = np.zeros_like(joint_position)
@@ -129,15 +123,12 @@ def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: floa
 
 
 def carrying_power(profile: PlantProfile, motor_torque: Float, motor_degc: float) -> Float:
-    """Return the grid power while motors at rest carry torques.
+    """Return the grid power while motors at rest carry torques, shape (N,). [W]
 
     Args:
         profile: The plant.
         motor_torque: Shape (N, n). [N m]
         motor_degc: Temperature of every winding. [degC]
-
-    Returns:
-        Shape (N,). [W]
     """
     config = RigConfig()
     flows = PlantDrives(profile, config).flows(
@@ -168,16 +159,13 @@ def random_poses(profile: PlantProfile, seed: int, share: float = POSE_SHARE) ->
 
 
 def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Calibration:
-    """Play random programs from several temperatures, and hold random poses.
+    """Return what a plant does with random programs, and while it holds random poses.
 
     Args:
         profile: The plant.
         seed: Seed of the study.
         programs: How many programs of the kind of the experiment; >= 1.
         moves: Motions in each.
-
-    Returns:
-        What the plant does.
 
     Raises:
         RigError: If no program is asked for.

@@ -16,9 +16,8 @@ from robot_energy.condition.learner import Learning
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.rig import load_profile, random_profile
 from robot_energy_papers.band_coverage import (
-    METERED,
-    RUNS,
-    TRAINING,
+    SHORT_TRAINING,
+    BandRuns,
     Covered,
     Recorded,
     band_coverage,
@@ -41,23 +40,8 @@ NOMINAL = np.linspace(0.05, 0.99, 48)
 """Shares that intervals state. [-]"""
 
 
-@dataclass(frozen=True)
-class BandRuns:
-    """What the rig does for the bands.
-
-    Attributes:
-        training: For the identification.
-        metered: With a meter, which calibrates the bands.
-        held_out: Runs that neither has seen.
-    """
-
-    training: tuple[Recorded, ...]
-    metered: Recorded
-    held_out: tuple[Recorded, ...]
-
-
 SHORT = BandRuns(
-    (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5)),
+    SHORT_TRAINING,
     Recorded("metered", 30.0, 60.0, 0.5),
     (Recorded("cold", 28.0, 20.0, 0.2), Recorded("warm", 50.0, 20.0, 0.2)),
 )
@@ -173,10 +157,7 @@ def study(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Certainty:
-    """Do the whole study.
-
-    Runs that do not depend on each other are spread over processes; the result does not depend
-    on how many.
+    """Return what the whole study finds; it does not depend on the number of processes.
 
     Args:
         folder: Of the study; no bag is kept.
@@ -184,37 +165,24 @@ def study(
         scale: How much to do.
         workers: Processes in addition to this one; 1 means to do all of it here.
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        What was found.
-
-    Raises:
-        RobotEnergyError: If rig, recordings or fits fail.
     """
     del folder
     first = 1000 * seed
     plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]
-    count = (
-        scale.repetitions
-        + scale.hard
-        + scale.band_plants
-        + scale.thermal
-        + scale.wear
-        + len(plants)
-    )
-    steps = Steps(count, progress)
+    single = scale.repetitions + scale.hard + scale.band_plants + scale.thermal + scale.wear
+    steps = Steps(single + len(plants), progress)
     with job_pool(workers, steps.done) as run:
         own, hard = (
             [run(repetitions, scale.robots, [first + k], kind) for k in range(number)]
             for number, kind in ((scale.repetitions, False), (scale.hard, True))
         )
-        banded = [run(bands_of, first + FRESH + k, scale.bands) for k in range(scale.band_plants)]
+        banded = [run(_bands_of, first + FRESH + k, scale.bands) for k in range(scale.band_plants)]
         hidden = [
             run(hidden_sensors, ROBOTS[k % len(ROBOTS)], first + k) for k in range(scale.thermal)
         ]
-        worn = [run(worn_axis, joint, first + 3) for joint in range(scale.wear)]
+        worn = [run(_worn_axis, joint, first + 3) for joint in range(scale.wear)]
         learned = [
-            run(learning_result, robot, torque, scale.learning_minutes, seed)
+            run(_learning_result, robot, torque, scale.learning_minutes, seed)
             for robot, torque in plants
         ]
         return Certainty(
@@ -229,62 +197,19 @@ def study(
         )
 
 
-def bands_of(plant_seed: int, runs: BandRuns | None) -> list[Covered]:
-    """Identify one plant with every effect of the rig, and see how its bands fare.
-
-    Args:
-        plant_seed: Seed of the plant.
-        runs: What the rig does; None for the full runs.
-
-    Returns:
-        One row per held-out run.
-
-    Raises:
-        RobotEnergyError: If the plant cannot be identified.
-    """
-    used = runs or BandRuns(TRAINING, METERED, RUNS)
+def _bands_of(plant_seed: int, runs: BandRuns | None) -> list[Covered]:
+    """Identify one plant with every effect of the rig, and see how its bands fare."""
     with TemporaryFolder() as place:
-        rows = band_coverage(
-            place.path,
-            [plant_seed],
-            training=used.training,
-            metered=used.metered,
-            runs=used.held_out,
-        )
-        return list(rows)
+        return list(band_coverage(place.path, [plant_seed], runs))
 
 
-def worn_axis(joint: int, plant_seed: int) -> WearRow:
-    """Let one axis of a drawn plant wear by 15 % after eight hours, and look for two more.
-
-    Args:
-        joint: Index of the axis.
-        plant_seed: Seed of the plant.
-
-    Returns:
-        When it was found.
-
-    Raises:
-        RobotEnergyError: If the rig cannot be set up.
-    """
+def _worn_axis(joint: int, plant_seed: int) -> WearRow:
+    """Let one axis of a drawn plant wear by 15 % after eight hours, and look for two more."""
     return detection(Shift(random_profile("kr16", plant_seed)), joint, WEAR, BEFORE, AFTER)
 
 
-def learning_result(robot: str, with_torque: bool, minutes: int, seed: int) -> LearningResult:
-    """Let a monitor with a mistaken model watch one plant, without and with learning.
-
-    Args:
-        robot: Name of the plant.
-        with_torque: Whether joint states carry motor torque.
-        minutes: How long. [min]
-        seed: Of work and sensors.
-
-    Returns:
-        Errors minute by minute.
-
-    Raises:
-        RobotEnergyError: If the rig cannot be set up.
-    """
+def _learning_result(robot: str, with_torque: bool, minutes: int, seed: int) -> LearningResult:
+    """Let a monitor with a mistaken model watch one plant, without and with learning."""
     profile = load_profile(robot)
     off, applied = (
         learning_study(profile, way, with_torque, minutes, seed=seed)[0]

@@ -1,7 +1,4 @@
-"""The certainty study as one self-contained page.
-
-The sentences are in the templates; here are the numbers and drawings that they name.
-"""
+"""The certainty study as JSON, and what its templates name: numbers and drawings."""
 
 from __future__ import annotations
 
@@ -10,10 +7,40 @@ from typing import Any
 
 import numpy as np
 
+from robot_energy.results.base import json_value
+from robot_energy_papers.band_coverage import summary
 from robot_energy_papers.certainty import Certainty, reliability_of
-from robot_energy_papers.certainty_numbers import figures
 from robot_energy_papers.drawings import reliability
 from robot_energy_papers.pages import Piece
+
+LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
+
+
+def figures(result: Certainty) -> dict[str, Any]:
+    """Return every figure of the study, ready for JSON; shares are 0 to 1.
+
+    Args:
+        result: The study.
+    """
+    return {
+        "label": LABEL,
+        "seed": result.seed,
+        "intervals": json_value(result.coverages),
+        "intervals_hard": json_value(result.hard_coverages),
+        "bands": summary(result.bands) if result.bands else {},
+        "bands_by_run": json_value(result.bands),
+        "thermal": json_value(result.thermal),
+        "wear": json_value(result.wear),
+        "learning": [
+            {
+                "robot": row.robot,
+                "with_torque": row.with_torque,
+                "error_without": [minute.error for minute in row.off],
+                "error_with": [minute.error for minute in row.applied],
+            }
+            for row in result.learning
+        ],
+    }
 
 
 def context(result: Certainty) -> dict[str, Any]:

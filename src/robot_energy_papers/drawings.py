@@ -243,22 +243,18 @@ def over_time(
         _legend(figure, grid.flat)
 
 
-def reliability(
-    curves: Mapping[str, tuple[Float, Float]], path: Target, title: str = "", columns: int = 2
-) -> None:
+def reliability(curves: Mapping[str, tuple[Float, Float]], path: Target) -> None:
     """Draw how often stated intervals held the truth over how often they should.
 
     Args:
         curves: Nominal share and observed share, shape (N,) each, by the name of their panel. [-]
         path: File to write.
-        title: Above the figure.
-        columns: Panels side by side.
 
     Raises:
         ReportError: If the file cannot be written.
     """
-    with canvas(path, (WIDE, 3.0 * -(-len(curves) // columns) + 0.5), title) as figure:
-        grid = panels(figure, len(curves), columns)
+    with canvas(path, (WIDE, 3.0 * -(-len(curves) // 2) + 0.5)) as figure:
+        grid = panels(figure, len(curves), 2)
         for panel, (name, (nominal, observed)) in zip(grid.flat, curves.items(), strict=False):
             panel.plot([0.0, PERCENT], [0.0, PERCENT], color=GREY, linewidth=0.8, label="right")
             panel.plot(
@@ -279,8 +275,7 @@ def bars(
     unit: str,
     path: Target,
     title: str = "",
-    reference: Sequence[float | None] | None = None,
-    reference_label: str = "paper B",
+    reference: Sequence[float | None] = (),
 ) -> None:
     """Draw grouped bars with their values, and figures of a paper as marks.
 
@@ -290,8 +285,7 @@ def bars(
         unit: For the axis.
         path: File to write.
         title: Above the figure.
-        reference: A mark per group in the same unit [-], None where there is none.
-        reference_label: What the marks are.
+        reference: Figure of paper B per group in the same unit [-], None where there is none.
 
     Raises:
         ReportError: If the file cannot be written.
@@ -306,13 +300,11 @@ def bars(
             for text in axes.bar_label(shown, fmt="%.0f", fontsize=7, padding=1):
                 text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
                 text.set_zorder(5)
-        if reference is not None:
-            marked = [k for k, value in enumerate(reference) if value is not None]
-            for number, k in enumerate(marked):
-                value = float(reference[k] or 0.0)
+        for k, value in enumerate(reference):
+            if value is not None:
                 axes.hlines(
                     value, k - 0.42, k + 0.42, color=COLOURS["measured"], linewidth=1.6,
-                    label=reference_label if number == 0 else None, linestyle=(0, (4, 2)),
+                    label="paper B", linestyle=(0, (4, 2)),
                 )  # fmt: skip
         axes.axhline(0.0, color=COLOURS["measured"], linewidth=0.8)
         named_ticks(axes.xaxis, place, groups)

@@ -92,15 +92,12 @@ class DriveTest:
 def identify_drives(
     runs: Sequence[PrintRun], cutoff: float = CUTOFF, points: int = POINTS
 ) -> DrivesFit:
-    """Identify maps and losses of every drive from excitation runs.
+    """Return maps and losses of every drive, identified from excitation runs.
 
     Args:
         runs: Read with the model to identify from.
         cutoff: Of the low-pass of the maps. [Hz]
         points: Greatest number of points of a map.
-
-    Returns:
-        The fit of all drives.
 
     Raises:
         NotIdentifiableError: If a drive cannot be identified from the runs.
@@ -117,14 +114,11 @@ def identify_drives(
 
 
 def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]:
-    """Predict the electrical power of runs that the fit has not seen.
+    """Return the electrical power, by the names of runs that the fit has not seen.
 
     Args:
         runs: By name, read with the identified model.
         fit: Fit of the drives.
-
-    Returns:
-        By the names of the runs.
     """
     drives: dict[Way, Drive] = {
         "map": EfficiencyMaps([a.map.entry for a in fit.axes if a.map is not None]),

@@ -115,15 +115,12 @@ class Plan:
 
 
 def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Programs:
-    """Draw all programs of a study.
+    """Return all programs of a study.
 
     Args:
         profile: The plant.
         seed: Seed of the study.
         moves: Motions in a set.
-
-    Returns:
-        The programs.
     """
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
@@ -161,7 +158,7 @@ def by_motion(
     hold: Program | None = None,
     config: RigConfig | None = None,
 ) -> tuple[list[MotionSet], RigRecording | None]:
-    """Run one rig through sets and warm-ups, and record sets on the way.
+    """Return the sets recorded on the way through warm-ups, and the recording at rest.
 
     The rig is never stopped or set: one stream of motion from the first sample on. Whether
     a set is recorded is decided by the thermometers' readings, as at a real robot.
@@ -176,12 +173,6 @@ def by_motion(
         seed: Seed of the rig.
         hold: Recorded at the very beginning, if any.
         config: Effects of the rig; all by default.
-
-    Returns:
-        The recorded sets in order, and the recording at rest.
-
-    Raises:
-        RobotEnergyError: If rig or bags cannot be made.
     """
     heat = warm_up.period * np.ceil(WARM_UP / warm_up.period)
     parts: list[tuple[JointMotion, float]] = [] if hold is None else [(hold, hold.period)]
@@ -230,7 +221,7 @@ def soaked(
     seed: int,
     config: RigConfig | None = None,
 ) -> list[MotionSet]:
-    """Record the set from several temperatures, each with all parts and the hall at it.
+    """Return the set recorded from several temperatures, each with all parts and the hall at it.
 
     Args:
         profile: The plant.
@@ -240,12 +231,6 @@ def soaked(
         name: Beginning of their names.
         seed: Seed of every rig: they have the same meter and the same noise.
         config: Effects of the rig; all by default.
-
-    Returns:
-        One set per temperature.
-
-    Raises:
-        RobotEnergyError: If rig or bags cannot be made.
     """
     sets: list[MotionSet] = []
     for degc in start_degc:

@@ -52,7 +52,7 @@ class FleetRow:
 
 
 def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
-    """Compare a report with what was made.
+    """Return what a report has found of what was made.
 
     Energy and friction of a robot with a fault may differ as a consequence of it; they count as
     false on a robot without one.
@@ -60,9 +60,6 @@ def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
     Args:
         report: Of the fleet.
         faults: Kind of the fault by robot.
-
-    Returns:
-        What was found, missed and false.
     """
     named = {(one.robot, CAUSES.get(one.kind, one.kind)) for one in report.findings}
     causes = {(robot, kind) for robot, kind in named if kind in ("payload", "friction", "standby")}
@@ -151,13 +148,10 @@ def _steps(visit: Visit) -> Iterator[RigOutput]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Judge the reports of several fleets, with faults and without.
+    """Return the exit code, after the reports of several fleets are judged.
 
     Args:
         argv: Words of the command line; None for those of the process.
-
-    Returns:
-        Exit code.
     """
     parser = ArgumentParser(prog="fleet_study", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("seeds", type=int, nargs="+", help="of the fleets")

@@ -74,7 +74,7 @@ class FleetPlan:
         kinds = {WORN: "friction", MISLOADED: "payload", AWAKE: "standby"}
         if not self.faults:
             return {}
-        return {name_of(robot % self.robots): kind for robot, kind in kinds.items()}
+        return {_name_of(robot % self.robots): kind for robot, kind in kinds.items()}
 
 
 @dataclass(frozen=True)
@@ -107,23 +107,15 @@ class Visit:
                 for k in range(count)]  # fmt: skip
 
 
-def name_of(robot: int) -> str:
-    """Return the name of a robot.
-
-    Args:
-        robot: Its number, from 0.
-    """
+def _name_of(robot: int) -> str:
     return f"robot-{robot + 1:02d}"
 
 
 def visits(plan: FleetPlan) -> Iterator[Visit]:
-    """Set up the robots, each at the times at which it is recorded.
+    """Yield the robots, one after the other, at the times at which each is recorded.
 
     Args:
         plan: What is made.
-
-    Yields:
-        Robot after robot, in order of time.
     """
     profile = load_profile(ROBOT)
     limits = profile.motion_limits(profile.mechanics()[0])
@@ -155,7 +147,7 @@ def _visits(
     hard = RigConfig.hard()
     config = replace(hard, sensors=replace(hard.sensors, torque_constant_error=TORQUE_SPREAD))
     dark = replace(config, sensors=replace(config.sensors, meter_rate=1.0, temperature_rate=0.02))
-    name, device = name_of(robot), 1000 * plan.seed + robot
+    name, device = _name_of(robot), 1000 * plan.seed + robot
     kind = plan.faulty().get(name, "")
     carried = load(profile.body).payload[0]
     for day in range(7 * plan.weeks):
@@ -201,19 +193,8 @@ def _wear(n_joints: int, share: float) -> np.ndarray:
     return worn
 
 
-def write_bags(folder: Path, plan: FleetPlan) -> int:
-    """Record the fleet to bags: a folder for each robot, and ``bags.csv``, the table of all.
-
-    Args:
-        folder: Where to; made here.
-        plan: What is made.
-
-    Returns:
-        How many bags there are.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be written.
-    """
+def _write_bags(folder: Path, plan: FleetPlan) -> int:
+    """Record the fleet: a folder for each robot, and ``bags.csv``, the table of all its bags."""
     folder.mkdir(parents=True, exist_ok=True)
     count = 0
     with (folder / "bags.csv").open("w", newline="") as file:
@@ -236,13 +217,10 @@ def write_bags(folder: Path, plan: FleetPlan) -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Make the fleet and a table of its bags, and print what it cost.
+    """Return the exit code, after the fleet and a table of its bags are made.
 
     Args:
         argv: Words of the command line; None for those of the process.
-
-    Returns:
-        Exit code.
     """
     parser = ArgumentParser(prog="generated_fleet", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path, help="where the bags go; bags.csv lists them")
@@ -253,7 +231,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     plan = FleetPlan(args.robots, args.weeks, args.seed, not args.sound)
     begun = time.perf_counter()
-    count = write_bags(args.folder, plan)
+    count = _write_bags(args.folder, plan)
     size = sum(path.stat().st_size for path in args.folder.rglob("*") if path.is_file())
     print(f"{count} bags, {size / 1e6:.0f} MB, {time.perf_counter() - begun:.0f} s")
     return 0

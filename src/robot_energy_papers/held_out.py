@@ -66,15 +66,12 @@ class SetRow:
 def held_out(
     sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
 ) -> list[SetRow]:
-    """Replay every set with every model.
+    """Return one row per set, replayed with every model.
 
     Args:
         sets: Recordings that were not used in any fit.
         models: By name.
         reference: The model whose temperatures and extrapolation are reported.
-
-    Returns:
-        One row per set, in their order.
 
     Raises:
         RigError: If the meter covers nothing of a set.
@@ -139,15 +136,14 @@ def normalised(rows: Sequence[SetRow], degc: float) -> float:
 
 
 def shaft_power(bag: Path, model: RobotModel, axis: int) -> tuple[Float, Float]:
-    """Return time and measured shaft power of one axis: traced torque times speed.
+    """Return time [s] and measured shaft power [W] of one axis, shape (N,) each.
+
+    Traced torque times speed, since the first sample.
 
     Args:
         bag: A recording with motor torque in the effort.
         model: Its bodies and gears.
         axis: Index of the joint.
-
-    Returns:
-        Time since the first sample [s] and power [W], shape (N,) each.
     """
     torque = read_recording(bag, model, EffortMeaning.MOTOR_TORQUE).torque
     time = (torque.stamp_ns - torque.stamp_ns[0]) * NANOSECOND

@@ -5,12 +5,15 @@ at several temperatures; identifies everything, beginning with a model whose bod
 losses are those of the shipped model and wrong; and compares each figure with the plant. A 95 %
 interval is the figure +- 1.96 of its standard deviation, as the model file says it. Within the
 form of the model a plant has no effect without a term in the model file; a hard plant has all.
+
+Do intervals from more recordings meet those from fewer? `more_recordings` counts it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -147,7 +150,7 @@ def given_model(robot: str, seed: int) -> RobotModel:
 def record_plant(
     profile: PlantProfile, config: RigConfig, seed: int, folder: Path, drive_power: bool = False
 ) -> list[Bag]:
-    """Record one robot at all temperatures: other motions and noise, the same sensors.
+    """Return a bag per temperature of one robot: other motions and noise, the same sensors.
 
     Args:
         profile: The plant.
@@ -155,9 +158,6 @@ def record_plant(
         seed: Of motions, noise and constant errors.
         folder: For the bags.
         drive_power: Whether the power of each drive is measured.
-
-    Returns:
-        One bag per temperature.
     """
     bags: list[Bag] = []
     for number, degc in enumerate(DEGC):
@@ -188,7 +188,7 @@ def program_of(profile: PlantProfile, seed: int) -> Program:
 
 
 def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
-    """Draw a plant, record, identify, and compare with the truth.
+    """Return every identified figure of a drawn and recorded plant, compared with the truth.
 
     In every second repetition the power of each drive is measured as well.
 
@@ -197,9 +197,6 @@ def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
         seed: Of everything that is drawn.
         hard: As of `plant`.
         folder: For the bags.
-
-    Returns:
-        Every figure that was identified.
     """
     profile, config = plant(robot, seed, hard)
     bags = record_plant(profile, config, seed, folder, drive_power=bool(seed % 2))
@@ -208,15 +205,12 @@ def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
 
 
 def judged(result: FullIdentification, profile: PlantProfile, config: RigConfig) -> list[Judged]:
-    """Compare every identified figure with the plant.
+    """Return every identified figure that has a group here, compared with the plant.
 
     Args:
         result: The identification.
         profile: The plant.
         config: Its effects.
-
-    Returns:
-        Those that have a group here.
     """
     model = result.model
     found = result.step("dynamics").found
@@ -298,16 +292,13 @@ def repetitions(
     hard: bool = False,
     progress: Callable[[str, int], None] | None = None,
 ) -> list[list[Judged]]:
-    """Repeat the identification, one robot after the other.
+    """Return the figures of each repetition, one robot after the other.
 
     Args:
         robots: Names of shipped models; each seed has the next of them.
         seeds: Of the repetitions.
         hard: As of `plant`.
         progress: Called with robot and seed before each.
-
-    Returns:
-        Figures of each repetition.
     """
     found: list[list[Judged]] = []
     for seed in seeds:
@@ -320,13 +311,10 @@ def repetitions(
 
 
 def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
-    """Count how often the intervals of each group hold the truth.
+    """Return how often the intervals of each group hold the truth.
 
     Args:
         found: Figures of each repetition.
-
-    Returns:
-        One entry per group that has figures.
     """
     rows: list[IntervalCoverage] = []
     for group in GROUPS:
@@ -348,3 +336,64 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
             )
         )
     return rows
+
+
+@dataclass(frozen=True)
+class MoreRecordings:
+    """Intervals of one plant from some recordings and from one more.
+
+    Attributes:
+        robot: Name of the model whose bodies the plant has.
+        seed: Of the plant.
+        recordings: How many there were before.
+        figures: That both identified.
+        disjoint: Names of those whose intervals do not meet.
+    """
+
+    robot: str
+    seed: int
+    recordings: int
+    figures: int
+    disjoint: tuple[str, ...]
+
+
+def more_recordings(robot: str, seed: int, hard: bool, folder: Path) -> list[MoreRecordings]:
+    """Return one entry for each recording that is added to the first two of a plant.
+
+    Args:
+        robot: Name of a shipped model, for the bodies.
+        seed: Of everything that is drawn.
+        hard: As of `plant`.
+        folder: For the bags.
+    """
+    profile, config = plant(robot, seed, hard)
+    bags, given = record_plant(profile, config, seed, folder), given_model(robot, seed)
+    found = [
+        judged(identify_everything(bags[:count], given, strict=False), profile, config)
+        for count in range(2, len(bags) + 1)
+    ]
+    return [
+        MoreRecordings(robot, seed, number + 2, *disjoint(fewer, more))
+        for number, (fewer, more) in enumerate(pairwise(found))
+    ]
+
+
+def disjoint(fewer: Sequence[Judged], more: Sequence[Judged]) -> tuple[int, tuple[str, ...]]:
+    """Return how many figures two identifications share, and whose intervals do not meet.
+
+    Args:
+        fewer: From some recordings.
+        more: From these and others.
+    """
+    known = {(entry.group, entry.name): entry for entry in fewer if entry.std > 0.0}
+    pairs = [
+        (known[key], entry)
+        for entry in more
+        if (key := (entry.group, entry.name)) in known and entry.std > 0.0
+    ]
+    apart = [
+        f"{one.group} {one.name}"
+        for one, other in pairs
+        if abs(one.value - other.value) > Z95 * (one.std + other.std)
+    ]
+    return len(pairs), tuple(apart)

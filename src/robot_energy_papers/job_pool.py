@@ -54,9 +54,6 @@ def job_pool(
         workers: Processes; 1 means to do every job here.
         done: Called with every finished job.
 
-    Yields:
-        The function; it takes a function and its arguments.
-
     Raises:
         RigError: If a process ended by itself.
     """

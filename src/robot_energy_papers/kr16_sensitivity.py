@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from robot_energy_papers.calibration import (
     random_poses,
 )
 from robot_energy_papers.experiment import MOVES, make_programs
-from robot_energy_papers.sensitivity import OpenFigure, SensitivityTable, Values, sensitivity
+from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 
 HOLD, RISE = "greatest deviation of the HOLD power from its mean over poses", "rise of temperature"
 PUBLISHED_HOLD, PUBLISHED_RISE = 0.10, 2.0  # [-], [K]
@@ -26,82 +27,46 @@ COLD_DEGC = 20.0
 RISE_IN_BOTH_FORMS = ("capacity", "share", "length", "reading")
 ROUGH = 5e-3  # of the values that are sought, where each takes a run of the rig
 
-HOLD_FIGURES = (
-    OpenFigure(
-        "resistance", "winding resistance, factor", "", 0.4, 1.0, 1.5,
-        "0.3 to 1.2 ohm a phase for motors of 1.5 to 3 kW",
-    ),
-    OpenFigure(
-        "constant", "torque constant, factor", "", 0.8, 1.0, 1.25,
-        "windings for 300 to 450 V at top speed, same resistance",
-    ),
-    OpenFigure(
-        "ratio", "gear ratios, factor", "", 0.8, 1.0, 1.25,
-        "motors of 3000 to 4500 rpm at the published top speed",
-    ),
-    OpenFigure(
-        "bodies", "weight of the links on the motors, factor", "", 0.8, 1.0, 1.1,
-        "bodies are those of a related robot",
-    ),
-    OpenFigure(
-        "payload", "test weight off the flange", "m", 0.0, 0.12, 0.3,
-        "15 kg published, its place is not; a bare disc up to a bracket",
-    ),
-    OpenFigure(
-        "stiction", "share of Coulomb friction that helps to carry", "", 0.0, 0.0, 1.0,
-        "0: position control keeps the whole load on the motor; 1: the gears hold after a stop",
-    ),
-    OpenFigure(
-        "constant_loss", "constant losses: controller, fans, lifted brakes, drives ready", "W",
-        200.0, 340.0, 750.0,
-        "a cabinet of six drives; 800 W is the limit that the text implies",
-    ),
-    OpenFigure(
-        "degc", "windings", "degC", 20.0, HOLDING_DEGC, 80.0, "cold to hot; the pose test is not "
-        "dated in the text",
-    ),
-    OpenFigure(
-        "poses", "share of the joint ranges that poses span", "", 0.4, POSE_SHARE, 1.0,
-        "poses of a cell up to the ends of every axis",
-    ),
+ELECTRICAL = (
+    ("resistance", "winding resistance, factor", "", 0.4, 1.0, 1.5,
+     "0.3 to 1.2 ohm a phase for motors of 1.5 to 3 kW"),
+    ("constant", "torque constant, factor", "", 0.8, 1.0, 1.25,
+     "windings for 300 to 450 V at top speed, same resistance"),
 )  # fmt: skip
-RISE_FIGURES = (
-    OpenFigure(
-        "capacity", "heat capacity of the motors, factor", "", 0.4, 1.0, 1.5,
-        "winding alone up to the motor with its flange: the sensor sits in the winding",
-    ),
-    OpenFigure(
-        "friction", "viscous friction, factor", "", 0.6, 1.0, 1.6,
-        "oils of one class differ by so much at 20 degC",
-    ),
-    OpenFigure(
-        "share", "share of the friction heat that reaches the motor", "", 0.0, 0.1, 0.5,
-        "gear far from the motor up to a motor flanged into the gear",
-    ),
-    OpenFigure(
-        "resistance", "winding resistance, factor", "", 0.4, 1.0, 1.5,
-        "0.3 to 1.2 ohm a phase for motors of 1.5 to 3 kW",
-    ),
-    OpenFigure(
-        "constant", "torque constant, factor", "", 0.8, 1.0, 1.25,
-        "windings for 300 to 450 V at top speed, same resistance",
-    ),
-    OpenFigure(
-        "conductance", "heat conductance from motor to gear, factor", "", 0.5, 1.0, 2.0,
-        "a gasket or a metal flange",
-    ),
-    OpenFigure(
-        "acceleration", "accelerations, factor", "", 0.6, 1.0, 1.2,
-        "those of a closely related robot",
-    ),
-    OpenFigure(
-        "length", "length of a set, factor", "", 0.7, 1.0, 4.0,
-        "20 motions published, not their length and not whether a trace repeats them",
-    ),
-    OpenFigure(
-        "reading", "added by reading whole degrees", "K", 0.0, 0.0, 1.0,
-        "the truth here; the paper reads the sensors of the motors, whose step is not stated",
-    ),
+HOLD_FIGURES = open_figures(
+    *ELECTRICAL,
+    ("ratio", "gear ratios, factor", "", 0.8, 1.0, 1.25,
+     "motors of 3000 to 4500 rpm at the published top speed"),
+    ("bodies", "weight of the links on the motors, factor", "", 0.8, 1.0, 1.1,
+     "bodies are those of a related robot"),
+    ("payload", "test weight off the flange", "m", 0.0, 0.12, 0.3,
+     "15 kg published, its place is not; a bare disc up to a bracket"),
+    ("stiction", "share of Coulomb friction that helps to carry", "", 0.0, 0.0, 1.0,
+     "0: position control keeps the whole load on the motor; 1: the gears hold after a stop"),
+    ("constant_loss", "constant losses: controller, fans, lifted brakes, drives ready", "W",
+     200.0, 340.0, 750.0,
+     "a cabinet of six drives; 800 W is the limit that the text implies"),
+    ("degc", "windings", "degC", 20.0, HOLDING_DEGC, 80.0, "cold to hot; the pose test is not "
+     "dated in the text"),
+    ("poses", "share of the joint ranges that poses span", "", 0.4, POSE_SHARE, 1.0,
+     "poses of a cell up to the ends of every axis"),
+)  # fmt: skip
+RISE_FIGURES = open_figures(
+    ("capacity", "heat capacity of the motors, factor", "", 0.4, 1.0, 1.5,
+     "winding alone up to the motor with its flange: the sensor sits in the winding"),
+    ("friction", "viscous friction, factor", "", 0.6, 1.0, 1.6,
+     "oils of one class differ by so much at 20 degC"),
+    ("share", "share of the friction heat that reaches the motor", "", 0.0, 0.1, 0.5,
+     "gear far from the motor up to a motor flanged into the gear"),
+    *ELECTRICAL,
+    ("conductance", "heat conductance from motor to gear, factor", "", 0.5, 1.0, 2.0,
+     "a gasket or a metal flange"),
+    ("acceleration", "accelerations, factor", "", 0.6, 1.0, 1.2,
+     "those of a closely related robot"),
+    ("length", "length of a set, factor", "", 0.7, 1.0, 4.0,
+     "20 motions published, not their length and not whether a trace repeats them"),
+    ("reading", "added by reading whole degrees", "K", 0.0, 0.0, 1.0,
+     "the truth here; the paper reads the sensors of the motors, whose step is not stated"),
 )  # fmt: skip
 
 
@@ -115,12 +80,10 @@ def holding_table(seed: int) -> dict[str, SensitivityTable]:
     robot, drivetrain = profile.mechanics()
     (weight,) = robot.payload
     unloaded = robot.with_payload(())
-    kept: dict[float, Float] = {}
 
+    @cache
     def poses(share: float) -> Float:
-        if share not in kept:
-            kept[share] = random_poses(profile, seed, share)
-        return kept[share]
+        return random_poses(profile, seed, share)
 
     def deviation(values: Values) -> dict[str, float]:
         pose = poses(values["poses"])
@@ -153,11 +116,8 @@ def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
         quick: Only the figures with the largest effect.
     """
     plain = load_profile("kr16")
-    figures = [entry for entry in RISE_FIGURES if not quick or entry.key in RISE_IN_BOTH_FORMS]
-    nominal = {entry.key: entry.nominal for entry in RISE_FIGURES}
 
-    def read(values: Values) -> dict[str, float]:
-        given = {**nominal, **values}
+    def read(given: Values) -> dict[str, float]:
         profile = replace(
             _electrical(plain, given),
             motor_capacity=plain.motor_capacity * given["capacity"],
@@ -170,7 +130,8 @@ def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
         rise = _rise(profile, program, program.period * given["length"])
         return {RISE: rise + given["reading"]}
 
-    return sensitivity(read, figures, {RISE: PUBLISHED_RISE}, ROUGH)
+    only = RISE_IN_BOTH_FORMS if quick else None
+    return sensitivity(read, RISE_FIGURES, {RISE: PUBLISHED_RISE}, ROUGH, only)
 
 
 def _rise(profile: PlantProfile, program: Program, duration: float) -> float:

@@ -7,7 +7,7 @@ straight into the pipeline that a monitor runs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -19,9 +19,11 @@ from robot_energy.model import RobotModel, load
 from robot_energy.model.joint import Joint
 from robot_energy.motion import MotionLimits, Program, random_program
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.rig import PlantProfile, RigConfig, RigJoints, RigOutput, VirtualRig
+from robot_energy.rig import PlantProfile, RigConfig, RigJoints, VirtualRig
 
 MINUTE = 60  # s
+RATE = 125.0  # of the joint states [Hz]
+FRICTION, LOSSES = 0.7, 0.85  # of the mistaken model, over the true ones [-]
 REST = 2.0  # s, at every third pose: a cell waits for its parts
 
 
@@ -84,14 +86,11 @@ def mistaken(model: RobotModel, friction: float, losses: float) -> RobotModel:
 
 
 def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:
-    """Return joint states of a rig as the pipeline takes them.
+    """Return joint states of a rig as the pipeline takes them: one segment of good samples.
 
     Args:
         joints: Of the rig.
         with_torque: Whether the effort is the motor torque that the drives report.
-
-    Returns:
-        One segment of good samples.
     """
     unknown = np.full_like(joints.joint_velocity, np.nan)
     return JointBlock(
@@ -108,7 +107,7 @@ def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:
 def work(
     profile: PlantProfile, seed: int, moves: int = 30, zone: float = 0.6, override: float = 1.0
 ) -> Program:
-    """Draw the work of a robot: point-to-point motions with a rest at every third pose.
+    """Return the work of a robot: drawn point-to-point motions, a rest at every third pose.
 
     Args:
         profile: The plant.
@@ -116,9 +115,6 @@ def work(
         moves: How many there are before all repeats.
         zone: Share of the joint ranges that is used. [-]
         override: Share of full speed, in (0, 1]. [-]
-
-    Returns:
-        The program.
     """
     limits: MotionLimits = profile.motion_limits(profile.mechanics()[0])
     via = random_program(limits, seed, moves, zone).via
@@ -138,37 +134,20 @@ def pipeline_of(model: RobotModel, learning: Learning, with_torque: bool) -> Ene
     return EnergyPipeline(model, Settings(effort=effort, power_period=None, learning=learning))
 
 
-def minutes_of(rig: VirtualRig, minutes: int) -> Iterator[RigOutput]:
-    """Run a rig minute by minute.
-
-    Args:
-        rig: The plant.
-        minutes: How many.
-
-    Yields:
-        What the rig gave in each.
-    """
-    for _ in range(minutes):
-        yield rig.step(round(MINUTE / rig.period))
-
-
 def at_work(
-    pipeline: EnergyPipeline, rig: VirtualRig, minutes: int, with_torque: bool, first: int = 1
+    pipeline: EnergyPipeline, rig: VirtualRig, minutes: int, with_torque: bool
 ) -> list[LearningRow]:
-    """Let a monitor watch a robot at work.
+    """Return what a monitor says of a robot at work, one row per minute.
 
     Args:
         pipeline: Of the monitor.
         rig: The robot.
         minutes: How long.
         with_torque: Whether joint states carry motor torque.
-        first: Number of the first minute.
-
-    Returns:
-        One row per minute.
     """
     rows: list[LearningRow] = []
-    for minute, output in enumerate(minutes_of(rig, minutes), first):
+    for minute in range(1, minutes + 1):
+        output = rig.step(round(MINUTE / rig.period))
         before = pipeline.account.comparison.joule
         joints = joint_block(output.joints, with_torque)
         pipeline.step(joints, output.temperatures, output.meter)
@@ -183,29 +162,20 @@ def learning_study(
     learning: Learning,
     with_torque: bool,
     minutes: int = 30,
-    friction: float = 0.7,
-    losses: float = 0.85,
     seed: int = 0,
     config: RigConfig | None = None,
-    rate_hz: float = 125.0,
 ) -> tuple[list[LearningRow], EnergyPipeline]:
-    """Let a monitor with a mistaken model watch a robot that starts cold.
+    """Return one row per minute of a robot that starts cold, and the pipeline at the end.
 
     Args:
-        profile: The plant; the model is that of its bodies.
+        profile: The plant; the monitor has the model of its bodies, mistaken.
         learning: What is done with learned figures.
         with_torque: Whether joint states carry motor torque.
         minutes: How long.
-        friction: Factor on the model's friction. [-]
-        losses: Factor on the model's constant losses. [-]
         seed: Of the work and the sensors.
         config: Effects of the rig.
-        rate_hz: Of the joint states. [Hz]
-
-    Returns:
-        One row per minute, and the pipeline at the end.
     """
-    rig = VirtualRig(profile, work(profile, seed), config, seed, rate_hz=rate_hz)
-    model = mistaken(load(profile.body), friction, losses)
+    rig = VirtualRig(profile, work(profile, seed), config, seed, rate_hz=RATE)
+    model = mistaken(load(profile.body), FRICTION, LOSSES)
     pipeline = pipeline_of(model, learning, with_torque)
     return at_work(pipeline, rig, minutes, with_torque), pipeline

@@ -6,9 +6,9 @@ One layer is played on the virtual rigs as well, whose friction and losses are o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -138,12 +138,8 @@ class Energies:
     parts: dict[str, float]
     cabinet: float
 
-    def plus(self, other: Energies) -> Energies:
-        """Return the sum of two time spans.
-
-        Args:
-            other: The other span.
-        """
+    def __add__(self, other: Energies) -> Energies:
+        """Return the sum of two time spans."""
         return Energies(
             self.duration + other.duration,
             self.net + other.net,
@@ -184,23 +180,14 @@ class Curve:
     joint_position: Float
 
 
-class Planned(Protocol):
-    """A motion in blocks of times and joints."""
-
-    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Return the blocks, in order."""
-        ...
-
-
-def predicted(model: RobotModel, motion: Planned) -> tuple[Energies, Curve]:
-    """Predict a motion with a model, motors at 25 degC throughout.
+def predicted(
+    model: RobotModel, blocks: Iterable[tuple[Float, Trajectory]]
+) -> tuple[Energies, Curve]:
+    """Return energies and power of a motion by a model, motors at 25 degC throughout.
 
     Args:
         model: The model.
-        motion: The motion.
-
-    Returns:
-        Its energies, and its power over time.
+        blocks: Times, shape (N,) [s], and joints of the motion, as of `ToolMotion.blocks`.
     """
     pipeline = EnergyPipeline(model, Settings(power_period=None, temperature_assumed=True))
     warm: TemperatureBlock | None = TemperatureBlock(
@@ -209,7 +196,7 @@ def predicted(model: RobotModel, motion: Planned) -> tuple[Energies, Curve]:
     times: list[Float] = []
     paths: list[Trajectory] = []
     powers: list[PowerBlock] = []
-    for time, path in motion.blocks():
+    for time, path in blocks:
         _keep(powers, pipeline.step(_block(time, path), warm, planned=True))
         warm = None
         times.append(time)
@@ -222,28 +209,18 @@ def predicted(model: RobotModel, motion: Planned) -> tuple[Energies, Curve]:
     electrical = shaft + power.drive_loss
     loss = _integral(_Parts(model).of(position, power), time)
     friction = float(_integral(power.friction_power.sum(axis=1), time))
-    energies = Energies(
-        float(time[-1]),
-        _integral(shaft, time),
-        _integral(np.maximum(shaft, 0.0), time),
-        _integral(np.abs(shaft), time),
-        _integral(electrical, time),
-        dict(zip(PARTS, [friction, *loss.tolist()], strict=True)),
-        float(_integral(power.loss_dc + power.loss_grid, time)),
-    )
-    return energies, _curve(time, shaft, electrical, position)
+    parts = dict(zip(PARTS, [friction, *loss.tolist()], strict=True))
+    constant = power.loss_dc + power.loss_grid
+    return _found(time, float(time[-1]), shaft, electrical, parts, constant, position)
 
 
 def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, Curve]:
-    """Play a motion on the machine's virtual rig; what is returned is its truth.
+    """Return energies and power of a motion on the machine's virtual rig: its truth.
 
     Args:
         machine: The machine.
         motion: The motion.
         seed: Seed of the rig.
-
-    Returns:
-        Its energies, and its power over time.
     """
     smooth = Smooth(motion)
     profile = load_profile(machine.model)
@@ -251,16 +228,8 @@ def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, C
     truth = RigOutput.concatenate(list(outputs(rig, smooth.duration))).truth
     time = (truth.stamp_ns - truth.stamp_ns[0]) * 1e-9
     shaft, electrical = truth.shaft_power, truth.drive_power
-    energies = Energies(
-        smooth.duration,
-        _integral(shaft, time),
-        _integral(np.maximum(shaft, 0.0), time),
-        _integral(np.abs(shaft), time),
-        _integral(electrical, time),
-        {},
-        float(_integral(truth.loss_dc + truth.loss_grid, time)),
-    )
-    return energies, _curve(time, shaft, electrical, truth.joint_position)
+    constant = truth.loss_dc + truth.loss_grid
+    return _found(time, smooth.duration, shaft, electrical, {}, constant, truth.joint_position)
 
 
 class _Parts:
@@ -286,14 +255,27 @@ class _Parts:
         return np.stack([part.sum(axis=1) for part in parts], axis=1)
 
 
-def _curve(time: Float, shaft: Float, electrical: Float, position: Float) -> Curve:
-    return Curve(
-        time,
-        shaft.sum(axis=1),
-        np.maximum(shaft, 0.0).sum(axis=1),
-        electrical.sum(axis=1),
-        position,
+def _found(
+    time: Float,
+    duration: float,
+    shaft: Float,
+    electrical: Float,
+    parts: dict[str, float],
+    constant: Float,
+    position: Float,
+) -> tuple[Energies, Curve]:
+    driving = np.maximum(shaft, 0.0)
+    energies = Energies(
+        duration,
+        _integral(shaft, time),
+        _integral(driving, time),
+        _integral(np.abs(shaft), time),
+        _integral(electrical, time),
+        parts,
+        float(_integral(constant, time)),
     )
+    net, positive, drives = (power.sum(axis=1) for power in (shaft, driving, electrical))
+    return energies, Curve(time, net, positive, drives, position)
 
 
 def _integral(power: Float, time: Float) -> Float:

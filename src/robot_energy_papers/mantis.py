@@ -103,11 +103,7 @@ class AfterRest:
     def __init__(self, motion: JointMotion, duration: float) -> None:
         self._motion = motion
         self._duration = duration
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return self._motion.n_joints
+        self.n_joints = motion.n_joints
 
     def sample(self, time: Float) -> Trajectory:
         """Return the motion.
@@ -191,7 +187,7 @@ def recorded(
     seed: int,
     config: RigConfig | None = None,
 ) -> Path:
-    """Play a motion between two rests on the rig and record it to a bag.
+    """Return the bag of a motion between two rests on the rig.
 
     Args:
         profile: The plant.
@@ -200,9 +196,6 @@ def recorded(
         path: Folder of the bag.
         seed: Seed of the rig.
         config: Effects of the rig; the default ones by default.
-
-    Returns:
-        The bag.
     """
     rig = VirtualRig(
         profile, AfterRest(motion, duration), config, seed, START_DEGC, START_DEGC, rate_hz=RATE
@@ -212,14 +205,11 @@ def recorded(
 
 
 def read_run(path: Path, model: RobotModel) -> PrintRun:
-    """Read a recorded run back with a model.
+    """Return a recorded run, read back with a model.
 
     Args:
         path: The bag.
         model: With which its stages are computed.
-
-    Returns:
-        The run.
     """
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
     power = DrivePowerTopics((DRIVE_POWER,)).read(path, model.joint_names)
@@ -231,15 +221,12 @@ def read_run(path: Path, model: RobotModel) -> PrintRun:
 def identify_mechanics(
     runs: Sequence[PrintRun], model: RobotModel, method: Literal["ols", "wls"]
 ) -> Dynamics:
-    """Identify bodies and friction from excitation runs.
+    """Return bodies and friction that are identified from excitation runs.
 
     Args:
         runs: Read with ``model``.
         model: Kinematics and gears.
         method: Ordinary (paper B) or weighted least squares.
-
-    Returns:
-        The fit.
     """
     channels: list[Channels] = []
     for run in runs:

@@ -22,45 +22,38 @@ from robot_energy_papers.mantis import (
     recorded,
     slower,
 )
-from robot_energy_papers.sensitivity import OpenFigure, SensitivityTable, Values, sensitivity
+from robot_energy_papers.sensitivity import (
+    OpenFigure,
+    SensitivityTable,
+    Values,
+    open_figures,
+    sensitivity,
+)
 
 MAPS, SECOND = STAGES = "reduced maps", "reduced maps, second stage"
 ROUGH = 0.02  # of the values that are sought: maps are made of noisy samples
 RUN = "wall"
 PLANT = ("resistance", "friction", "torque_noise")
 IN_BOTH_FORMS = ("held", "cutoff")
-FIGURES = (
-    OpenFigure(
-        "held", "joint 1: 0 moves, 1 is held", "", 0.0, 0.0, 1.0,
-        "the paper prints in both configurations and does not say which this accuracy is of",
-        switch=True,
-    ),
-    OpenFigure(
-        "cutoff", "low-pass of the efficiencies", "Hz", 1.0, CUTOFF, 20.0,
-        "the paper names the filter, not its cut-off",
-    ),
-    OpenFigure(
-        "points", "points of a map", "", 100.0, float(POINTS), 2000.0,
-        "the paper shows maps, not their grid",
-    ),
-    OpenFigure(
-        "slow", "speed of the second excitation over the first", "", 0.15, 0.4, 0.8,
-        "whether the excitation contains print speed is not stated",
-    ),
-    OpenFigure(
-        "resistance", "winding resistance, factor", "", 0.5, 1.0, 1.5,
-        "drives of 50 to 30 % efficiency while printing, as published",
-    ),
-    OpenFigure(
-        "friction", "Coulomb friction, factor", "", 0.5, 1.0, 2.0,
-        "harmonic gears, new to worn or stiffly preloaded",
-    ),
-    OpenFigure(
-        "torque_noise", "noise of the reported torque", "N m", 0.0, 0.02, 0.06,
-        "up to 2 % of the rated torque, usual for current sensors",
-    ),
+HELD = OpenFigure(
+    "held", "joint 1: 0 moves, 1 is held", "", 0.0, 0.0, 1.0,
+    "the paper prints in both configurations and does not say which this accuracy is of",
+    switch=True,
 )  # fmt: skip
-
+FIGURES = (HELD, *open_figures(
+    ("cutoff", "low-pass of the efficiencies", "Hz", 1.0, CUTOFF, 20.0,
+     "the paper names the filter, not its cut-off"),
+    ("points", "points of a map", "", 100.0, float(POINTS), 2000.0,
+     "the paper shows maps, not their grid"),
+    ("slow", "speed of the second excitation over the first", "", 0.15, 0.4, 0.8,
+     "whether the excitation contains print speed is not stated"),
+    ("resistance", "winding resistance, factor", "", 0.5, 1.0, 1.5,
+     "drives of 50 to 30 % efficiency while printing, as published"),
+    ("friction", "Coulomb friction, factor", "", 0.5, 1.0, 2.0,
+     "harmonic gears, new to worn or stiffly preloaded"),
+    ("torque_noise", "noise of the reported torque", "N m", 0.0, 0.02, 0.06,
+     "up to 2 % of the rated torque, usual for current sensors"),
+))  # fmt: skip
 
 Runs = tuple[list[PrintRun], RobotModel]
 
@@ -68,21 +61,17 @@ Runs = tuple[list[PrintRun], RobotModel]
 def map_tables(train: FourierMotion, seed: int, quick: bool) -> dict[str, SensitivityTable]:
     """Return what the accuracy of electrical energy with maps owes to open figures.
 
+    By stage of the method; identified from both excitation runs, print path of all joints.
+
     Args:
         train: The excitation at full speed.
         seed: Seed of the rigs.
         quick: Only the figures that need no other excitation.
-
-    Returns:
-        By stage of the method; identified from both excitation runs, print path of all joints. [-]
-
-    Raises:
-        RobotEnergyError: If a rig, a recording or a fit fails.
     """
-    figures = [entry for entry in FIGURES if not quick or entry.key in IN_BOTH_FORMS]
-    goals = {stage: PAPER["map_processed"] for stage in STAGES}
+    goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["map_processed"])
+    only = IN_BOTH_FORMS if quick else None
     with TemporaryDirectory() as folder:
-        return sensitivity(_Maps(Path(folder), train, seed).accuracy, figures, goals, ROUGH)
+        return sensitivity(_Maps(Path(folder), train, seed).accuracy, FIGURES, goals, ROUGH, only)
 
 
 class _Maps:
@@ -96,8 +85,7 @@ class _Maps:
         self._walls: dict[object, PrintRun] = {}
         self._bags = 0
 
-    def accuracy(self, values: Values) -> Mapping[str, float]:
-        given = {entry.key: entry.nominal for entry in FIGURES} | dict(values)
+    def accuracy(self, given: Values) -> Mapping[str, float]:
         plant = tuple(given[key] for key in PLANT)
         identified = *plant, given["slow"]
         if identified not in self._known:

@@ -43,12 +43,12 @@ class SetFriction:
     """Friction of every axis from one set alone, as in eq. 9, shape (n,) each.
 
     Attributes:
-        motor_temperature_degc: Mean over the set. [degC]
+        motor_degc: Mean over the set. [degC]
         coulomb: Motor side. [N m]
         viscous: Motor side. [N m s/rad]
     """
 
-    motor_temperature_degc: Float
+    motor_degc: Float
     coulomb: Float
     viscous: Float
 
@@ -76,13 +76,10 @@ class Identified:
     notes: tuple[str, ...]
 
     def viscous(self, motor_temperature_degc: Float) -> Float:
-        """Return viscous friction of every axis by its identified law.
+        """Return viscous friction of every axis by its identified law, shape (n,). [N m s/rad]
 
         Args:
             motor_temperature_degc: Shape (n,). [degC]
-
-        Returns:
-            Motor side, shape (n,). [N m s/rad]
         """
         pairs = zip(self.fits, motor_temperature_degc, strict=True)
         return np.array([float(viscous_law(fit.law).viscous(degc)) for fit, degc in pairs])
@@ -119,7 +116,7 @@ def identify(
     fixed_degc: Sequence[float] = FIXED_DEGC,
     beyond: bool = True,
 ) -> Identified:
-    """Identify friction, cabinet and, beyond the paper, drive losses.
+    """Return models with identified friction, cabinet and, beyond the paper, drive losses.
 
     Args:
         bags: Sets of motions for identification, with motor torque in the effort.
@@ -128,9 +125,6 @@ def identify(
         supply: Plant of whose name plate the capacitor is read; None: no such model is made.
         fixed_degc: Operating points of the models with fixed friction. [degC]
         beyond: Whether to go beyond the paper: friction of each set, tables, losses.
-
-    Returns:
-        The models.
 
     Raises:
         NotIdentifiableError: If the recordings do not determine friction or constant losses.

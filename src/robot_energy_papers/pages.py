@@ -20,7 +20,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot_energy.report.document import Document
-from robot_energy.report.formats import percent
+from robot_energy.report.formats import percent, signed_percent
 
 Piece = Callable[[Any], object]
 """Draws a figure into a buffer, or writes a part onto a page."""
@@ -44,9 +44,6 @@ def document(
         template: Name of the template without its suffix.
         context: What its expressions use.
         pieces: Figures and parts by name.
-
-    Returns:
-        The page.
 
     Raises:
         RobotEnergyError: If a figure cannot be drawn.
@@ -82,19 +79,9 @@ def _row(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", ESCAPED) for cell in cells) + " |"
 
 
-def _signed(share: float | None) -> str:
-    """A share in percent with its sign; a dash for None."""
-    return percent(share, True)
-
-
 def _whole(value: float, unit: str = "") -> str:
     """A number without decimals, and its unit."""
     return f"{value:.0f}{unit}"
-
-
-def _kilo(value: float) -> str:
-    """Thousands of a unit."""
-    return f"{value / 1e3:.1f}"
 
 
 def hundred(share: float) -> str:
@@ -110,6 +97,11 @@ def _hundreds(shares: Iterable[float]) -> list[str]:
     return [hundred(share) for share in shares]
 
 
+def _kilo(value: float) -> str:
+    """Thousands of a unit."""
+    return f"{value / 1e3:.1f}"
+
+
 def _of(key: str, table: Mapping[str, Any]) -> Any:
     return table[key]
 
@@ -123,7 +115,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "of": _of,
     "percent": percent,
     "row": _row,
-    "signed": _signed,
+    "signed": signed_percent,
     "tenth": "{:.1f}".format,
     "whole": _whole,
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +14,21 @@ from robot_energy.rig import RigConfig, load_profile
 from robot_energy.rig.plant import PlantFriction
 from robot_energy.rig.record import RigRecording
 from robot_energy_papers.calibration import Calibration, calibrate
-from robot_energy_papers.drawn_plants import PlantRow, plant_row
-from robot_energy_papers.effects import EffectRow, configurations, effect_row
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
 from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.kr16_sensitivity import holding_table, rise_table
 from robot_energy_papers.models import FOLLOWS, Identified, identify
 from robot_energy_papers.sensitivity import SensitivityTable
-from robot_energy_papers.soaked_rigs import Rigs, rig_seeds
+from robot_energy_papers.soaked_rigs import (
+    EffectRow,
+    PlantRow,
+    Rigs,
+    configurations,
+    effect_row,
+    plant_row,
+    rig_seeds,
+)
 
 SHARE_BEFORE_FITS = 0.9  # of the work that the bar shows
 AXIS = 0  # of fig. 5
@@ -100,27 +106,13 @@ class ShaftCurve:
 
     robot_degc: float
     motor_degc: float
-    time: Float
-    power: Float
+    time: Float = field(repr=False)
+    power: Float = field(repr=False)
 
     @property
     def mean_power(self) -> float:
         """Mean over the set. [W]"""
         return float(np.trapezoid(self.power, self.time) / (self.time[-1] - self.time[0]))
-
-
-@dataclass(frozen=True)
-class TrueFriction:
-    """What the rig's friction and iron drag truly were in one set for identification.
-
-    Attributes:
-        motor_temperature_degc: Mean over the set, shape (n,). [degC]
-        viscous: At the gear temperature, with the eddy drag of the motor, shape (n,).
-            [N m s/rad]
-    """
-
-    motor_temperature_degc: Float
-    viscous: Float
 
 
 @dataclass(frozen=True)
@@ -136,7 +128,9 @@ class PaperA:
         identified: Models.
         rows: Held-out sets with every model, in the order of ``test``.
         shaft: Shaft power of the first axis, cold to hot.
-        truth: True friction of every set for identification.
+        truth: Of every set for identification mean motor temperatures [degC], and the true viscous
+            friction at the gear temperature with the eddy drag of the motor [N m s/rad], shape (n,)
+            each.
         effects: What unmodelled effects cost.
         plants: The experiment on plants drawn at random.
         calibration: The plant in figures.
@@ -152,7 +146,7 @@ class PaperA:
     identified: Identified
     rows: list[SetRow]
     shaft: list[ShaftCurve]
-    truth: list[TrueFriction]
+    truth: list[tuple[Float, Float]]
     effects: list[EffectRow]
     plants: list[PlantRow]
     calibration: Calibration
@@ -185,18 +179,12 @@ class PaperA:
 
         Motor temperatures [degC], and identified over true friction less 1 [-], shape (n,) each.
         """
-        return [
-            (
-                entry.motor_temperature_degc,
-                self.identified.viscous(entry.motor_temperature_degc) / entry.viscous - 1.0,
-            )
-            for entry in self.truth
-        ]
+        return [(degc, self.identified.viscous(degc) / true - 1.0) for degc, true in self.truth]
 
     @property
     def viscous_fall(self) -> Float:
         """Identified viscous friction in the coldest set over that in the hottest, shape (n,)."""
-        cold, hot = (self.truth[index].motor_temperature_degc for index in (0, -1))
+        cold, hot = (self.truth[index][0] for index in (0, -1))
         return self.identified.viscous(cold) / self.identified.viscous(hot)
 
     @property
@@ -232,10 +220,7 @@ def study(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> PaperA:
-    """Do the whole study.
-
-    Runs that do not depend on each other are spread over processes; the result does not
-    depend on how many.
+    """Return what the whole study finds; it does not depend on the number of processes.
 
     Args:
         folder: For the bags; it exists.
@@ -243,72 +228,47 @@ def study(
         scale: How much to do.
         workers: Processes in addition to this one; 1 means to do all of it here.
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        What was found.
-
-    Raises:
-        RobotEnergyError: If rig, recordings or fits fail.
     """
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
     steps = Steps(len(rigs) + scale.plants + 5, progress, SHARE_BEFORE_FITS)
     with job_pool(workers, steps.done) as run:
-        work = [
-            run(record_training, folder, seed, scale),
-            run(record_test, folder, seed, scale),
-            *(run(effect_row, name, rig, scale.rigs, seed) for name, rig in rigs.items()),
-            run(calibrate, profile, seed, scale.programs, scale.moves),
-            *(run(plant_row, 1 + number, scale.rigs, seed) for number in range(scale.plants)),
-            run(holding_table, seed),
-            run(rise_table, seed, scale.train is None),
-        ]
-        train, rest = work[0].result()
-        test = work[1].result()
+        training, testing = (
+            run(record, folder, seed, scale) for record in (_record_training, record_test)
+        )
+        effects = [run(effect_row, name, rig, scale.rigs, seed) for name, rig in rigs.items()]
+        calibration = run(calibrate, profile, seed, scale.programs, scale.moves)
+        plants = [run(plant_row, 1 + number, scale.rigs, seed) for number in range(scale.plants)]
+        hold, rise = run(holding_table, seed), run(rise_table, seed, scale.train is None)
+        train, rest = training.result()
+        test = testing.result()
         identified = identify(
             [entry.path for entry in train], rest.path, load(profile.body), profile.supply
         )
         rows = held_out(test, identified.models, FOLLOWS)
-        last = 2 + len(rigs)
-        effects = [job.result() for job in work[2:last]]
-        calibration = work[last].result()
-        plants = [job.result() for job in work[last + 1 : -2]]
-        tables = work[-2].result() | work[-1].result()
-    curves = _shaft_curves(test, rows, identified)
+        found = PaperA(
+            seed,
+            scale,
+            train,
+            test,
+            rest,
+            identified,
+            rows,
+            _shaft_curves(test, rows, identified),
+            [_true_friction(entry) for entry in train],
+            [job.result() for job in effects],
+            [job.result() for job in plants],
+            calibration.result(),
+            hold.result() | rise.result(),
+        )
     if progress is not None:
         progress(1.0)
-    return PaperA(
-        seed,
-        scale,
-        train,
-        test,
-        rest,
-        identified,
-        rows,
-        curves,
-        [_true_friction(entry) for entry in train],
-        effects,
-        plants,
-        calibration,
-        tables,
-    )
+    return found
 
 
-def record_training(
+def _record_training(
     folder: Path, seed: int, scale: PaperAStudySize
 ) -> tuple[list[MotionSet], RigRecording]:
-    """Record the sets for identification and the rest in several poses.
-
-    Args:
-        folder: For the bags.
-        seed: Seed of the study.
-        scale: How much.
-
-    Returns:
-        The sets, and the recording at rest.
-
-    Raises:
-        RigError: If rig or bags cannot be made.
-    """
+    """Record the sets for identification and the rest in several poses."""
     profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[0]
     if scale.train is None:
@@ -325,15 +285,12 @@ def record_training(
 
 
 def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionSet]:
-    """Record the sets that no fit sees.
+    """Return the recorded sets that no fit sees.
 
     Args:
         folder: For the bags.
         seed: Seed of the study.
         scale: How much.
-
-    Returns:
-        The sets.
     """
     profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[1]
@@ -362,8 +319,8 @@ def _shaft_curves(
     return found
 
 
-def _true_friction(entry: MotionSet) -> TrueFriction:
+def _true_friction(entry: MotionSet) -> tuple[Float, Float]:
     profile = load_profile("kr16")
     gear = entry.recording.gear_temperature_degc.mean(axis=0)
     viscous = PlantFriction(profile, RigConfig(), 1.0).viscous(gear) + profile.eddy_viscous
-    return TrueFriction(entry.recording.motor_temperature_degc.mean(axis=0), viscous)
+    return entry.recording.motor_temperature_degc.mean(axis=0), viscous

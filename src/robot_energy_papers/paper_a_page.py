@@ -1,10 +1,8 @@
-"""The study of paper A as one self-contained page, as text, and the front picture.
-
-The sentences are in the templates; here are the numbers and drawings that they name.
-"""
+"""The study of paper A as JSON, what its templates name, and the front picture."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,9 @@ from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.report.identification import friction_tables, losses_section
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.series import Series, compared_series
+from robot_energy.results.base import json_value
 from robot_energy.results.identification import FrictionReport
+from robot_energy_papers.calibration import Calibration
 from robot_energy_papers.drawings import (
     EnergyStudy,
     ModelEnergyCurve,
@@ -25,14 +25,21 @@ from robot_energy_papers.drawings import (
     energy_over_temperature,
     shaft_power_over_temperature,
 )
-from robot_energy_papers.drawn_plants import SHARED, error_spreads
-from robot_energy_papers.effects import ALL, EFFECTS, NO_OIL, NOTHING, EffectRow
 from robot_energy_papers.experiment import MOVES
+from robot_energy_papers.held_out import SetRow, worst
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.paper_a import POWER_DEGC, REFERENCE_DEGC, PaperA
-from robot_energy_papers.paper_a_numbers import figures
+from robot_energy_papers.soaked_rigs import (
+    ALL,
+    EFFECTS,
+    NO_OIL,
+    NOTHING,
+    SHARED,
+    EffectRow,
+    error_spreads,
+)
 
 PAPER = (
     "Modeling and Experimental Validation of the Influence of Robot Temperature on Its Energy "
@@ -40,6 +47,7 @@ PAPER = (
 )
 FIXED = tuple(fixed_name(degc) for degc in FIXED_DEGC)
 RIG = "virtual rig, KR 16 class"
+LABEL = f"{RIG}; nothing here was measured on a robot"
 GOAL = 0.05  # paper A: error that remains
 WINDOW = 7.0  # s of fig. 5
 SMOOTH = 0.02  # s
@@ -226,3 +234,105 @@ def _window(time: Float, power: Float, result: PaperA) -> tuple[Float, Float]:
     mean = np.convolve(power, np.ones(count) / count, "same")
     rows = (time >= begin) & (time <= begin + WINDOW)
     return time[rows], mean[rows]
+
+
+def figures(result: PaperA) -> dict[str, Any]:
+    """Return every figure of the study, ready for JSON; ratios are 0 to 1.
+
+    Args:
+        result: The study.
+    """
+    found, heating = result.identified, result.warming
+    return {
+        "label": LABEL,
+        "seed": result.seed,
+        "quick": result.quick,
+        "robot_degc": _span(row.robot_degc for row in result.rows),
+        "motor_degc": [
+            min(row.coldest_degc for row in result.rows),
+            max(row.warmest_degc for row in result.rows),
+        ],
+        "energy_cold_over_hot": heating[0].mean_power / heating[-1].mean_power,
+        "worst_error": {name: worst(result.rows, name) for name in found.models},
+        "error_range": {
+            name: _span(row.error(name) for row in result.rows) for name in found.models
+        },
+        "fixed_identified_degc": found.fixed_degc,
+        "sets": [_row(row) for row in result.rows],
+        "train": [
+            {
+                "motor_degc": entry.recording.motor_temperature_degc.mean(axis=0).tolist(),
+                "rise": entry.rise,
+                "motor_minus_gear": entry.lag,
+            }
+            for entry in result.train
+        ],
+        "greatest_rise_in_a_set": max(entry.rise for entry in (*result.train, *result.test)),
+        "peak_power": max(entry.recording.peak_power for entry in (*result.train, *result.test)),
+        "friction": json_value(FrictionReport("motor_torque", tuple(found.fits), ())),
+        "friction_against_truth": [
+            {"motor_degc": degc.tolist(), "error": error.tolist()}
+            for degc, error in result.friction_errors
+        ],
+        "coulomb_by_set": json_value(found.sets),
+        "cabinet": json_value(found.cabinet),
+        "notes": list(found.notes),
+        "shaft_power": [
+            {**json_value(curve), "mean_power": curve.mean_power} for curve in result.shaft
+        ],
+        "effects": [
+            {
+                "rig": row.name,
+                "follows": list(row.follows),
+                "fixed_20": list(row.fixed),
+                "mean": row.mean,
+                "worst": row.worst,
+            }
+            for row in result.effects
+        ],
+        "plants": json_value(result.plants),
+        "plants_error": json_value(error_spreads(result.plants)),
+        "effects_degc": list(result.scale.rigs.test_degc),
+        "sensitivity": json_value(result.open),
+        "calibration": _calibration(result.calibration),
+    }
+
+
+def _span(values: Iterable[float]) -> list[float]:
+    ordered = sorted(values)
+    return [ordered[0], ordered[-1]]
+
+
+def _row(row: SetRow) -> dict[str, Any]:
+    return {
+        "bag": row.bag,
+        "way": row.way,
+        "robot_degc": row.robot_degc,
+        "motor_degc": [row.coldest_degc, row.warmest_degc],
+        "rise": row.rise,
+        "motor_minus_gear": row.lag,
+        "measured_energy": row.measured_energy,
+        "compared_time": row.compared,
+        "mean_power": row.mean_power,
+        "peak_power": row.peak_power,
+        "predicted_energy": row.predicted,
+        "error": {name: row.error(name) for name in row.predicted},
+        "extrapolated": row.extrapolated,
+    }
+
+
+def _calibration(found: Calibration) -> dict[str, Any]:
+    ratio = found.ratio(20.0, 60.0)
+    column = found.start_degc.tolist().index(POWER_DEGC)
+    return {
+        "energy_20_over_60": _span(ratio.tolist()),
+        "peak_power_at_60": _span(found.peak_power[:, column].tolist()),
+        "programs": len(found.mean_power),
+        "hold_mean": found.holding.mean,
+        "hold_range": [found.holding.least, found.holding.greatest],
+        "hold_deviation": found.holding.deviation,
+        "flows": {f"{degc:g}": flow for degc, flow in found.flows.items()},
+        "electrical_over_mechanical": {
+            f"{degc:g}": found.electrical_over_mechanical(degc) for degc in found.flows
+        },
+    }

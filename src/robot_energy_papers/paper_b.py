@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
@@ -85,14 +84,12 @@ class Trained:
     """What was identified from some excitation, and how it predicts what it has not seen.
 
     Attributes:
-        dynamics: By ordinary least squares, as in the paper.
-        model: The Mantis's model with it.
+        model: The Mantis's model with bodies by ordinary least squares, as in the paper.
         drives: Maps and losses.
         mechanical: By run.
         tests: Tests of the drives, one per run.
     """
 
-    dynamics: Dynamics
     model: RobotModel
     drives: DrivesFit
     mechanical: dict[str, MechanicalTest]
@@ -162,13 +159,10 @@ class PaperB:
         return self.main.model
 
     def relative(self, stage: str) -> dict[str, dict[str, float]]:
-        """Return the energy of every machine over that of the arm, less one.
+        """Return the energy of every machine over that of the arm, less one, by figure. [-]
 
         Args:
             stage: ``layer``, ``wall`` or ``rig``.
-
-        Returns:
-            By machine and figure. [-]
         """
         energies: dict[str, Energies] = {
             key: getattr(found, stage) for key, found in self.machines.items()
@@ -184,19 +178,13 @@ class PaperB:
 def study(
     folder: Path, seed: int, scale: PaperBStudySize, progress: Progress | None = None
 ) -> PaperB:
-    """Do all studies.
+    """Return what all studies find.
 
     Args:
         folder: For the bags; it exists.
         seed: Seed of motions and rigs.
         scale: How much to do.
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        What was found.
-
-    Raises:
-        RobotEnergyError: If a rig, a recording or a fit fails.
     """
     step = Steps(STEPS + scale.plants, progress).done
     start, profile = load("mantis"), load_profile("mantis")
@@ -264,12 +252,11 @@ def _drawn(
 
 
 def _trained(runs: list[PrintRun], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
-    dynamics = identify_mechanics(runs, start, "ols")
-    model = to_model(dynamics, ["excitation on the virtual rig"])
+    model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
     drives = identify_drives(runs)
     held_out = {name: read_run(paths[name], model) for name in (WALL, WALL_HELD, VALIDATION)}
     mechanical = {name: MechanicalTest(run, _accuracy(run)) for name, run in held_out.items()}
-    return Trained(dynamics, model, drives, mechanical, tested(held_out, drives))
+    return Trained(model, drives, mechanical, tested(held_out, drives))
 
 
 def _accuracy(run: PrintRun) -> dict[Definition, Accuracy]:
@@ -280,22 +267,16 @@ def _machine(key: str, scale: PaperBStudySize, seed: int) -> MachineResult:
     machine = MACHINES[key]
     model = load(machine.model)
     single = wall_motion(machine)
-    layer, curve = predicted(model, single)
+    layer, curve = predicted(model, single.blocks())
     rig, _ = played(machine, single, seed)
     heights = (layer,) * len(scale.heights)
     if scale.layers or key == ARM:  # heights matter to the arm only (full form)
         heights = tuple(
-            predicted(model, wall_motion(machine, height=height))[0] for height in scale.heights
+            predicted(model, wall_motion(machine, height=height).blocks())[0]
+            for height in scale.heights
         )
     if scale.layers:
-        wall, _ = predicted(model, wall_motion(machine, scale.layers))
+        wall, _ = predicted(model, wall_motion(machine, scale.layers).blocks())
     else:
-        wall = _sum(heights)
+        wall = sum(heights[1:], heights[0])
     return MachineResult(layer, curve, rig, heights, wall)
-
-
-def _sum(parts: tuple[Energies, ...]) -> Energies:
-    total = parts[0]
-    for part in parts[1:]:
-        total = total.plus(part)
-    return total

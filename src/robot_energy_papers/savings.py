@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from robot_energy.optimization.chain import TORQUE_SHARE
 from robot_energy.optimization.search import cheapest
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import load_profile
-from robot_energy_papers.band_coverage import BODY, TRAINING, Recorded
+from robot_energy_papers.band_coverage import BODY, SHORT_TRAINING, TRAINING, Recorded
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.judged_savings import JudgedChoice, JudgedSaving, PlantAtWork
 from robot_energy_papers.savings_study import judge_plant, run_as, task_of
@@ -25,7 +25,6 @@ PER_JOB = 50  # programs whose limits are checked in one job
 STANDING = (1.0, 0.1)  # share of the constant losses of the plant that is left
 COLD, HOT = 10.0, 70.0  # degC
 OVERRIDES = np.array([0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # [-]
-SHORT = (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5))
 EXACT = 1e-6  # by which a limit may be exceeded in rounding [-]
 
 
@@ -51,7 +50,7 @@ class SavingsStudySize:
 
 
 FULL = SavingsStudySize(24, TRAINING, (22.0, 40.0, 62.0), 2, True, 1000)
-QUICK = SavingsStudySize(1, SHORT, (40.0,), 1, False, 5)
+QUICK = SavingsStudySize(1, SHORT_TRAINING, (40.0,), 1, False, 5)
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def study(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Savings:
-    """Do the whole study.
+    """Return what the whole study finds.
 
     Args:
         folder: Of the study; no bag is kept.
@@ -112,26 +111,20 @@ def study(
         scale: How much to do.
         workers: Processes in addition to this one; 1 means to do all of it here.
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        What was found.
-
-    Raises:
-        RobotEnergyError: If rig, recordings or fits fail.
     """
     del folder
     first = 1000 * seed + FRESH
     parts = -(-scale.limits // PER_JOB)
     steps = Steps(scale.plants + parts + 1, progress)
     with job_pool(workers, steps.done) as run:
-        judged = [run(plant_job, first + k, scale) for k in range(scale.plants)]
+        judged = [run(_judged, first + k, scale) for k in range(scale.plants)]
         checked = [
             run(
                 exceeded_limits, 1000 * seed + k * PER_JOB, min(PER_JOB, scale.limits - k * PER_JOB)
             )
             for k in range(parts)
         ]
-        curves = run(override_curves, seed)
+        curves = run(_override_curves, seed)
         return Savings(
             seed,
             scale,
@@ -143,19 +136,8 @@ def study(
         )
 
 
-def plant_job(plant: int, scale: SavingsStudySize) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
-    """Judge one plant, in a folder that is removed again.
-
-    Args:
-        plant: Its seed.
-        scale: How much to do.
-
-    Returns:
-        What was claimed, and what was chosen.
-
-    Raises:
-        RobotEnergyError: If the plant cannot be identified.
-    """
+def _judged(plant: int, scale: SavingsStudySize) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
+    """Judge one plant, in a folder that is removed again."""
     with TemporaryFolder() as place:
         return judge_plant(
             place.path, plant, scale.training, scale.temperatures, scale.programs, scale.brute
@@ -163,18 +145,14 @@ def plant_job(plant: int, scale: SavingsStudySize) -> tuple[list[JudgedSaving], 
 
 
 def exceeded_limits(seed: int, count: int) -> int:
-    """Make random programs cheaper and count those beyond a limit, by differences of positions.
+    """Return how many random programs, made cheaper, are beyond a limit.
+
+    Limits are those of position, speed, acceleration, jerk, torque and cycle time, by differences
+    of positions; from one end of an acceleration to the other takes at least the jerk time.
 
     Args:
         seed: Of the first program.
         count: How many.
-
-    Returns:
-        Programs beyond a limit of position, speed, acceleration, jerk, torque or cycle time; from
-        one end of an acceleration to the other takes at least the jerk time.
-
-    Raises:
-        RobotEnergyError: If the model cannot be used.
     """
     model = load(BODY)
     robot = Robot.from_model(model)
@@ -213,20 +191,11 @@ def _beyond(program: Program, limits: MotionLimits) -> bool:
     )
 
 
-def override_curves(seed: int) -> list[OverrideCurve]:
+def _override_curves(seed: int) -> list[OverrideCurve]:
     """Run one program of the standard plant at several overrides, cold and hot, on the rig itself.
 
-    Args:
-        seed: Of the program.
-
-    Returns:
-        A curve for each temperature and each share of the constant losses.
-
-    Raises:
-        RobotEnergyError: If the rig cannot be set up.
+    A curve for each temperature and each share of the constant losses.
     """
-    from dataclasses import replace
-
     plant = load_profile(BODY)
     robot, _ = plant.mechanics()
     limits = plant.motion_limits(robot)

@@ -11,19 +11,18 @@ on a robot.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robot_energy.api.identify_all import identify_all
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy.optimization.plan import CostTable, CyclePlan, saving
-from robot_energy.optimization.run import Optimum, optimise, shares_of
+from robot_energy.optimization.plan import CostTable, CyclePlan
+from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.search import cheapest
 from robot_energy.optimization.task import Task, make_task
 from robot_energy.rig import RigConfig, random_profile
@@ -36,31 +35,12 @@ from robot_energy_papers.judged_savings import (
     JudgedChoice,
     JudgedSaving,
     PlantAtWork,
+    judge_new_moves,
 )
-from robot_energy_papers.savings_places import judge_new_moves
 
 MOVES = 8  # of a program
 SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force [-]
 ACCELERATIONS = np.array([0.1, 0.3, 1.0])
-
-
-def identified(folder: Path, seed: int, training: Sequence[Recorded]) -> RobotModel:
-    """Identify one drawn plant.
-
-    Args:
-        folder: For the recordings.
-        seed: Of the plant.
-        training: What the rig does.
-
-    Returns:
-        Its model.
-
-    Raises:
-        RobotEnergyError: If the plant cannot be identified.
-    """
-    rig = DrawnRig(random_profile(BODY, seed), RigConfig.hard(), folder)
-    bags = [rig.record(one, number) for number, one in enumerate(training, 1)]
-    return identify_all(bags, BODY, "motor_torque", held_out=False).model
 
 
 def judge_plant(
@@ -71,7 +51,7 @@ def judge_plant(
     programs: int,
     brute: bool,
 ) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
-    """Make programs of one plant cheaper, and see what the rig says.
+    """Return what is claimed to make programs of one plant cheaper, and what was chosen.
 
     Args:
         folder: For the recordings.
@@ -80,15 +60,9 @@ def judge_plant(
         temperatures: Of motors and gears. [degC]
         programs: At each temperature.
         brute: Whether the best choice on the rig is looked for as well.
-
-    Returns:
-        What was claimed, and what was chosen.
-
-    Raises:
-        RobotEnergyError: If the plant cannot be identified.
     """
     profile = random_profile(BODY, seed)
-    model = identified(folder, seed, training)
+    model = DrawnRig(profile, RigConfig.hard(), folder).identified(training)
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
     above = tool_above(robot, TOOL, MIN_HEIGHT)
@@ -152,12 +126,9 @@ def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) 
         program: As it was.
         limits: Its limits without an override.
     """
-    speed, acceleration = shares_of(task, plan)
-    bounds = MotionLimits(
-        limits.lower, limits.upper, limits.velocity, limits.acceleration,
-        program.limits.jerk_time,
-    )  # fmt: skip
-    return Program(program.via, bounds, plan.rest, 1.0, speed, acceleration)
+    chosen = task.table.candidates[plan.row]
+    bounds = replace(limits, jerk_time=program.limits.jerk_time)
+    return Program(program.via, bounds, plan.rest, 1.0, chosen.speed, chosen.acceleration)
 
 
 def _savings(work: DrawnWork, task: Task) -> list[JudgedSaving]:
@@ -172,8 +143,7 @@ def _savings(work: DrawnWork, task: Task) -> list[JudgedSaving]:
             continue
         after = found.task.table.cost(plan)
         changed = run_as(found.task, plan, work.program, work.limits)
-        faster = found.base.duration - after.duration
-        rows.append(work.judged(name, base, saving(found.base, after), changed, faster, standing))
+        rows.append(work.judged(name, base, found.base, after, changed, standing))
     return rows
 
 
@@ -183,8 +153,7 @@ def _unchanged(work: DrawnWork, task: Task) -> JudgedSaving:
     again = task_of(task.chain.model, same, work.limits, work.degc, None)
     before, after = (one.table.cost(one.base) for one in (task, again))
     base = work.rig.energy(work.program)
-    faster = before.duration - after.duration
-    return work.judged(UNCHANGED, base, saving(before, after), same, faster, 0.0)
+    return work.judged(UNCHANGED, base, before, after, same, 0.0)
 
 
 def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedChoice]:
@@ -202,9 +171,11 @@ def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedC
     moving = program.period - float(program.dwell.sum())
     resting = float((held.energy * program.dwell).sum())
     rows: list[JudgedChoice] = []
+    # The few candidates of the brute force need not be as fast as the program.
+    fastest = sum(
+        float(use.duration[allowed & (found.move == move)].min()) for move in np.unique(found.move)
+    )
     for free in (True, False):
-        # The few candidates of the brute force need not be as fast as the program.
-        fastest = _fastest(found, use, allowed)
         time = max(moving if free else (stretch * program.period - program.dwell.sum()), fastest)
         waits = [0.0 if free else float(one.energy[0]) for one in (braked, held)]
         picked = [
@@ -221,22 +192,13 @@ def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedC
     return rows
 
 
-def _fastest(found: Candidates, use: Use, allowed: NDArray[np.bool_]) -> float:
-    return sum(
-        float(use.duration[allowed & (found.move == move)].min()) for move in np.unique(found.move)
-    )
-
-
 def _by_the_rig(found: Candidates, use: Use, work: DrawnWork) -> tuple[Use, Use]:
     """What each candidate and a second at rest need on the rig."""
-    program, limits = work.program, work.limits
+    program = work.program
     energy = np.full(len(found), np.nan)
     hold = np.zeros(program.moves)
     runs = 0
-    bounds = MotionLimits(
-        limits.lower, limits.upper, limits.velocity, limits.acceleration,
-        program.limits.jerk_time,
-    )  # fmt: skip
+    bounds = replace(work.limits, jerk_time=program.limits.jerk_time)
     dwell = np.full(program.moves, 0.4)
     for speed in SPEEDS:
         for rise in ACCELERATIONS:
@@ -253,9 +215,7 @@ def _by_the_rig(found: Candidates, use: Use, work: DrawnWork) -> tuple[Use, Use]
             rest = np.interp(begin, clock, total) - np.interp(begin - 0.1, clock, total)
             hold, runs = hold + rest / 0.1, runs + 1
     hold = hold / runs
-    real = Use(
-        use.duration, energy, use.peak, use.brake, use.columns, use.torque_use, energy[:, None]
-    )
+    real = replace(use, energy=energy, by_temperature=energy[:, None])
     count = program.moves
     held = Use(
         np.ones(count), hold, hold, np.zeros(count), np.zeros((count, 1)), np.zeros(count),

@@ -48,6 +48,15 @@ class OpenFigure:
             raise ValueError(f"{self.key}: {self.low}, {self.nominal}, {self.high} do not rise")
 
 
+def open_figures(*rows: tuple[str, str, str, float, float, float, str]) -> tuple[OpenFigure, ...]:
+    """Return open figures of a table.
+
+    Args:
+        rows: Key, name, unit; lower end, nominal and upper end [unit]; reason.
+    """
+    return tuple(OpenFigure(*row) for row in rows)
+
+
 class SensitivityRow(Result):
     """One open figure.
 
@@ -122,6 +131,7 @@ def sensitivity(
     figures: Sequence[OpenFigure],
     published: Mapping[str, float],
     tolerance: float = TOLERANCE,
+    only: Sequence[str] | None = None,
 ) -> dict[str, SensitivityTable]:
     """Return a table for every quantity that the paper publishes.
 
@@ -130,11 +140,10 @@ def sensitivity(
         figures: What is open.
         published: Results of the paper by quantity. [any unit]
         tolerance: Of values that are sought, share of the way to an end. [-]
-
-    Returns:
-        By quantity.
+        only: Keys of the figures that are changed; None for all.
     """
     nominal = {figure.key: figure.nominal for figure in figures}
+    figures = [figure for figure in figures if only is None or figure.key in only]
     base = evaluate(nominal)
     ends = {
         (figure.key, end): evaluate({**nominal, figure.key: end})

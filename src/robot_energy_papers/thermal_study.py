@@ -7,7 +7,7 @@ without them. The time of the temperatures runs four times as fast as that of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -42,6 +42,7 @@ from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy.rig.record import ORIGIN, outputs
+from robot_energy_papers.learning_study import joint_block
 
 ROBOTS = ("kr16", "ur10e", "irb4600")
 SPEEDUP = 4.0
@@ -109,17 +110,11 @@ class _Run:
 
 
 def hidden_sensors(body: str, seed: int) -> HiddenPlant:
-    """Identify a drawn plant and estimate its temperatures without sensors.
+    """Return the errors of temperatures of a drawn, identified plant without sensors.
 
     Args:
         body: Name of a shipped model, whose bodies the plant has.
         seed: Of plant, motions and sensors.
-
-    Returns:
-        The errors.
-
-    Raises:
-        RobotEnergyError: If the rig or the pipeline refuses its input.
     """
     profile = random_profile(body, seed)
     rng = np.random.default_rng([seed, 7])
@@ -158,14 +153,13 @@ def hidden_sensors(body: str, seed: int) -> HiddenPlant:
 
 
 def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
-    """Fit every motor of a log on its first run, and run freely over the last one.
+    """Return errors of every motor of a log, fitted on its first run, over its last one.
+
+    Of that the fit has seen nothing but the first reading.
 
     Args:
         rows: A log with currents and temperatures in several runs.
         names: Of its joints.
-
-    Returns:
-        Errors over the last run, of which the fit has seen nothing but the first reading.
 
     Raises:
         NotIdentifiableError: If a motor of the log has fewer than two runs.
@@ -182,12 +176,8 @@ def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
         known = np.isfinite(measured)
         off = free_run(MotorHeat.of([fit.network]), last, ambient) - measured
         held = last.start_degc - measured
-        found.append(
-            FreeRun(
-                name,
-                *(float(np.sqrt(np.mean(part[known] ** 2))) for part in (off, held)),
-            )
-        )
+        rms = (float(np.sqrt(np.mean(part[known] ** 2))) for part in (off, held))
+        found.append(FreeRun(name, *rms))
     return found
 
 
@@ -215,23 +205,9 @@ def _play(profile: PlantProfile, seed: int, number: int, seconds: float, ambient
         pieces = list(outputs(rig, seconds, PIECE))
         if pieces[-1].truth.motor_temperature_degc.max() < HOTTEST:
             break
-    joints: list[JointBlock] = []
-    for piece in pieces:
-        rows, block = len(piece.joints), piece.joints
-        joints.append(
-            JointBlock(
-                block.stamp_ns,
-                np.zeros(rows, dtype=np.int64),
-                np.zeros(rows, dtype=np.uint32),
-                block.joint_position,
-                block.joint_velocity,
-                np.full_like(block.joint_position, np.nan),
-                block.measured_motor_torque,
-            )
-        )
     truth = [piece.truth for piece in pieces]
     return _Run(
-        joints,
+        [joint_block(piece.joints) for piece in pieces],
         [piece.temperatures for piece in pieces],
         np.concatenate([part.stamp_ns for part in truth]),
         np.concatenate([part.motor_temperature_degc for part in truth]),
@@ -281,18 +257,10 @@ def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotMode
     return model, [*refused, *without]
 
 
-def study(plants: int, report: Callable[[float], None] = lambda _: None) -> list[HiddenPlant]:
-    """Hide the sensors of some plants.
+def study(plants: int) -> list[HiddenPlant]:
+    """Return the errors without sensors of some plants, of the robots in turn.
 
     Args:
-        plants: How many, of the robots in turn.
-        report: Called with the share done.
-
-    Returns:
-        One entry per plant.
+        plants: How many.
     """
-    found: list[HiddenPlant] = []
-    for number in range(plants):
-        found.append(hidden_sensors(ROBOTS[number % len(ROBOTS)], number))
-        report((number + 1) / plants)
-    return found
+    return [hidden_sensors(ROBOTS[number % len(ROBOTS)], number) for number in range(plants)]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
 
@@ -16,123 +15,72 @@ from robot_energy.model.joint import Joint
 from robot_energy.motion import Trajectory
 from robot_energy.motion.tool_timing import ToolLimits
 from robot_energy_papers.machines import ARM, MACHINES, Energies, predicted, wall_motion
-from robot_energy_papers.sensitivity import OpenFigure, SensitivityTable, Values, sensitivity
+from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 
 GANTRY = "testbed"
 QUANTITIES = ("mechanical, magnitude", "electrical, drives")
 TRUSS = 12  # strokes of the assumed infill, along the wall and back
 RAM = 100.0  # kg, of the shipped gantry
 
-MACHINE_FIGURES = (
-    OpenFigure(
-        "force_x", "gantry: Coulomb friction of the long axis", "N", 120.0, 300.0, 450.0,
-        "rails 0.003 to 0.01 of the weight, eight seals of 5 to 15 N, one rack or two with preload",
-    ),
-    OpenFigure(
-        "force_y", "gantry: Coulomb friction of the cross axis", "N", 60.0, 150.0, 225.0,
-        "as the long axis, 250 kg on four carriages",
-    ),
-    OpenFigure(
-        "gantry_viscous", "gantry: viscous friction, factor", "", 0.3, 1.0, 2.0,
-        "oil of the gears from hot and thin to cold and thick, or gears with grease",
-    ),
-    OpenFigure(
-        "gantry_mass", "gantry: moving bodies, factor", "", 0.5, 1.0, 1.5,
-        "published: 2.5 t in all; bridge, carriage and ram of 300 to 900 kg",
-    ),
-    OpenFigure(
-        "ram", "gantry: weight of the ram on its motor", "kg", 0.0, 100.0, 150.0,
-        "0: a brake or a counterweight holds it; 150 kg: with print head and full hose",
-    ),
-    OpenFigure(
-        "gantry_copper", "gantry: winding loss per torque squared, factor", "", 0.3, 1.0, 2.0,
-        "a motor one size larger or smaller",
-    ),
-    OpenFigure(
-        "gantry_ratio", "gantry: motor turn per metre, factor", "", 0.6, 1.0, 1.5,
-        "gear 6 to 15 before a pinion of 30 mm",
-    ),
-    OpenFigure(
-        "amplifier", "all: constant loss of an amplifier, factor", "", 0.0, 1.0, 1.5,
-        "0: power at the terminals of the motor, as paper B measures it; 12 W: large amplifiers",
-    ),
-    OpenFigure(
-        "arm_mass", "arm: moving bodies, factor", "", 0.85, 1.0, 1.15,
-        "published: the mass of the whole arm; how it divides is of another maker's robot",
-    ),
-    OpenFigure(
-        "head", "arm: print head", "kg", 0.0, 20.0, 40.0, "nothing up to the rated payload",
-    ),
-    OpenFigure(
-        "arm_coulomb", "arm: Coulomb friction, factor", "", 0.5, 1.0, 2.0,
-        "1.5 to 6 % of the effort limit, usual for gears of arms",
-    ),
-    OpenFigure(
-        "arm_viscous", "arm: viscous friction, factor", "", 0.5, 1.0, 2.0,
-        "gears from 15 to 45 degC",
-    ),
-    OpenFigure(
-        "arm_copper", "arm: winding loss per torque squared, factor", "", 0.5, 1.0, 2.0,
-        "a motor one size larger or smaller; the simulator may have none",
-    ),
-    OpenFigure(
-        "arm_ratio", "arm: gear ratios, factor", "", 0.8, 1.0, 1.25,
-        "motors of 2800 to 4400 rpm at the published top speed",
-    ),
+MACHINE_FIGURES = open_figures(
+    ("force_x", "gantry: Coulomb friction of the long axis", "N", 120.0, 300.0, 450.0,
+     "rails 0.003 to 0.01 of the weight, eight seals of 5 to 15 N, one rack or two with preload"),
+    ("force_y", "gantry: Coulomb friction of the cross axis", "N", 60.0, 150.0, 225.0,
+     "as the long axis, 250 kg on four carriages"),
+    ("gantry_viscous", "gantry: viscous friction, factor", "", 0.3, 1.0, 2.0,
+     "oil of the gears from hot and thin to cold and thick, or gears with grease"),
+    ("gantry_mass", "gantry: moving bodies, factor", "", 0.5, 1.0, 1.5,
+     "published: 2.5 t in all; bridge, carriage and ram of 300 to 900 kg"),
+    ("ram", "gantry: weight of the ram on its motor", "kg", 0.0, 100.0, 150.0,
+     "0: a brake or a counterweight holds it; 150 kg: with print head and full hose"),
+    ("gantry_copper", "gantry: winding loss per torque squared, factor", "", 0.3, 1.0, 2.0,
+     "a motor one size larger or smaller"),
+    ("gantry_ratio", "gantry: motor turn per metre, factor", "", 0.6, 1.0, 1.5,
+     "gear 6 to 15 before a pinion of 30 mm"),
+    ("amplifier", "all: constant loss of an amplifier, factor", "", 0.0, 1.0, 1.5,
+     "0: power at the terminals of the motor, as paper B measures it; 12 W: large amplifiers"),
+    ("arm_mass", "arm: moving bodies, factor", "", 0.85, 1.0, 1.15,
+     "published: the mass of the whole arm; how it divides is of another maker's robot"),
+    ("head", "arm: print head", "kg", 0.0, 20.0, 40.0, "nothing up to the rated payload"),
+    ("arm_coulomb", "arm: Coulomb friction, factor", "", 0.5, 1.0, 2.0,
+     "1.5 to 6 % of the effort limit, usual for gears of arms"),
+    ("arm_viscous", "arm: viscous friction, factor", "", 0.5, 1.0, 2.0,
+     "gears from 15 to 45 degC"),
+    ("arm_copper", "arm: winding loss per torque squared, factor", "", 0.5, 1.0, 2.0,
+     "a motor one size larger or smaller; the simulator may have none"),
+    ("arm_ratio", "arm: gear ratios, factor", "", 0.8, 1.0, 1.25,
+     "motors of 2800 to 4400 rpm at the published top speed"),
 )  # fmt: skip
-MOTION_FIGURES = (
-    OpenFigure(
-        "distance", "arm: base to the near side of the wall", "m", 1.0, 1.3, 1.6,
-        "what the arm can reach with the whole wall; the paper shows it in a lost figure",
-    ),
-    OpenFigure(
-        "height", "arm: base above the bottom of the wall", "m", -0.2, 0.2, 0.8,
-        "on the floor, or on a pedestal as for a wall of 1 m",
-    ),
-    OpenFigure(
-        "acceleration", "all: acceleration in corners", "m/s^2", 0.5, 2.0, 5.0,
-        "not stated; slow for fresh concrete, fast for a robot of 40 kg",
-    ),
-    OpenFigure(
-        "infill", "all: passes of a zigzag inside the outline", "", 0.0, 0.0, 1.0,
-        f"not stated; a truss of {TRUSS} strokes along the wall and back",
-    ),
+MOTION_FIGURES = open_figures(
+    ("distance", "arm: base to the near side of the wall", "m", 1.0, 1.3, 1.6,
+     "what the arm can reach with the whole wall; the paper shows it in a lost figure"),
+    ("height", "arm: base above the bottom of the wall", "m", -0.2, 0.2, 0.8,
+     "on the floor, or on a pedestal as for a wall of 1 m"),
+    ("acceleration", "all: acceleration in corners", "m/s^2", 0.5, 2.0, 5.0,
+     "not stated; slow for fresh concrete, fast for a robot of 40 kg"),
+    ("infill", "all: passes of a zigzag inside the outline", "", 0.0, 0.0, 1.0,
+     f"not stated; a truss of {TRUSS} strokes along the wall and back"),
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class KeptMotion:
-    """A planned motion that is planned once.
-
-    Attributes:
-        parts: Times and joints of each block.
-    """
-
-    parts: list[tuple[Float, Trajectory]]
-
-    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Return the blocks."""
-        return iter(self.parts)
 
 
 def wall_tables(quick: bool) -> dict[str, SensitivityTable]:
     """Return what the energy of the gantry over that of the arm owes to open figures.
 
+    By measure of energy; one layer at the bottom of the wall, shipped models.
+
     Args:
         quick: Without the figures that change a motion.
-
-    Returns:
-        By measure of energy; one layer at the bottom of the wall, shipped models. [-]
     """
-    figures = MACHINE_FIGURES + (() if quick else MOTION_FIGURES)
-    published = 1.0 + float(MACHINES[GANTRY].paper or 0.0)
-    return sensitivity(_over_arm, figures, dict.fromkeys(QUANTITIES, published))
+    share = 1.0 + float(MACHINES[GANTRY].paper or 0.0)
+    published: dict[str, float] = dict.fromkeys(QUANTITIES, share)
+    only = [figure.key for figure in MACHINE_FIGURES] if quick else None
+    return sensitivity(_over_arm, MACHINE_FIGURES + MOTION_FIGURES, published, only=only)
 
 
 def _over_arm(values: Values) -> dict[str, float]:
     """Energy of the gantry over that of the arm by measure. [-]"""
     gantry, arm = _gantry(values), _arm(values)
-    place = {figure.key: values.get(figure.key, figure.nominal) for figure in MOTION_FIGURES}
+    place = {figure.key: values[figure.key] for figure in MOTION_FIGURES}
     ours, theirs = (_energy(key, model, **place) for key, model in ((GANTRY, gantry), (ARM, arm)))
     return {name: ours[name] / theirs[name] for name in QUANTITIES}
 
@@ -157,13 +105,14 @@ def _energy(
 @cache
 def _motion(
     key: str, distance: float, height: float, acceleration: float, strokes: int
-) -> KeptMotion:
+) -> list[tuple[Float, Trajectory]]:
+    """The blocks of a motion, which is planned once."""
     machine = MACHINES[key]
     if key == ARM:
         place = replace(machine.placement, y=-distance, z=-height)
         machine = replace(machine, placement=place)
     limits = ToolLimits(acceleration=acceleration)
-    return KeptMotion(list(wall_motion(machine, infill=strokes, limits=limits).blocks()))
+    return list(wall_motion(machine, infill=strokes, limits=limits).blocks())
 
 
 def _gantry(values: Values) -> RobotModel:
@@ -190,17 +139,8 @@ def _gantry(values: Values) -> RobotModel:
 
 def _arm(values: Values) -> RobotModel:
     model = load(MACHINES[ARM].model)
-    joints = [
-        _changed(
-            joint,
-            values["arm_ratio"],
-            values["arm_coulomb"],
-            values["arm_viscous"],
-            values["arm_copper"],
-            values["amplifier"],
-        )
-        for joint in model.joints
-    ]
+    named = ("arm_ratio", "arm_coulomb", "arm_viscous", "arm_copper", "amplifier")
+    joints = [_changed(joint, *(values[name] for name in named)) for joint in model.joints]
     head = model.payload[0]
     share = values["head"] / head.mass
     moments = tuple(share * moment for moment in head.inertia)

@@ -60,7 +60,7 @@ def cycle_sums(
     carried: list[Payload],
     known: Payload | None,
 ) -> CycleSums:
-    """Run one cycle.
+    """Return the sums of one cycle.
 
     Args:
         profile: The plant.
@@ -71,9 +71,6 @@ def cycle_sums(
         parts: How many there are in a cycle.
         carried: True payload; empty for none.
         known: That the monitor gets; None for none.
-
-    Returns:
-        The sums.
 
     Raises:
         ValueError: If a part has no torque.

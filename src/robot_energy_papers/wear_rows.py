@@ -169,20 +169,17 @@ class WearRows:
         return pairs
 
     def days(self, days: int, wear: Wear | None = None) -> Iterator[Day]:
-        """Run day after day, with the torque of every motor.
+        """Yield the parts of day after day, with the torque of every motor.
 
         Args:
             days: How many.
             wear: Factor on the friction of each axis, of its hours of motion, shape (n,) both.
-
-        Yields:
-            The parts of each.
         """
         for day, states in self._states(days, wear):
             yield self._day(day, states)
 
     def meter_days(self, days: int, wear: Wear | None = None) -> Iterator[list[MeterRow]]:
-        """Run day after day, with a power meter alone.
+        """Yield the windows of day after day, with a power meter alone.
 
         Grid power is that of the rig at `COULOMB_DEGC`, plus what friction and copper of the plant
         take more at the present temperatures, over the efficiency of the rectifier; the prediction
@@ -191,9 +188,6 @@ class WearRows:
         Args:
             days: How many.
             wear: As for `days`.
-
-        Yields:
-            The windows of each.
         """
         for day, states in self._states(days, wear):
             yield self._meter_day(day, states)
@@ -221,7 +215,7 @@ class WearRows:
                 network.ambient_degc = float(low + (hot - low) * 0.5 * (1 - np.cos(np.pi * phase)))
                 gear, motor = network.gear_temperature_degc, network.motor_temperature_degc
                 load = job.loads[which]
-                heat, friction = self._heat(load, gear, motor, worn)
+                heat, friction = (p.mean(axis=0) for p in self._powers(load, gear, motor, worn))
                 share = profile.friction_to_motor
                 duty = job.cycle / length
                 for _ in range(_steps(length)):
@@ -259,11 +253,6 @@ class WearRows:
             ambient_degc=35.0,
         )
 
-    def _heat(self, one: CycleSums, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
-        """Heat of the motors without friction, and friction, means of a cycle. [W]"""
-        heat, friction = self._powers(one, gear, motor, worn)
-        return heat.mean(axis=0), friction.mean(axis=0)
-
     def _powers(
         self, one: CycleSums, gear: Float, motor: Float, worn: Float
     ) -> tuple[Float, Float]:
@@ -286,7 +275,8 @@ class WearRows:
         highest = 0.0
         for one in loads:
             for _ in range(60):  # a fixed point; the warmth of copper and oil act on themselves
-                heat, friction = self._heat(one, gear, motor, np.ones_like(gear))
+                parts = self._powers(one, gear, motor, np.ones_like(gear))
+                heat, friction = (part.mean(axis=0) for part in parts)
                 own = duty * (heat + share * friction)
                 gear = HOT[1] + duty * (heat + friction) / profile.gear_conductance
                 motor = np.minimum(gear + own / profile.motor_conductance, 300.0)
@@ -365,7 +355,9 @@ class WearRows:
     def torques(
         self, load: CycleSums, gear_degc: Float, motor_degc: Float, seen_degc: Float, worn: Float
     ) -> tuple[Float, Float]:
-        """Return what the parts of a cycle say of friction, without noise.
+        """Return sums of measured and of model friction in a cycle, without noise. [N m s]
+
+        Shape (P, 2, n, SPEED_BUCKETS) each.
 
         Args:
             load: The cycle.
@@ -373,9 +365,6 @@ class WearRows:
             motor_degc: Shape (n,). [degC]
             seen_degc: What the monitor takes for it, shape (n,) or (P, n). [degC]
             worn: Factor on the friction of the plant, shape (n,). [-]
-
-        Returns:
-            Sums of measured and of model friction, shape (P, 2, n, SPEED_BUCKETS). [N m s]
         """
         rigid, still, turning, drag, own, coulomb, turn = load.sums
         fall = self.profile.torque_constant_fall

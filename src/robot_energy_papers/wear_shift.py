@@ -52,22 +52,19 @@ class Shift:
 
     Args:
         profile: The plant.
-        seed: Of work, noise and payloads.
         hard: Whether all effects without a term in models are on.
 
     Attributes:
         monitor: The learner's monitor of wear.
     """
 
-    def __init__(self, profile: PlantProfile, seed: int = 0, hard: bool = True) -> None:
+    def __init__(self, profile: PlantProfile, hard: bool = True) -> None:
         self._model = load(profile.body)
         config = RigConfig.hard() if hard else RigConfig()
         start = (COLD + HOT) / 2
-        self._rig = VirtualRig(
-            profile, work(profile, seed), config, seed, start, start, rate_hz=RATE
-        )
+        self._rig = VirtualRig(profile, work(profile, 0), config, 0, start, start, rate_hz=RATE)
         self._pipeline = pipeline_of(self._model, Learning.OBSERVE, True)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(0)
         self._minute = 0
         self._held = float("nan")
         learner = self._pipeline.power.condition
@@ -121,13 +118,10 @@ class Shift:
         self._pipeline.torque.set_payload(carried[1])
 
     def hours(self, joint: int) -> float:
-        """Return how long an axis has moved.
+        """Return how long an axis has moved. [h]
 
         Args:
             joint: Its index.
-
-        Returns:
-            Its motion so far. [h]
         """
         return self.monitor.state().hours[joint]
 
@@ -140,28 +134,22 @@ class Shift:
         )
 
 
-def detection(
-    shift: Shift, joint: int, rise: float, before: float, after: float, per_hour: float = 0.0
-) -> WearRow:
-    """Let one axis wear, at once or slowly, and see when it is found.
+def detection(shift: Shift, joint: int, rise: float, before: float, after: float) -> WearRow:
+    """Return when the wear of one axis is found.
 
     Args:
         shift: Not yet begun.
         joint: The axis.
-        rise: Of its friction at once. [-]
+        rise: Of its friction, at once. [-]
         before: Time without wear. [h]
         after: Time with it. [h]
-        per_hour: Further rise in an hour. [-]
-
-    Returns:
-        What was found.
     """
     shift.run(round(60 * before))
     tests = shift.monitor.joints
     found, motion, worn = float("nan"), float("nan"), np.ones(len(tests))
+    worn[joint] += rise
     begun = shift.hours(joint)
     for minute in range(1, round(60 * after) + 1):
-        worn[joint] = 1.0 + rise + per_hour * minute / 60
         shift.run(1, worn)
         if np.isnan(found) and joint in shift.alarms:
             found, motion = minute / 60, shift.hours(joint) - begun
@@ -187,7 +175,7 @@ class StuckRow:
 def stuck_thermometer(
     shift: Shift, joint: int, before: float, during: float, after: float
 ) -> StuckRow:
-    """Let the thermometer of one axis stand still, and see whether this is taken for wear.
+    """Return whether a thermometer of one axis that stands still is taken for wear.
 
     Args:
         shift: Not yet begun.
@@ -195,9 +183,6 @@ def stuck_thermometer(
         before: Time until the fault. [h]
         during: Of the fault. [h]
         after: Time with a good thermometer again. [h]
-
-    Returns:
-        What was said.
     """
     shift.run(round(60 * before))
     begun = shift.hours(joint)

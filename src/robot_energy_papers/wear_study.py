@@ -27,6 +27,10 @@ from robot_energy.units import HOUR_NS
 from robot_energy_papers.wear_rows import DAY_HOURS, START_NS, WearRows
 
 METER_PART = 5.0  # s of a window of the meter
+BEGINS = (48.0, 96.0)  # when wear begins, in hours of motion of the axis [h]
+STEP = 0.15  # rise of friction at once; a fall is as large [-]
+PER_HOUR = 0.0005  # rise of friction in an hour of motion, where it is slow [-]
+METER_BEGIN = 96.0  # when wear begins that a meter alone is to find [h]
 
 
 @dataclass(frozen=True)
@@ -73,24 +77,15 @@ def simulated(
     profile: PlantProfile,
     seed: int,
     days: int,
-    begins: tuple[float, ...] = (48.0, 96.0),
-    step: float = 0.15,
-    per_hour: float = 0.0005,
     changes: tuple[float, float] | None = None,
 ) -> SimulatedRow:
-    """Run a plant for days without wear, and let wear begin at some hours of motion.
+    """Return what is found of wear that begins at some hours of motion, and without any.
 
     Args:
         profile: The plant.
         seed: Of work, payloads, weather and sensors.
         days: How many.
-        begins: When wear begins, in hours of motion of the axis. [h]
-        step: Rise of friction at once; a fall is as large. [-]
-        per_hour: Rise of friction in an hour of motion, where it is slow. [-]
         changes: Shortest and longest time with one program; None for one program always. [h]
-
-    Returns:
-        What was found.
     """
     rows = WearRows(profile, seed, changes=changes)
     records = records_of(rows.days(days), profile.n_joints)
@@ -99,13 +94,13 @@ def simulated(
     slow: list[FoundRow] = []
     falls: list[FoundRow] = []
     for joint, own in enumerate(records):
-        test, open_begins = DriftTest(), list(begins)
+        test, open_begins = DriftTest(), list(BEGINS)
         for number, record in enumerate(own):
             if open_begins and record.hours >= open_begins[0]:
                 begin, rest = open_begins.pop(0), own[number:]
-                steps.append(_found(joint, test, rest, begin, lambda _: step, 2.0))
-                falls.append(_found(joint, test, rest, begin, lambda _: -step, 2.0))
-                slow.append(_found(joint, test, rest, begin, lambda passed: per_hour * passed))
+                steps.append(_found(joint, test, rest, begin, lambda _: STEP, 2.0))
+                falls.append(_found(joint, test, rest, begin, lambda _: -STEP, 2.0))
+                slow.append(_found(joint, test, rest, begin, lambda passed: PER_HOUR * passed))
             if test.step(record):
                 alarms.append((joint, record.hours))
     motion = float(np.mean([own[-1].hours for own in records]))
@@ -113,14 +108,11 @@ def simulated(
 
 
 def records_of(days: Iterable[list[MotionSums]], n_joints: int) -> list[list[WearRecord]]:
-    """Gather the records of every axis.
+    """Return the records of every axis, oldest first.
 
     Args:
         days: Parts of each day.
         n_joints: Number of axes.
-
-    Returns:
-        Of each axis, oldest first.
     """
     gatherer = MotionGatherer(n_joints)
     records: list[list[WearRecord]] = [[] for _ in range(n_joints)]
@@ -172,9 +164,8 @@ def worn_in_plant(
     days: int,
     joints: tuple[int, ...],
     rise: Callable[[float], float],
-    begin: float = 48.0,
 ) -> WornRow:
-    """Let axes of the plant itself wear, with the heat that this makes.
+    """Return when axes of the plant itself that wear are found, with the heat that this makes.
 
     Args:
         profile: The plant.
@@ -182,16 +173,12 @@ def worn_in_plant(
         days: How many.
         joints: Which axes wear.
         rise: Of their friction, by hours of motion since the beginning. [-]
-        begin: Hours of motion without wear. [h]
-
-    Returns:
-        What was found.
     """
 
     def wear(hours: Float) -> Float:
         worn = np.ones(profile.n_joints)
         for joint in joints:
-            passed = float(hours[joint]) - begin
+            passed = float(hours[joint]) - BEGINS[0]
             worn[joint] += rise(passed) if passed > 0 else 0.0
         return worn
 
@@ -204,38 +191,29 @@ def worn_in_plant(
             if test.step(record) and not test.drift.fell:
                 named.append(joint)
                 if joint in found:
-                    found[joint] = record.hours - begin
+                    found[joint] = record.hours - BEGINS[0]
                 break
     return WornRow(found, tuple(named))
 
 
 def meter_only(
-    profile: PlantProfile,
-    seed: int,
-    days: int,
-    joints: tuple[int, ...] = (),
-    rise: float = 0.15,
-    begin: float = 96.0,
+    profile: PlantProfile, seed: int, days: int, joints: tuple[int, ...] = ()
 ) -> tuple[float, ...]:
-    """Watch a plant by its power meter alone; axes may wear at once, in the plant itself.
+    """Return when friction of a plant was said to have risen, by its power meter alone. [h]
+
+    Axes may wear at once, in the plant itself. Times are since then, or since the start.
 
     Args:
         profile: The plant.
         seed: Of work, payloads, weather and sensors.
         days: How many.
         joints: The axes that wear.
-        rise: Of its friction. [-]
-        begin: When it begins. [h]
-
-    Returns:
-        When friction of the robot was said to have risen, since the wear began, or since the start
-        without wear. [h]
     """
     monitor = WearMonitor([str(number) for number in range(profile.n_joints)])
 
     whole = np.ones(profile.n_joints)
-    worn = whole + rise * np.isin(np.arange(profile.n_joints), joints)
-    begun = begin if joints else 0.0
+    worn = whole + STEP * np.isin(np.arange(profile.n_joints), joints)
+    begun = METER_BEGIN if joints else 0.0
     done = 0.0
 
     def wear(_: Float) -> Float:

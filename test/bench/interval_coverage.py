@@ -25,8 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rich.console import Console
 
 from robot_energy.report.printing import table
-from robot_energy_papers.interval_coverage import coverages, repetitions
-from robot_energy_papers.more_recordings import more_recordings
+from robot_energy_papers.interval_coverage import coverages, more_recordings, repetitions
 
 GOAL = (0.90, 0.98)
 

@@ -29,7 +29,7 @@ MODULES = {
         registers sample_counts settings shaft_comparison totals
     """,
     "robot_energy.advice": """
-        bag_sample claims dataset_evidence evidence run speeds
+        claims dataset_evidence evidence run speeds
     """,
     "robot_energy.api": """
         condition evaluate identify identify_all inputs online_monitor optimize power_table predict
@@ -125,18 +125,14 @@ MODULES = {
         reference schema
     """,
     "robot_energy.motion": """
-        fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
+        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion planar
         planned ptp ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path
         tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain comparison deviation_sums deviations forms gcode_form levelling order
-        path_power place plan ptp_form recorded_motion rest_states run search task time_law
-        timed_form timed_moves trajectory_form written_trajectory
-    """,
-    "robot_energy.optimization.measures": """
-        move_overrides one_override order place regenerative rest_pose rest_state slack table
-        time_law
+        candidates chain comparison deviations forms gcode_form levelling measures
+        order place plan program_form ptp_form recorded_motion rest_states run search
+        task time_law timed_moves trajectory_form
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
@@ -182,13 +178,12 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy advice_study band_coverage boat calibration certainty certainty_numbers
-        certainty_page drawings drawn_plants drive_study effects experiment fleet_study
-        generated_fleet held_out interval_coverage job_pool judged_savings kr16_sensitivity
-        learning_study machines mantis map_sensitivity models more_recordings pages paper_a
-        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
-        savings_numbers savings_page savings_places savings_study sensitivity soaked_rigs
-        thermal_study wall wall_sensitivity wear_cycle wear_rows wear_shift wear_study
+        accuracy advice_study band_coverage boat calibration certainty certainty_page drawings
+        drive_study experiment fleet_study generated_fleet held_out interval_coverage job_pool
+        judged_savings kr16_sensitivity learning_study machines mantis map_sensitivity models
+        pages paper_a paper_a_page paper_b paper_b_page savings savings_page
+        savings_study sensitivity soaked_rigs thermal_study wall wall_sensitivity
+        wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy.advice.evidence import DEGC_MIDDLES, RecordedEvidence, RecordedRest
 from robot_energy.blocks import Float, Int
 from robot_energy.model import RobotModel
 from robot_energy.optimization.chain import PowerChain
@@ -93,7 +93,7 @@ def standby(
         return None
     chain = _chain(model, evidence)
     brakes = chain.rests(long[0].joint_position[None, :], holding=False)
-    held = _power_at(long)
+    held = np.array([rest.energy / rest.duration for rest in long])
     offset, metered = _offset(long)
     if metered:
         lower = float(brakes.energy[0]) + offset
@@ -245,7 +245,7 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> 
     time = evidence.motion_time.sum(axis=1)
     if not evidence.measured_temperature or not (time > 0).all():
         return None
-    middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
+    middle = DEGC_MIDDLES
     done = np.cumsum(evidence.motion_time, axis=1) / time[:, None]
     warm = middle[np.argmax(done >= WARM, axis=1)]
     mean: Float = (evidence.motion_time * middle).sum(axis=1) / time
@@ -281,16 +281,10 @@ def _chain(model: RobotModel, evidence: RecordedEvidence) -> PowerChain:
     """At the mean temperature of motion, else the fallback."""
     degc = np.full(len(model.joints), model.temperature.fallback_degc)
     if evidence.motion_time.sum() > 0 and len(evidence.motion_time) == len(degc):
-        middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
         time = evidence.motion_time.sum(axis=1)
-        mean = (evidence.motion_time * middle).sum(axis=1) / np.maximum(time, 1e-9)
+        mean = (evidence.motion_time * DEGC_MIDDLES).sum(axis=1) / np.maximum(time, 1e-9)
         degc = np.where(time > 0, mean, degc)
     return PowerChain(model, degc[None, :])
-
-
-def _power_at(rests: Sequence[RecordedRest]) -> Float:
-    """Predicted power of each rest, shape (R,). [W]"""
-    return np.array([rest.energy / rest.duration for rest in rests])
 
 
 def _offset(rests: Sequence[RecordedRest]) -> tuple[float, bool]:

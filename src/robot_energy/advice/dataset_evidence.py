@@ -1,23 +1,123 @@
-"""RecordedEvidence from the dataset of a fleet: sums of its bags, without their samples."""
+"""Evidence from the dataset of a fleet: sums of its bags, and some of the bags, for all of them."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, bag_sample
-from robot_energy.advice.claims import LONG_REST
+from robot_energy.advice.claims import LONG_REST, Claim
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.api.replay import ReplayOptions
 from robot_energy.errors import DatasetError
-from robot_energy.fleet.dataset import read_tables
+from robot_energy.fleet.dataset import read_tables, scan
 from robot_energy.fleet.tables import counted_twice
 from robot_energy.model import RobotModel
 from robot_energy.report.formats import counted
+from robot_energy.uncertainty.band import Z90
 from robot_energy.units import HOUR_NS
 
 FULL = 0.99  # of an hour in standby: it was one rest
+MAX_BAGS = 5
+STUDENT = {3: 2.920, 4: 2.353, 5: 2.132}
+"""95 % quantile of Student's t by number of bags; fewer than three say nothing of their spread."""
+MIN_BAGS = min(STUDENT)
+
+
+@dataclass(frozen=True)
+class SampledBag:
+    """A bag of a dataset that is still where it was.
+
+    Attributes:
+        address: Of the bag.
+        options: With which it is replayed: as for the dataset, but for those given now and without
+            jobs, which change no energy.
+    """
+
+    address: str
+    options: dict[str, Any]
+
+
+def evenly(count: int) -> list[int]:
+    """Return `MAX_BAGS` places in a list at most, evenly spread.
+
+    Args:
+        count: Length of the list.
+    """
+    chosen = min(MAX_BAGS, count)
+    places: list[int] = ((np.arange(chosen) + 0.5) * count / max(chosen, 1)).astype(int).tolist()
+    return places
+
+
+def _bag_sample(
+    folder: str | Path, keys: Sequence[str], options: ReplayOptions
+) -> tuple[list[SampledBag], int]:
+    """Bags of a dataset that can be looked at again, evenly spread over the list of keys.
+
+    They are `MAX_BAGS` at most, and none where fewer than `MIN_BAGS` can be read from this host.
+    The number is that of bags that are there, but were replayed with a file of inputs, of which a
+    dataset keeps a hash alone.
+    """
+    rows = scan(folder).select("key", "bag", "settings").collect().iter_rows()
+    known = {key: SampledBag(bag, _options(settings)) for key, bag, settings in rows}
+    given = {name: value for name, value in options.items() if value is not None}
+    there = [known[key] for key in keys if Path(known[key].address).exists()]
+    usable = [one for one in there if "inputs" in given or "inputs" not in one.options]
+    chosen = [usable[k] for k in evenly(len(usable))] if len(usable) >= MIN_BAGS else []
+    bags = [replace(one, options=one.options | given) for one in chosen]
+    return bags, len(there) - len(usable)
+
+
+def _options(settings: str | None) -> dict[str, Any]:
+    """Options of the replay, as far as a dataset keeps them."""
+    known = ReplayOptions.__annotations__.keys() - {"jobs"}
+    given: dict[str, Any] = json.loads(settings) if settings else {}
+    return {name: value for name, value in given.items() if name in known and value is not None}
+
+
+def of_all(
+    claims: Sequence[Claim | None], time: Sequence[float], whole: float, bags: int
+) -> Claim | None:
+    """Return what a change saves in all bags, from what it saves in some.
+
+    ``S = T sum_i S_i / sum_i t_i``. Errors of the model are common to the bags, so their standard
+    deviations add up; the spread between the bags is that of a ratio of n of N bags,
+    ``T^2 (1 - n/N) n/(n - 1) sum_i (S_i - r t_i)^2 / (sum_i t_i)^2`` with ``r = S / T``.
+
+    Args:
+        claims: Of each bag; None: it saves nothing there.
+        time: Predicted of each bag. [s]
+        whole: Predicted of all. [s]
+        bags: How many there are.
+
+    Returns:
+        The claim; None where no bag has one, or only one or two of more were looked at.
+    """
+    found = [one for one in claims if one is not None]
+    count = len(claims)
+    if not found or count < min(MIN_BAGS, bags):
+        return None
+    saved = np.array([0.0 if one is None else one.energy for one in claims])
+    taken = np.asarray(time)
+    scale = whole / float(taken.sum())
+    rate = float(saved.sum() / taken.sum())
+    spread = 0.0
+    if count < bags:
+        variance = (1.0 - count / bags) * count / (count - 1) * ((saved - rate * taken) ** 2).sum()
+        spread = scale * np.sqrt(variance) * STUDENT[count] / Z90
+    common = scale * sum(one.half for one in found) / Z90
+    most = max(found, key=lambda one: one.energy)
+    return replace(
+        most,
+        energy=scale * float(saved.sum()),
+        columns=np.array([common, spread]),
+        found=f"in {len(found)} of {count} bags that were looked at, of {bags}; where it saves "
+        f"most: {most.found}",
+    )
 
 
 def dataset_evidence(
@@ -48,12 +148,12 @@ def dataset_evidence(
             "the model that the bags were replayed with",
         )
     keys = runs.sort("robot", "start_ns", "bag")["key"].to_list()
-    sample = bag_sample(folder, keys, options or {})
+    sample, without_inputs = _bag_sample(folder, keys, options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
-        f"{len(sample.bags)} of its {len(runs)} bags are looked at, spread over robots and time; "
+        f"{len(sample)} of its {len(runs)} bags are looked at, spread over robots and time; "
         "the bands hold how much they differ"
-        if sample.bags
+        if sample
         else f"name bags instead, such as {largest}, which took most energy: fewer than {MIN_BAGS} "
         "are where they were and can be read again"
     )
@@ -73,9 +173,9 @@ def dataset_evidence(
             f"a dataset holds sums: for warm-up, speeds and waiting poses {bags}",
         ],
     )
-    if sample.without_inputs:
+    if without_inputs:
         found.notes.append(
-            f"not looked at: {counted(sample.without_inputs, 'bag')} replayed with a file of "
+            f"not looked at: {counted(without_inputs, 'bag')} replayed with a file of "
             "inputs, which a dataset does not keep; name bags instead, and that file with --inputs"
         )
     found.notes += counted_twice(runs)
@@ -103,4 +203,4 @@ def dataset_evidence(
             found.rests += [
                 RecordedRest(hour_ns, hour_ns + length, energy / count, still) for _ in range(count)
             ]
-    return found, sample.bags
+    return found, sample

@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
-from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.optimization.deviations import DeviationSums
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
@@ -21,6 +21,7 @@ WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the work
 SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
 DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
+DEGC_MIDDLES = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
 
 
 @dataclass
@@ -49,6 +50,13 @@ class RecordedRest:
     def duration(self) -> float:
         """From first to last sample. [s]"""
         return (self.end_ns - self.start_ns) * NANOSECOND
+
+
+SUMS = (
+    "recordings", "observed_time", "grid_energy", "brake_energy", "brake_columns", "rests",
+    "rest_time", "squared_speed", "motion_time", "warm_loss",
+)  # fmt: skip
+"""Fields of the evidence of several recordings that add up."""
 
 
 @dataclass
@@ -101,8 +109,7 @@ class RecordedEvidence:
     def mean_degc(self) -> float:
         """Mean motor temperature of the motion, of all joints; NaN without motion. [degC]"""
         time = self.motion_time.sum()
-        middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
-        return float((self.motion_time * middle).sum() / time) if time > 0 else math.nan
+        return float((self.motion_time * DEGC_MIDDLES).sum() / time) if time > 0 else math.nan
 
     def add(self, other: RecordedEvidence) -> None:
         """Add what another recording shows.
@@ -110,16 +117,8 @@ class RecordedEvidence:
         Args:
             other: Of the same robot model.
         """
-        self.recordings += other.recordings
-        self.observed_time += other.observed_time
-        self.grid_energy += other.grid_energy
-        self.brake_energy += other.brake_energy
-        self.brake_columns = self.brake_columns + other.brake_columns
-        self.rests += other.rests
-        self.rest_time += other.rest_time
-        self.squared_speed = self.squared_speed + other.squared_speed
-        self.motion_time = self.motion_time + other.motion_time
-        self.warm_loss = self.warm_loss + other.warm_loss
+        for name in SUMS:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
         starts = [one for one in (self.start_ns, other.start_ns) if one is not None]
         ends = [one for one in (self.end_ns, other.end_ns) if one is not None]
         self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)

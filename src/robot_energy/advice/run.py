@@ -9,9 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from robot_energy.advice.bag_sample import MIN_BAGS, SampledBag, evenly, of_all
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
-from robot_energy.advice.dataset_evidence import dataset_evidence
+from robot_energy.advice.dataset_evidence import (
+    MIN_BAGS,
+    SampledBag,
+    dataset_evidence,
+    evenly,
+    of_all,
+)
 from robot_energy.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy.advice.speeds import speeds
 from robot_energy.api.inputs import ModelName, model_of
@@ -75,7 +80,7 @@ def advise(
     look_at_speeds: bool = True,
     **options: Unpack[ReplayOptions],
 ) -> AdviceResult:
-    """Say what would save energy, from recordings alone.
+    """Return a ranked list of what would save energy, from recordings alone.
 
     Args:
         recordings: Bags of one robot model, or the folder of a dataset of a fleet.
@@ -89,9 +94,6 @@ def advise(
         days_per_year: With such work; None: all where the recordings span a week, else 250. [1]
         look_at_speeds: Whether other speeds are looked for, which takes longest.
         **options: How bags are read: see `ReplayOptions`.
-
-    Returns:
-        A ranked list.
 
     Raises:
         ParameterError: If a figure makes no sense.

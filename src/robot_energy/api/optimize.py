@@ -17,17 +17,17 @@ from robot_energy.model import RobotModel
 from robot_energy.motion.load_motion import ToolOptions, load_motion
 from robot_energy.motion.planned import MAX_DURATION
 from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.forms import ProgramForm, read_form
+from robot_energy.optimization.forms import read_form
 from robot_energy.optimization.gcode_form import GcodeForm
 from robot_energy.optimization.order import best_order
 from robot_energy.optimization.place import Placement, best_place
 from robot_energy.optimization.plan import Cost
+from robot_energy.optimization.program_form import ProgramForm
 from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.task import Task, make_task
-from robot_energy.optimization.timed_form import TimedForm
-from robot_energy.optimization.timed_moves import law_limits, timed_moves
+from robot_energy.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy.physics.collision import SelfCollision, touching_moves
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.optimization_figures import optimization_report, with_supply
@@ -185,7 +185,7 @@ def optimize(
         shapes = _shapes(used, form, name, notes)
         if any_order:
             order = best_order(form, chain, task.wait_power, shapes)
-            changed = form.reordered(order, chain.robot)
+            changed = form.reordered(order)
             moved = task_of(changed)
             variants["order"] = moved.table.cost(moved.base)
         if place is not None:
@@ -193,16 +193,16 @@ def optimize(
             placed = alone = best_place(changed, chain, box, link, task.wait_power, shapes)
             if any_order:
                 alone = best_place(form, chain, box, link, task.wait_power, shapes)
-            at_place = task_of(form.moved(alone.joint_position, chain.robot))
+            at_place = task_of(form.moved(alone.joint_position))
             variants["place"] = at_place.table.cost(at_place.base)
             notes.append(_where(placed))
-            changed = changed.moved(placed.joint_position, chain.robot)
+            changed = changed.moved(placed.joint_position)
             moved = task_of(changed)
         chosen, task = changed, replace(task, variants=variants)
     if time_law:
         limits = law_limits(chain, chosen.acceleration, chosen.jerk)
         laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)
-        chosen = TimedForm(chosen, laws, chain.robot)
+        chosen = TimedForm(chosen, laws)
         moved = replace(task_of(chosen), variants=task.variants)
         task = task if variants else moved
     found = optimise(task, moved)

@@ -77,6 +77,10 @@ class FourierMotion:
         weights: Weights of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
             then speeds [rad/s] or [m/s].
 
+    Attributes:
+        n_joints: Number of joints.
+        period: Length of one loop. [s]
+
     Raises:
         MotionError: If the shape is wrong or a weight is not finite.
     """
@@ -89,25 +93,13 @@ class FourierMotion:
             )
         self.basis = basis
         self.weights = weights.copy()
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return self.weights.shape[1]
-
-    @property
-    def period(self) -> float:
-        """Length of one loop. [s]"""
-        return self.basis.period
+        self.n_joints, self.period = weights.shape[1], basis.period
 
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the motion; before its start it rests.
+        """Return the motion, joint side; before its start it rests.
 
         Args:
             time: Since the start of the first loop, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         phase = np.where(time > 0, np.remainder(time, self.period), 0.0)

@@ -65,14 +65,11 @@ class GcodeProgram:
 
 
 def load_gcode(path: str | Path, rapid_speed: float = RAPID_SPEED) -> GcodeProgram:
-    """Read a G-code file.
+    """Return the tool path of a G-code file, and what was read over.
 
     Args:
         path: The file.
         rapid_speed: Speed of G0 without F. [m/s]
-
-    Returns:
-        Its tool path and what was read over.
 
     Raises:
         MotionError: If it cannot be read, naming the line.
@@ -89,16 +86,15 @@ def load_gcode(path: str | Path, rapid_speed: float = RAPID_SPEED) -> GcodeProgr
 def read_gcode(
     text: str, name: str = "the program", rapid_speed: float = RAPID_SPEED
 ) -> GcodeProgram:
-    """Read G-code.
+    """Return the tool path of G-code, and what was read over.
+
+    The tool begins where the program first puts each axis; an axis that is first named after the
+    first move began at 0.
 
     Args:
         text: The program.
         name: Name of the program, for messages.
         rapid_speed: Speed of G0 without F. [m/s]
-
-    Returns:
-        Its tool path and what was read over. The tool begins where the program first puts
-        each axis; an axis that is first named after the first move began at 0.
 
     Raises:
         MotionError: Naming line, what was found and what was expected.
@@ -169,7 +165,9 @@ class _Machine:
         elif "E" in values:
             self._extruded(values)  # the extruder alone
         if not codes and not given:
-            self._note_leftover(words)
+            for word in words:
+                if word.letter not in "EFMT":
+                    self._note(word.letter)
 
     def _code(self, word: Word) -> int:
         if word.value != int(word.value) or int(word.value) not in KNOWN_G | {18, 19}:
@@ -372,11 +370,6 @@ class _Machine:
             raise self._error(f"more than {MAX_SEGMENTS} moves", "fewer", "split the program")
         self.moved = self.moved or not isinstance(segment, Dwell)
         self.segments.append(segment)
-
-    def _note_leftover(self, words: list[Word]) -> None:
-        for word in words:
-            if word.letter not in "EFMT":
-                self._note(word.letter)
 
     def _note(self, code: str) -> None:
         if code in self.noted or len(self.noted) < MAX_NOTES:

@@ -22,6 +22,10 @@ MESSAGE = re.compile(r"[ \t]*(?:[Nn][ \t]*[0-9]+)?[ \t]*[Mm][ \t]*([0-9]{1,4})(?
 TEXT_CODES = {20, 21, 23, 28, 29, 30, 32, 33, 36, 117, 118, 486, 928}  # M codes before free text
 MAX_DIGITS = 30  # of a number; more are no measure
 QUOTED = 24  # characters of bad text that a message repeats
+COMMENT_OR_FEED = re.compile(r"\([^)]*\)|;.*|[Ff]\s*([0-9]*\.?[0-9]+)")
+ANY_COMMENT = re.compile(r"\([^)]*\)|;.*")
+OTHER_CODE = re.compile(r"[Mm]\s*\d|[Gg]\s*0*(?:10|11|28|29)(?!\d)")
+DECIMALS = 3  # of a feed in mm or inch per minute
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +45,13 @@ class Word:
 
 
 def words_of(text: str, where: str) -> list[Word]:
-    """Take a line apart.
+    """Return the words of a line in order, without line number and checksum.
+
+    The free text of message codes (M117 ...) is left out.
 
     Args:
         text: One line, without its end.
         where: File and line, for messages.
-
-    Returns:
-        Its words in order, without line number and checksum; the free text of message
-        codes (M117 ...) is left out.
 
     Raises:
         MotionError: If a part is not a word, a comment does not end, or a checksum is wrong.
@@ -115,3 +117,22 @@ def _printable(text: str) -> str:
     """The beginning of a text, for messages."""
     short = text if len(text) <= QUOTED else f"{text[:QUOTED]}..."
     return "".join(c if c.isprintable() else "?" for c in short)
+
+
+def with_feed(text: str, factor: float) -> str:
+    """Return a program whose feeds are all multiplied; G0 without a feed keeps its speed.
+
+    Args:
+        text: G-code.
+        factor: > 0. [-]
+    """
+
+    def scaled(found: re.Match[str]) -> str:
+        if found[1] is None:
+            return found[0]
+        return f"F{round(float(found[1]) * factor, DECIMALS):.10g}"
+
+    return "".join(
+        line if OTHER_CODE.search(ANY_COMMENT.sub("", line)) else COMMENT_OR_FEED.sub(scaled, line)
+        for line in text.splitlines(keepends=True)
+    )

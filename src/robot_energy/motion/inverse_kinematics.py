@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.motion.planar import PlanarArm, check_weight
+from robot_energy.motion.planar import PlanarArm
 from robot_energy.physics.rigid_body import Robot
 
 IN_PLACE = 1e-10  # m, and rad of the orientation
@@ -66,7 +66,17 @@ class InverseKinematics:
     ) -> None:
         self.robot = robot
         self.link = link
-        self._weight = check_weight(weight, robot.n_joints)
+        self._weight = (
+            np.ones(robot.n_joints) if weight is None else np.asarray(weight, dtype=float)
+        )
+        if (
+            self._weight.shape != (robot.n_joints,)
+            or not (np.isfinite(self._weight) & (self._weight > 0)).all()
+        ):
+            raise MotionError(
+                f"the weights of the joints are {self._weight.tolist()}",
+                f"{robot.n_joints} finite figures > 0",
+            )
         self._lifted = lifted
         self._orientation = None if orientation is None else _rotation(orientation)
         self._planar = PlanarArm.of_robot(robot, link)
@@ -100,16 +110,13 @@ class InverseKinematics:
             )
 
     def solve(self, tool_position: Float, start: Float) -> Float:
-        """Return joint positions along a path of the tool.
+        """Return joint positions along a path of the tool, shape (N, n). [rad] or [m]
 
         Args:
             tool_position: Places of the link's origin in the base frame, shape (N, 3). [m]
             start: Joint positions from which the first place is searched; decides elbow and
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
-
-        Returns:
-            Shape (N, n). [rad] or [m]
 
         Raises:
             MotionError: If a place is not finite, out of reach, singular, or breaks a limit;

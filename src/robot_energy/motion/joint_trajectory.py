@@ -103,27 +103,21 @@ class JointTrajectory:
         return SampledMotion(self, self.joint_names, self.duration, instants=self.instants.tolist())
 
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the motion; it stays at its ends outside.
+        """Return the motion, joint side; it stays at its ends outside.
 
         Args:
             time: Since the first point, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         inside = np.clip(time, 0.0, self.duration)
         return Trajectory(*(np.asarray(self._motion(inside, order)) for order in range(3)))
 
 
 def read_points(message: Any, name: str) -> JointTrajectory:
-    """Take a decoded ``trajectory_msgs/msg/JointTrajectory``.
+    """Return the motion through the points of a decoded ``trajectory_msgs/msg/JointTrajectory``.
 
     Args:
         message: The message.
         name: Where it comes from, for messages.
-
-    Returns:
-        The motion through its points.
 
     Raises:
         MotionError: If points are missing, incomplete or out of order.

@@ -81,7 +81,7 @@ class LoadedMotion:
 def load_motion(
     path: str | Path, robot: Robot, tool: ToolOptions | None = None, topic: str | None = None
 ) -> LoadedMotion:
-    """Read a program and make it a motion of a robot.
+    """Return a program as a motion of a robot.
 
     Args:
         path: G-code, an STL shape to be printed, a YAML file of point-to-point moves, a bag with
@@ -89,9 +89,6 @@ def load_motion(
         robot: The robot.
         tool: What G-code and shapes do not state.
         topic: Topic of the trajectory in a bag; None where there is one only.
-
-    Returns:
-        The motion.
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.
@@ -130,15 +127,12 @@ def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotio
 
 
 def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> LoadedMotion:
-    """Make a program of a tool a motion of a robot.
+    """Return a program of a tool as a motion of a robot.
 
     Args:
         program: The program.
         robot: The robot.
         options: What it does not state.
-
-    Returns:
-        The motion.
 
     Raises:
         MotionError: If the robot cannot make it.
@@ -202,15 +196,12 @@ def _start(robot: Robot, structure: str) -> Float:
 
 
 def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
-    """Read numbers divided by commas.
+    """Return numbers that were divided by commas, shape (k,).
 
     Args:
         text: Such as ``0.1,0.2,0.3``.
         what: They are, for the message.
         counts: How many there may be.
-
-    Returns:
-        Shape (k,).
 
     Raises:
         MotionError: If a number is not finite, or their count is wrong.

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
 
 Complex = NDArray[np.complexfloating]
@@ -54,14 +53,11 @@ class PlanarArm:
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:
-        """Read the geometry from a robot.
+        """Return the geometry of a robot; None if it is not a planar arm.
 
         Args:
             robot: Any robot.
             link: Link of the URDF that is the tool.
-
-        Returns:
-            The arm; None if the robot is not a planar arm.
         """
         zero = np.zeros(robot.n_joints)
         tool, _, jacobian = robot.link_jacobian(zero, link)
@@ -94,43 +90,28 @@ class PlanarArm:
         plane = away @ self.across.T
         return plane[:, 0] + 1j * plane[:, 1], away @ self.normal - self.height
 
-    def tool(self, joint_position: Float) -> Complex:
-        """Return the tool's place in the plane.
-
-        Args:
-            joint_position: Shape (..., n). [rad]
-
-        Returns:
-            Shape (...,). [m]
-        """
+    def _tool(self, joint_position: Float) -> Complex:
+        """The tool's place in the plane, shape (...,). [m]"""
         theta = np.cumsum(joint_position * self.sense, axis=-1)
         return np.asarray((self.link * np.exp(1j * theta)).sum(axis=-1))
 
     def reach(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, float, float]:
-        """Where the tool gets to with some joints only.
+        """Return the place of the first free joint, least and greatest distance from it. [m]
 
         Args:
             joint_position: Positions of the others, shape (n,). [rad]
             free: Indices of the joints that move, rising.
-
-        Returns:
-            Place of the first free joint, least and greatest distance from it. [m]
         """
-        start, links = self.chain(joint_position, free)
+        start, links = self._chain(joint_position, free)
         size = np.abs(links)
         total = float(size.sum())
         return start, max(0.0, 2.0 * float(size.max()) - total), total
 
-    def chain(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, Complex]:
-        """Return the arm with every held joint merged with its neighbours.
+    def _chain(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, Complex]:
+        """The arm with every held joint merged with its neighbours.
 
-        Args:
-            joint_position: Positions of the held joints, shape (n,). [rad]
-            free: Indices of the joints that move, rising.
-
-        Returns:
-            Place of the first free joint, and the links from free joint to free joint, the last
-            to the tool, with the free joints at zero, shape (len(free),). [m]
+        That is the place of the first free joint, and the links from free joint to free joint, the
+        last to the tool, with the free joints at zero. [m]
         """
         held = joint_position.copy()
         held[list(free)] = 0.0
@@ -141,17 +122,16 @@ class PlanarArm:
         return start, np.array(parts)
 
     def two_free(self, place: Complex, start: Float, free: Sequence[int]) -> Float:
-        """Closed form for two free joints, on the side of the start.
+        """Return the closed form for two free joints on the side of the start, shape (N, n). [rad]
+
+        It is nan where both links lie in one line.
 
         Args:
             place: Places of the tool, within reach, shape (N,). [m]
             start: Joint positions before the first place; decides the side, shape (n,). [rad]
             free: Indices of the two joints.
-
-        Returns:
-            Shape (N, n); nan where both links lie in one line. [rad]
         """
-        origin, (inner, outer) = self.chain(start, free)
+        origin, (inner, outer) = self._chain(start, free)
         a, b = free
         bend = np.angle(outer) - np.angle(inner)
         side = np.sin(self.sense[b] * start[b] + bend)
@@ -169,20 +149,19 @@ class PlanarArm:
         return result
 
     def nearest(self, place: Complex, start: Float, free: Sequence[int], weight: Float) -> Float:
-        """Configurations nearest to the start, tool in place, found along the path.
+        """Return configurations nearest to the start, tool in place, shape (N, n). [rad]
+
+        They are found along the path; nan from the first place that was not found.
 
         Args:
             place: Places of the tool, shape (N,). [m]
             start: The reference, shape (n,). [rad]
             free: Indices of the joints that move, three or more.
             weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
-
-        Returns:
-            Shape (N, n); nan from the first place that was not found. [rad]
         """
         result = np.full((len(place), len(start)), np.nan)
         posture, force = start.copy(), np.zeros(2)
-        before = complex(self.tool(posture))
+        before = complex(self._tool(posture))
         for row, wanted in enumerate(place.tolist()):
             strides = max(1, int(np.ceil(abs(wanted - before) / STRIDE)))
             for share in np.linspace(0.0, 1.0, strides + 1)[1:]:
@@ -234,21 +213,3 @@ class PlanarArm:
             posture[index] += share * step[:count]
             force = force + share * step[count:]
         return None
-
-
-def check_weight(weight: Float | None, n_joints: int) -> Float:
-    """Return weights of the joints, 1 each by default, shape (n,).
-
-    Args:
-        weight: As given, shape (n,); None for the default. [-]
-        n_joints: Number of joints.
-
-    Raises:
-        MotionError: If they are not n figures > 0.
-    """
-    values = np.ones(n_joints) if weight is None else np.asarray(weight, dtype=np.float64)
-    if values.shape != (n_joints,) or not ((values > 0) & np.isfinite(values)).all():
-        raise MotionError(
-            f"the weights of the joints are {values.tolist()}", f"{n_joints} finite figures > 0"
-        )
-    return values

@@ -58,6 +58,7 @@ class SampledMotion:
     Attributes:
         joint_names: As given.
         duration: As given. [s]
+        sample_count: Number of samples, or a few more.
 
     Raises:
         MotionError: If duration or step make no sense.
@@ -80,11 +81,7 @@ class SampledMotion:
         self.duration = duration
         self._count = max(1, math.ceil(duration / step - 1e-9))
         self._instants = np.asarray(instants, dtype=np.float64)
-
-    @property
-    def sample_count(self) -> int:
-        """See `PlannedMotion.sample_count`."""
-        return self._count + 1 + len(self._instants)
+        self.sample_count = self._count + 1 + len(self._instants)
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
         """See `PlannedMotion.blocks`."""
@@ -99,14 +96,11 @@ class SampledMotion:
 
 
 def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Trajectory]]:
-    """Go through a motion several times without a pause.
+    """Yield the blocks of a motion that is made several times without a pause.
 
     Args:
         motion: The motion.
         times: How often, >= 1.
-
-    Yields:
-        As `PlannedMotion.blocks`, over all times.
 
     Raises:
         MotionError: If it is to be repeated but does not end where it begins.
@@ -124,7 +118,7 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
             rows = slice(1 if again else 0, None)
             last = path.joint_position[-1]
             if len(time[rows]):
-                held.append((time[rows] + turn * motion.duration, path.rows(rows)))
+                held.append((time[rows] + turn * motion.duration, path[rows]))
                 count += len(time[rows])
             if count >= BLOCK:
                 yield _joined(held)

@@ -10,11 +10,12 @@ the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain tr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
@@ -72,15 +73,12 @@ class MotionLimits:
     def of_robot(
         cls, robot: Robot, acceleration: Float, jerk_time: float = DEFAULT_JERK_TIME
     ) -> MotionLimits:
-        """Take positions and speeds from the URDF, which has no accelerations.
+        """Return limits with positions and speeds of the URDF, which has no accelerations.
 
         Args:
             robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
-
-        Returns:
-            The limits.
 
         Raises:
             MotionError: If the URDF gives no finite velocity limit.
@@ -133,17 +131,37 @@ class MotionLimits:
         """
         if not 0 < override <= 1:
             raise MotionError(f"the speed override is {override}", "a share in (0, 1]")
-        return MotionLimits(
-            self.lower,
-            self.upper,
-            self.velocity * override,
-            self.acceleration * override**2,
-            self.jerk_time / override,
+        return replace(
+            self,
+            velocity=self.velocity * override,
+            acceleration=self.acceleration * override**2,
+            jerk_time=self.jerk_time / override,
         )
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class ArrayRecord:
+    """Base of records of arrays of one length: cutting and joining along the first axis."""
+
+    def __len__(self) -> int:
+        return len(next(iter(self.__dict__.values())))
+
+    def __getitem__(self, rows: slice | Int | NDArray[np.bool_]) -> Self:
+        return type(self)(*(values[rows] for values in self.__dict__.values()))
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Self]) -> Self:
+        """Return parts one after the other.
+
+        Args:
+            parts: At least one.
+        """
+        columns = zip(*(part.__dict__.values() for part in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
+
+
+@dataclass(frozen=True)
+class Trajectory(ArrayRecord):
     """Joint motion at given times, joint side, shape (N, n) each.
 
     Attributes:
@@ -155,31 +173,6 @@ class Trajectory:
     joint_position: Float
     joint_velocity: Float
     joint_acceleration: Float
-
-    def rows(self, chosen: slice) -> Trajectory:
-        """Return some of the instants.
-
-        Args:
-            chosen: Which.
-        """
-        return Trajectory(
-            self.joint_position[chosen],
-            self.joint_velocity[chosen],
-            self.joint_acceleration[chosen],
-        )
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[Trajectory]) -> Trajectory:
-        """Return parts one after the other.
-
-        Args:
-            parts: At least one.
-        """
-        return cls(
-            np.concatenate([part.joint_position for part in parts]),
-            np.concatenate([part.joint_velocity for part in parts]),
-            np.concatenate([part.joint_acceleration for part in parts]),
-        )
 
 
 class SampledPath(Protocol):

@@ -100,13 +100,10 @@ class LoadedProgram:
 
 
 def read_program(path: str | Path) -> ProgramFile:
-    """Read a program file.
+    """Return a validated program file.
 
     Args:
         path: A YAML file.
-
-    Returns:
-        The validated program.
 
     Raises:
         MotionError: Naming the bad key, what was found and what was expected.
@@ -115,15 +112,12 @@ def read_program(path: str | Path) -> ProgramFile:
 
 
 def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program") -> LoadedProgram:
-    """Make the motion of a program file for one robot.
+    """Return the loop of a program file for one robot, and what was assumed.
 
     Args:
         file: The program.
         limits: Limits of the robot, from its URDF.
         name: Name of the program, for messages.
-
-    Returns:
-        The loop and what was assumed.
 
     Raises:
         MotionError: If joints are missing or unknown, a configuration breaks a limit, or

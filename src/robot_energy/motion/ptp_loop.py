@@ -36,6 +36,8 @@ class Program:
         limits: Limits under the override.
         speed_share: Of each move, shape (K,). [-]
         acceleration_share: Of each move, shape (K,). [-]
+        moves: Number of motions in one loop.
+        n_joints: Number of joints.
         period: Length of one loop. [s]
 
     Raises:
@@ -57,6 +59,7 @@ class Program:
                 f"the via configurations have shape {self.via.shape}",
                 "(number of vias, number of joints)",
             )
+        self.moves, self.n_joints = len(self.via), int(self.via.shape[1])
         for index, configuration in enumerate(self.via):
             limits.check(configuration, f"via {index + 1}")
         self.dwell = self._each(dwell, "dwell times")
@@ -92,30 +95,17 @@ class Program:
         return np.broadcast_to(values, len(self.via))
 
     @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return self.via.shape[1]
-
-    @property
-    def moves(self) -> int:
-        """Number of motions in one loop."""
-        return len(self.via)
-
-    @property
     def instants(self) -> Float:
         """Begin and end of every move within the first loop, shape (2 K,). [s]"""
         ends = np.append(self._begin[1:], self.period)
         return np.stack([self._begin + self.dwell, ends], axis=1).ravel()
 
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the program.
+        """Return the motion, joint side.
 
         Args:
             time: Since the start of the first loop; before it the robot rests at the
                 first via, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         phase = np.where(time > 0, np.remainder(time, self.period), 0.0)
@@ -140,7 +130,7 @@ def random_program(
     accept: Callable[[Float], bool] | None = None,
     start: Float | None = None,
 ) -> Program:
-    """Draw a program of random configurations, the same for the same seed.
+    """Return a program of random configurations, the same for the same seed.
 
     Args:
         limits: Position, velocity and acceleration limits.
@@ -154,9 +144,6 @@ def random_program(
             every motion, the way back to the first via included. See `tool_above`.
         start: First via, so that programs can follow one another, shape (n,); default: drawn
             like the others. [rad] or [m]
-
-    Returns:
-        The program.
 
     Raises:
         MotionError: If the figures make no sense, or no allowed program is found.

@@ -22,6 +22,7 @@ class Sequence:
     Attributes:
         begin: When each part begins, shape (K,). [s]
         duration: When the last part ends. [s]
+        n_joints: Number of joints.
 
     Raises:
         MotionError: If there is no part, a time makes no sense, or a part does not begin
@@ -37,6 +38,7 @@ class Sequence:
         self._motions: list[JointMotion] = [motion for motion, _ in parts]
         self.begin: Float = np.concatenate([[0.0], np.cumsum(times)[:-1]])
         self.duration = float(times.sum())
+        self.n_joints = self._motions[0].n_joints
         for index in range(1, len(parts)):
             here = self._motions[index - 1].sample(times[index - 1 : index])
             there = self._motions[index].sample(np.zeros(1))
@@ -49,19 +51,11 @@ class Sequence:
                     "parts that end at rest where the next one begins",
                 )
 
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return self._motions[0].n_joints
-
     def sample(self, time: Float) -> Trajectory:
-        """Evaluate the sequence.
+        """Return the motion, joint side.
 
         Args:
             time: Since the start of the first part, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         part = np.maximum(np.searchsorted(self.begin, time, side="right") - 1, 0)

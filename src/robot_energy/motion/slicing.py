@@ -74,15 +74,14 @@ class SlicedShape:
 
 
 def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
-    """Cut an STL file into layers and trace their outlines.
+    """Return the program that traces the outlines of an STL file, cut into layers.
+
+    It begins each outline at the point nearest to where the last one ended and moves there without
+    printing.
 
     Args:
         path: STL, text or binary; z points up.
         slicing: Heights, speed and unit.
-
-    Returns:
-        The program. It begins each outline at the point nearest to where the last one ended and
-        moves there without printing.
 
     Raises:
         MotionError: If the file cannot be read, holds no shape, is too large or too small for a

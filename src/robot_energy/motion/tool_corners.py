@@ -14,11 +14,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, Segment, ToolPath
@@ -32,9 +30,13 @@ NORMAL_SHARE = 0.8  # of the acceleration on arcs; 0.6 is left along them, toget
 ALONG_SHARE = 0.6
 
 
-@dataclass(frozen=True)
-class PathPieces:
-    """Pieces of a path in order, shape (K,) or (K, 3).
+Vector = tuple[float, float, float]
+NOTHING: Any = 0.0
+ZERO: Any = (0.0, 0.0, 0.0)
+
+
+class PathPieces(NamedTuple):
+    """Pieces of a path in order, shape (K,) or (K, 3); while it is followed, one of them.
 
     Attributes:
         length: Length of each, 0 for a dwell. [m]
@@ -50,64 +52,30 @@ class PathPieces:
         entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
         dwell: Rest, of dwells alone. [s]
         source_line: Line of the program.
-        corner: Whether it rounds a corner.
-        feeding: Whether material flows (rounded corners: on both sides).
     """
 
-    length: Float
-    origin: Float
-    radius: Float
-    rate: Float
-    first: Float
-    second: Float
-    drift: Float
-    commanded: Float
-    speed: Float
-    acceleration: Float
-    entry: Float
-    dwell: Float
-    source_line: Int
-    corner: NDArray[np.bool_]
-    feeding: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.length)
-
-
-Vector = tuple[float, float, float]
-ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-class _Piece(NamedTuple):
-    """One of the pieces; the same names as in `PathPieces`."""
-
-    length: float = 0.0
-    origin: Vector = ZERO
-    radius: float = 0.0
-    rate: float = 0.0
-    first: Vector = ZERO
-    second: Vector = ZERO
-    drift: Vector = ZERO
-    commanded: float = 0.0
-    speed: float = 0.0
-    acceleration: float = 0.0
-    entry: float = 0.0
-    dwell: float = 0.0
-    source_line: int = 0
-    corner: bool = False
-    feeding: bool = False
+    length: Float = NOTHING
+    origin: Float = ZERO
+    radius: Float = NOTHING
+    rate: Float = NOTHING
+    first: Float = ZERO
+    second: Float = ZERO
+    drift: Float = ZERO
+    commanded: Float = NOTHING
+    speed: Float = NOTHING
+    acceleration: Float = NOTHING
+    entry: Float = NOTHING
+    dwell: Float = NOTHING
+    source_line: Int = NOTHING
 
 
 def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPieces:
-    """Round the corners of a path.
+    """Return the pieces of a path with rounded corners.
 
     Args:
         path: The path.
         acceleration: Greatest of the tool, > 0. [m/s^2]
         tolerance: Greatest distance between path and rounded path, >= 0. [m]
-
-    Returns:
-        The pieces.
     """
     maker = _Maker(acceleration, tolerance)
     moves = path.segments
@@ -125,7 +93,7 @@ class _Maker:
         self._tolerance = tolerance
         self._cut = 0.0  # taken from the beginning of the next line by the last corner
         self._entry = 0.0
-        self.pieces: list[_Piece] = []
+        self.pieces: list[PathPieces] = []
 
     def take(self, segment: Segment, following: Segment | None) -> None:
         """Write the pieces of a segment and of the corner behind it."""
@@ -177,7 +145,6 @@ class _Maker:
                 speed=line.speed,
                 acceleration=self._acceleration,
                 source_line=line.source_line,
-                feeding=line.extruding,
             )
 
     def _arc(self, arc: Arc) -> None:
@@ -204,7 +171,6 @@ class _Maker:
                 speed=min(arc.speed, limit),
                 acceleration=ALONG_SHARE * self._acceleration,
                 source_line=arc.source_line,
-                feeding=arc.extruding,
             )
             self._entry = arc.speed
 
@@ -233,8 +199,6 @@ class _Maker:
                 commanded=commanded,
                 speed=speed,
                 source_line=before.source_line,
-                corner=True,
-                feeding=before.extruding and after.extruding,
             )
             self._entry = speed
 
@@ -243,13 +207,13 @@ class _Maker:
         self._add(dwell=dwell.time, source_line=dwell.source_line)
 
     def _add(self, **figures: Any) -> None:
-        self.pieces.append(_Piece(entry=self._entry, **figures))
+        figures["entry"] = self._entry
+        self.pieces.append(PathPieces(**figures))
 
 
-def _stack(pieces: Sequence[_Piece]) -> PathPieces:
-    columns = dict(zip(_Piece._fields, map(np.array, zip(*pieces, strict=True)), strict=True))
-    columns["entry"] = np.append(columns["entry"], 0.0)
-    return PathPieces(**columns)
+def _stack(pieces: Sequence[PathPieces]) -> PathPieces:
+    whole = PathPieces(*map(np.array, zip(*pieces, strict=True)))
+    return whole._replace(entry=np.append(whole.entry, 0.0))
 
 
 def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:

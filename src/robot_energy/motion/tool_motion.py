@@ -38,14 +38,11 @@ class ToolKinematics(Protocol):
     """What turns positions of the tool into positions of the joints."""
 
     def solve(self, tool_position: Float, start: Float) -> Float:
-        """Return joint positions that follow a path of the tool.
+        """Return joint positions that follow a path of the tool, shape (N, n). [rad] or [m]
 
         Args:
             tool_position: In the robot's base frame, shape (N, 3). [m]
             start: Joint positions to begin from, shape (n,). [rad] or [m]
-
-        Returns:
-            Shape (N, n). [rad] or [m]
         """
         ...
 
@@ -100,6 +97,8 @@ class ToolMotion:
 
     Attributes:
         duration: [s]
+        joint_names: In the order of the arrays.
+        sample_count: Number of samples that ``blocks`` gives.
 
     Raises:
         MotionError: If the step makes no sense or the motion is too long for it.
@@ -132,24 +131,11 @@ class ToolMotion:
         self._placement = placement or ToolPlacement()
         self._count = max(2 * DEGREE, math.ceil(path.duration / step - 1e-9)) + 1
         self._step = path.duration / (self._count - 1)
-        self.duration = path.duration
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of the arrays."""
-        return self._limits.joint_names
-
-    @property
-    def sample_count(self) -> int:
-        """Number of samples that ``blocks`` gives."""
-        return self._count
+        self.duration, self.joint_names = path.duration, limits.joint_names
+        self.sample_count = self._count
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Go through the motion once.
-
-        Yields:
-            Times since the start, shape (N,) [s], and the motion at them, joint side; equal
-            steps, none twice.
+        """Yield times since the start, shape (N,) [s], and the motion at them, joint side.
 
         Raises:
             MotionError: If a position cannot be reached or a limit is exceeded; the text

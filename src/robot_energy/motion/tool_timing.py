@@ -136,7 +136,7 @@ class TimedPath:
         way = np.stack([zero, up, up + level], axis=1).ravel()
         speed = np.stack([first, np.where(moves, peak, 0.0), peak], axis=1).ravel()
         gain = np.stack([np.where(rise > 0, a, 0.0), zero, np.where(fall > 0, -a, 0.0)], 1).ravel()
-        piece = np.repeat(np.arange(len(pieces)), 3)
+        piece = np.repeat(np.arange(len(pieces.length)), 3)
         used = length > REST
         self._length, self._way = length[used], way[used]
         self._speed, self._gain, self._piece = speed[used], gain[used], piece[used]
@@ -144,9 +144,9 @@ class TimedPath:
         self._raw = float(self._begin[-1])
         self.duration = self._raw + self.limits.smoothing
         # A dwell stands where the piece before it ends, or where the next one begins.
-        self._still = np.zeros((len(pieces), 3))
+        self._still = np.zeros((len(pieces.length), 3))
         at = np.asarray(next(s.start for s in self.path.segments if not isinstance(s, Dwell)))
-        ends = self._on(np.arange(len(pieces)), pieces.length)
+        ends = self._on(np.arange(len(pieces.length)), pieces.length)
         for index in np.flatnonzero(~moves).tolist():
             at = ends[index - 1] if index and moves[index - 1] else at
             self._still[index] = at
@@ -218,13 +218,10 @@ class TimedPath:
         )
 
     def sample(self, time: Float) -> ToolTrajectory:
-        """Evaluate the motion; the tool rests before its start and after its end.
+        """Return the motion; the tool rests before its start and after its end.
 
         Args:
             time: Since the start, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration.
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         smooth = self.limits.smoothing

@@ -54,15 +54,12 @@ def check_sampling(rate: float, loops: int) -> None:
 
 
 def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, Trajectory]:
-    """Sample a motion from rest to rest, the end included.
+    """Return times from 0, shape (N,) [s], and a motion at them, from rest to rest.
 
     Args:
         motion: What to sample.
         rate: Points per second. [Hz]
         loops: Periods one after the other.
-
-    Returns:
-        Times from 0, shape (N,) [s], and the motion at them.
 
     Raises:
         MotionError: If rate or loops make no sense.
@@ -73,12 +70,8 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
     return time, motion.sample(time)
 
 
-def csv_header(joint_names: Sequence[str]) -> str:
-    """Return the first line of a table.
-
-    Args:
-        joint_names: In the order of the columns.
-    """
+def _header(joint_names: Sequence[str]) -> str:
+    """The first line of a table."""
     return ",".join(["time", *(f"{kind}_{name}" for kind in COLUMNS for name in joint_names)])
 
 
@@ -88,7 +81,7 @@ def csv_kind(joint_names: Sequence[str]) -> tuple[FileKind, ...]:
     Args:
         joint_names: In the order of the columns.
     """
-    header = f"{csv_header(joint_names)}\n".encode()
+    header = f"{_header(joint_names)}\n".encode()
     return (FileKind("the trajectory of these joints", header, b""),)
 
 
@@ -107,19 +100,16 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
     rows = np.column_stack(
         [time, motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
     )
-    text, header = StringIO(), csv_header(joint_names)
+    text, header = StringIO(), _header(joint_names)
     np.savetxt(text, rows, fmt="%.9g", delimiter=",", header=header, comments="")
     write_file(path, text.getvalue().encode(), csv_kind(joint_names), "the trajectory")
 
 
 def read_csv_trajectory(path: str | Path) -> JointTrajectory:
-    """Read a table.
+    """Return the motion of a table.
 
     Args:
         path: The file.
-
-    Returns:
-        The motion.
 
     Raises:
         MotionError: If it cannot be read or columns are missing.
@@ -132,7 +122,7 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
         ) from error
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     joints = [name.removeprefix("position_") for name in names if name.startswith("position_")]
-    known = set(names) <= set(csv_header(joints).split(",")) and len(set(names)) == len(names)
+    known = set(names) <= set(_header(joints).split(",")) and len(set(names)) == len(names)
     if not joints or "time" not in names or not known:
         raise MotionError(
             f"{path} has the columns {', '.join(names)[:200]}",
@@ -220,14 +210,11 @@ def write_trajectory(
 
 
 def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
-    """Read the JointTrajectory of a bag.
+    """Return the motion of the JointTrajectory of a bag.
 
     Args:
         path: MCAP file or rosbag2 folder.
         topic: Its topic; None where there is one only.
-
-    Returns:
-        The motion.
 
     Raises:
         BagError: If the bag cannot be read.
@@ -261,7 +248,7 @@ def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTraj
 
 
 def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
-    """Decode a serialized ``trajectory_msgs/msg/JointTrajectory``.
+    """Return a serialized ``trajectory_msgs/msg/JointTrajectory``, for `read_points`.
 
     Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
 
@@ -269,9 +256,6 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
         store: Message definitions.
         data: The message.
         name: Where it comes from, for messages.
-
-    Returns:
-        The message, for `read_points`.
 
     Raises:
         MotionError: If it is too long or no such message.

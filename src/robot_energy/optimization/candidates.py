@@ -6,14 +6,14 @@ in one array of samples, so that the power chain runs over thousands of them at 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.motion.ptp import MotionLimits, Profile, Trajectory
+from robot_energy.motion.ptp import ArrayRecord, MotionLimits, Profile, Trajectory
 from robot_energy.motion.ptp_loop import Program
 
 STEP = 4e-3  # s between samples
@@ -25,7 +25,7 @@ ACCELERATIONS = np.array([5, 10, 20, 30, 45, 65, 100]) / 100  # [-]
 
 
 @dataclass(frozen=True)
-class Candidates:
+class Candidates(ArrayRecord):
     """Moves, each with its way of being made, shape (P,) each.
 
     Attributes:
@@ -44,25 +44,6 @@ class Candidates:
         if len(self.law) != len(self.move):
             object.__setattr__(self, "law", np.full(len(self.move), -1))
 
-    def __len__(self) -> int:
-        """Return the number of candidates."""
-        return len(self.move)
-
-    def __getitem__(self, rows: slice | Int) -> Candidates:
-        """Return some of them."""
-        return Candidates(
-            self.move[rows], self.speed[rows], self.acceleration[rows], self.law[rows]
-        )
-
-    def __add__(self, other: Candidates) -> Candidates:
-        """Return both, one after the other."""
-        return Candidates(
-            np.concatenate([self.move, other.move]),
-            np.concatenate([self.speed, other.speed]),
-            np.concatenate([self.acceleration, other.acceleration]),
-            np.concatenate([self.law, other.law]),
-        )
-
 
 @dataclass(frozen=True)
 class Samples:
@@ -79,34 +60,37 @@ class Samples:
     path: Trajectory
 
 
-class Moves(Protocol):
-    """Moves from rest to rest that can be made faster or slower."""
+class Moves(ABC):
+    """Moves from rest to rest that can be made faster or slower.
 
-    @property
-    def count(self) -> int:
-        """Number of moves."""
-        ...
+    Attributes:
+        count: Number of moves.
+        laws: Candidates with time laws of their own; None for moves without any.
+    """
 
+    count: int
+    laws: Candidates | None = None
+
+    @abstractmethod
     def duration(self, candidates: Candidates) -> Float:
         """Return how long each candidate lasts, shape (P,). [s]
 
         Args:
             candidates: Which.
         """
-        ...
 
+    @abstractmethod
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
-        """Return the motion.
+        """Return the motion, joint side.
 
         Args:
             candidates: Which.
             place: Candidate of each row, shape (N,).
             time: Since the start of the move, shape (N,). [s]
         """
-        ...
 
 
-class PtpMoves:
+class PtpMoves(Moves):
     """Synchronised point-to-point moves.
 
     Args:
@@ -116,58 +100,32 @@ class PtpMoves:
     """
 
     def __init__(self, start: Float, goal: Float, limits: MotionLimits) -> None:
+        self.count = len(start)
         self._start, self._distance, self._limits = start, goal - start, limits
 
     @classmethod
     def of_program(cls, program: Program, limits: MotionLimits) -> PtpMoves:
-        """Take the moves of a program, which can be as fast as its limits without an override.
+        """Return the moves of a program, which can be as fast as its limits without an override.
 
         The jerk time is that of the program as it runs, so that what is left alone does not change.
 
         Args:
             program: The loop.
             limits: Its limits without an override.
-
-        Returns:
-            Its moves.
         """
-        bounds = MotionLimits(
-            limits.lower, limits.upper, limits.velocity, limits.acceleration,
-            program.limits.jerk_time,
-        )  # fmt: skip
+        bounds = replace(limits, jerk_time=program.limits.jerk_time)
         return cls(program.via, np.roll(program.via, -1, axis=0), bounds)
-
-    @property
-    def count(self) -> int:
-        """Number of moves."""
-        return len(self._start)
 
     def _profile(self, candidates: Candidates) -> Profile:
         ways = self._distance[candidates.move]
         return Profile(ways, self._limits, candidates.speed, candidates.acceleration)
 
     def duration(self, candidates: Candidates) -> Float:
-        """Return how long each candidate lasts.
-
-        Args:
-            candidates: Which.
-
-        Returns:
-            Shape (P,). [s]
-        """
+        """Return the same as in `Moves.duration`."""
         return self._profile(candidates).duration
 
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
-        """Return the motion.
-
-        Args:
-            candidates: Which.
-            place: Candidate of each row, shape (N,).
-            time: Since the start of the move, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
-        """
+        """Return the same as in `Moves.sample`."""
         value, velocity, acceleration = self._profile(candidates).sample(place, time)
         move = candidates.move[place]
         ways = self._distance[move]
@@ -179,15 +137,14 @@ class PtpMoves:
 
 
 def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATIONS) -> Candidates:
-    """Return every move with every pair of shares.
+    """Return every move with every pair of shares, S times A of each, move by move.
+
+    Of two that last equally long it is the one with less speed.
 
     Args:
         moves: The moves.
         speed: Shares of the speed limits, shape (S,). [-]
         acceleration: Shares of the acceleration limits, shape (A,). [-]
-
-    Returns:
-        Move by move, S times A of each; of two that last equally long the one with less speed.
     """
     pairs = len(speed) * len(acceleration)
     move = np.repeat(np.arange(moves.count), pairs)
@@ -203,15 +160,12 @@ def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATION
 def blocks(
     moves: Moves, candidates: Candidates, samples: int = SAMPLES
 ) -> Iterator[tuple[slice, Samples]]:
-    """Go through the samples of all candidates, a bounded number at a time.
+    """Yield the samples of all candidates, a bounded number at a time: which, and their motion.
 
     Args:
         moves: The moves.
         candidates: Which; a move without way has two samples at rest.
         samples: Of one candidate, at most.
-
-    Yields:
-        Which candidates, and their motion.
     """
     duration = moves.duration(candidates)
     fine, coarse = (np.ceil(duration / step - 1e-9).astype(np.int64) for step in (STEP, LONG_STEP))

@@ -11,11 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.model import RobotModel
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.ptp import ArrayRecord, Trajectory
 from robot_energy.optimization.candidates import SAMPLES, Candidates, Moves, Samples, blocks
 from robot_energy.optimization.deviations import EnergyDeviations
 from robot_energy.physics.cabinet import CabinetStage
@@ -29,7 +28,7 @@ TORQUE_SHARE = 0.95
 
 
 @dataclass(frozen=True)
-class Use:
+class Use(ArrayRecord):
     """What candidates or rests need; the mean over the temperatures, of P candidates.
 
     Attributes:
@@ -49,19 +48,6 @@ class Use:
     columns: Float
     torque_use: Float
     by_temperature: Float
-
-    def __getitem__(self, rows: slice | Int) -> Use:
-        """Return some of them."""
-        return Use(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-    def __add__(self, other: Use) -> Use:
-        """Return both, one after the other."""
-        return Use(
-            *(
-                np.concatenate([getattr(self, name), getattr(other, name)])
-                for name in self.__dataclass_fields__
-            )
-        )
 
 
 class PowerChain:
@@ -111,7 +97,7 @@ class PowerChain:
             found.append(self._use(motion, moves.duration(candidates[part])))
             if progress is not None:
                 progress(part.stop / len(candidates))
-        return sum(found[1:], found[0])
+        return Use.concatenate(found)
 
     def rests(self, joint_position: Float, holding: bool = True) -> Use:
         """Return what one second at rest needs.
@@ -139,10 +125,47 @@ class PowerChain:
         standing = np.abs(speed) <= self._standstill
         moving = np.where(standing, 0.0, speed)
         weight, place = _weights(motion, len(speed))
-        uses = [
-            self._at(degc, motion.first, place, weight, speed, moving, rigid, standing)
-            for degc in self.motor_temperature_degc
-        ]
+        shape, first = speed.shape, motion.first
+
+        def at(degc: Float) -> tuple[Float, Float, Float, Float, Float]:
+            """Energy, peak, brake energy, columns, use of the torque limits at a temperature."""
+            coulomb = np.broadcast_to(self.friction.coulomb, shape)
+            viscous = np.broadcast_to(self.friction.viscous(degc), shape)
+            friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
+            torque = rigid + friction
+            rigid_power, friction_power = rigid * speed, friction * speed
+            shaft = rigid_power + friction_power
+            electrical, _ = self.drive.input_power(
+                shaft, speed, torque, np.broadcast_to(degc, shape).copy()
+            )
+            stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
+            balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
+            returned = self.model.cabinet.regeneration_efficiency
+            share = 0.0 if returned is None else returned.value
+            excess = np.maximum(
+                -(electrical.sum(axis=1) + balance.loss_dc + balance.capacitor_power), 0
+            )
+            columns = self._deviations.columns(
+                moving,
+                torque,
+                rigid_power,
+                friction_power,
+                electrical - shaft,
+                degc,
+                np.where(excess > 0, share, 1.0),
+                excess,
+            )
+            use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
+            lasting = balance.grid_power - balance.capacitor_power
+            return (
+                np.add.reduceat(lasting * weight, first),
+                np.maximum.reduceat(balance.grid_power, first),
+                np.add.reduceat(balance.brake_power * weight, first),
+                np.add.reduceat(columns * weight[:, None], first),
+                np.maximum.reduceat(np.nan_to_num(use).max(axis=1), first),
+            )
+
+        uses = [at(degc) for degc in self.motor_temperature_degc]
         energy = np.stack([use[0] for use in uses], axis=1)
         return Use(
             duration=duration,
@@ -152,55 +175,6 @@ class PowerChain:
             columns=np.mean([use[3] for use in uses], axis=0),
             torque_use=np.max([use[4] for use in uses], axis=0),
             by_temperature=energy,
-        )
-
-    def _at(
-        self,
-        degc: Float,
-        first: Int,
-        place: Int,
-        weight: Float,
-        speed: Float,
-        moving: Float,
-        rigid: Float,
-        standing: NDArray[np.bool_],
-    ) -> tuple[Float, Float, Float, Float, Float]:
-        """Energy, peak, brake energy, columns and use of the torque limits at one temperature."""
-        shape = speed.shape
-        coulomb = np.broadcast_to(self.friction.coulomb, shape)
-        viscous = np.broadcast_to(self.friction.viscous(degc), shape)
-        friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
-        torque = rigid + friction
-        rigid_power, friction_power = rigid * speed, friction * speed
-        shaft = rigid_power + friction_power
-        electrical, _ = self.drive.input_power(
-            shaft, speed, torque, np.broadcast_to(degc, shape).copy()
-        )
-        stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-        balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
-        returned = self.model.cabinet.regeneration_efficiency
-        share = 0.0 if returned is None else returned.value
-        excess = np.maximum(
-            -(electrical.sum(axis=1) + balance.loss_dc + balance.capacitor_power), 0
-        )
-        columns = self._deviations.columns(
-            moving,
-            torque,
-            rigid_power,
-            friction_power,
-            electrical - shaft,
-            degc,
-            np.where(excess > 0, share, 1.0),
-            excess,
-        )
-        use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
-        lasting = balance.grid_power - balance.capacitor_power
-        return (
-            np.add.reduceat(lasting * weight, first),
-            np.maximum.reduceat(balance.grid_power, first),
-            np.add.reduceat(balance.brake_power * weight, first),
-            np.add.reduceat(columns * weight[:, None], first),
-            np.maximum.reduceat(np.nan_to_num(use).max(axis=1), first),
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from robot_energy.errors import MotionError, RobotEnergyError
 from robot_energy.model import RobotModel
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.optimization.deviations import DeviationSums
 from robot_energy.prediction import MAX_SAMPLES, planned_samples, predict
 from robot_energy.uncertainty.band import Z90
 
@@ -37,11 +37,11 @@ class ComparedMotion:
 
     feasible: bool
     message: str
-    duration: float
-    energy: float
-    half: float
-    peak: float
-    columns: Float
+    duration: float = np.nan
+    energy: float = np.nan
+    half: float = np.nan
+    peak: float = np.nan
+    columns: Float = field(default_factory=lambda: np.full(1, np.nan))
 
     def more_than(self, other: ComparedMotion) -> tuple[float, float]:
         """Return what it needs more than another, and half the width of the 90 % band of that.
@@ -91,7 +91,7 @@ def compare_motions(
     progress: Callable[[float], None] | None = None,
     max_samples: int = MAX_SAMPLES,
 ) -> MotionComparison:
-    """Predict several motions and say which needs least energy.
+    """Return what several motions need, and which needs least energy.
 
     Args:
         model: The robot's model, with what it carries as payload.
@@ -103,9 +103,6 @@ def compare_motions(
         calibration: What a meter has shown of the bands of this model.
         progress: Called with the share done, 0 to 1.
         max_samples: Of all motions together.
-
-    Returns:
-        One entry for each, and their order.
 
     Raises:
         MotionError: If there is none, or a figure makes no sense.
@@ -133,10 +130,7 @@ def compare_motions(
                 )
             one = _compared(chain, given, cycle_time, peak_limit, calibration, show)
         except RobotEnergyError as error:
-            nothing = np.nan
-            one = ComparedMotion(
-                False, str(error), nothing, nothing, nothing, nothing, np.full(1, nothing)
-            )
+            one = ComparedMotion(False, str(error))
         found.append(one)
     order = [number for number, one in enumerate(found) if one.feasible]
     order.sort(key=lambda number: found[number].energy)

@@ -25,15 +25,13 @@ from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Tag, least_known, tag_of
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.pipeline import Output
+from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.uncertainty.deviation import BODY_TAGS, payload_shares
-from robot_energy.uncertainty.priors import (
-    MISSING_LOSS,
-    figure_std,
-    relative_std,
-)
+from robot_energy.uncertainty.priors import MISSING_LOSS, figure_std, relative_std
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 """Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""
@@ -88,7 +86,7 @@ class EnergyDeviations:
         reaches: Float,
         fed_back: Float,
     ) -> Float:
-        """Return the rates of all columns.
+        """Return the rates of all columns, shape (N, K). [W]
 
         Args:
             motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
@@ -99,9 +97,6 @@ class EnergyDeviations:
             motor_temperature_degc: Shape (n,). [degC]
             reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
-
-        Returns:
-            Shape (N, K). [W]
         """
         speed = np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
@@ -138,3 +133,72 @@ def _hat(place: Float, knot: int) -> Float:
     """1 at a knot, 0 at the others, linear between."""
     height: Float = np.eye(len(KNOTS))[knot]
     return np.asarray(np.interp(place, KNOTS, height))
+
+
+class DeviationSums:
+    """Integrates the columns over what a pipeline gave of one motion.
+
+    Args:
+        model: The robot's model, with the payload that it carries.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._deviations = EnergyDeviations(model)
+        returned = model.cabinet.regeneration_efficiency
+        self._returned = 0.0 if returned is None else returned.value
+        self._standstill = motor_standstill(model)
+        self._blocks = ConsecutiveBlocks()
+        self._sum: Float | None = None
+        self._brake: Float | None = None
+
+    @property
+    def energy(self) -> Float:
+        """Change of the energy from the grid with the error of each figure, shape (K,). [J]"""
+        return np.zeros(1) if self._sum is None else self._sum
+
+    @property
+    def brake(self) -> Float:
+        """The same of the energy into the brake resistor, shape (K,). [J]"""
+        return np.zeros(1) if self._brake is None else self._brake
+
+    def take(self, output: Output) -> None:
+        """Take what a step of the pipeline gave.
+
+        Args:
+            output: In time order.
+        """
+        if output.power is None:
+            return
+        block, time = self._blocks.joined(output.power)
+        weight = 0.5 * (np.append(time, 0.0) + np.append(0.0, time))
+        braking = block.brake_power > 0.0
+        excess = braking | (block.grid_power < block.loss_grid)
+        fed_back = np.maximum(block.brake_power, np.where(excess, -block.bus_power, 0.0))
+        speed = np.where(
+            np.abs(block.motor_velocity) <= self._standstill, 0.0, block.motor_velocity
+        )
+        rows = self._deviations.columns(
+            speed,
+            block.motor_torque,
+            block.rigid_power,
+            block.friction_power,
+            block.drive_loss,
+            _mean_known(block.motor_temperature_degc),
+            np.ones(len(block)),
+            fed_back,
+        )
+        rows = np.nan_to_num(rows) * weight[:, None]
+        reaches = np.where(braking, 0.0, np.where(excess, self._returned, 1.0))
+        total, lost = rows.copy(), rows * braking[:, None]
+        total[:, 3:] *= reaches[:, None]  # the first three are of the cabinet
+        lost[:, :2] = 0.0
+        self._sum = self.energy + total.sum(axis=0)
+        self._brake = self.brake + lost.sum(axis=0)
+
+
+def _mean_known(values: Float) -> Float:
+    """Mean of each column; NaN, which stands for the fallback, where nothing is known."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -3,64 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
 
 from robot_energy.bag.reader import BagReader
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.motion.load_motion import BAG, GCODE, YAML, ToolOptions
-from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
-from robot_energy.optimization.candidates import Candidates, Moves
 from robot_energy.optimization.gcode_form import GcodeForm
-from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.program_form import ProgramForm
 from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.recorded_motion import recorded_motion
-from robot_energy.optimization.task import Task
 from robot_energy.optimization.trajectory_form import TrajectoryForm
 from robot_energy.physics.rigid_body import Robot
-
-
-class ProgramForm(Protocol):
-    """A program that can be changed and written back in its own form; see `PtpForm`."""
-
-    base: Candidates
-    needed: Float
-    joint_position: Float
-    labels: tuple[str, ...]
-    speeds: Float
-    accelerations: Float
-    acceleration: Float
-    jerk: Float
-    notes: tuple[str, ...]
-    recorded: bool
-
-    @property
-    def moves(self) -> Moves:
-        """Its moves."""
-        ...
-
-    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
-        """Return a plan as a motion for a prediction.
-
-        Args:
-            task: The task.
-            plan: A plan of it.
-            robot: The robot.
-        """
-        ...
-
-    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
-        """Write a plan as a program of the same kind.
-
-        Args:
-            path: The file.
-            task: The task.
-            plan: A plan of it.
-        """
-        ...
 
 
 def read_form(
@@ -72,7 +27,7 @@ def read_form(
     tool: ToolOptions | None = None,
     max_feed: float = 1.0,
 ) -> ProgramForm:
-    """Read a program.
+    """Return a program that can be made cheaper.
 
     Args:
         path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
@@ -83,9 +38,6 @@ def read_form(
         time_range: Part of recorded joint states; None for all.
         tool: What G-code does not state.
         max_feed: Greatest factor on the feeds of G-code. [-]
-
-    Returns:
-        The program.
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.

@@ -11,14 +11,12 @@ from robot_energy.errors import MotionError
 from robot_energy.files.output_files import GENERATOR, FileKind, write_file
 from robot_energy.files.regular_file import read_regular
 from robot_energy.motion.gcode import MAX_BYTES, read_gcode
-from robot_energy.motion.gcode_feed import with_feed
+from robot_energy.motion.gcode_words import with_feed
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.load_motion import ToolOptions, tool_program
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy.optimization.candidates import Candidates
-from robot_energy.optimization.plan import CyclePlan
-from robot_energy.optimization.task import Task
-from robot_energy.optimization.written_trajectory import WrittenTrajectory
+from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.program_form import WrittenTrajectory
 from robot_energy.physics.rigid_body import Robot
 
 FEEDS = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # shares of the greatest factor [-]
@@ -28,20 +26,8 @@ GCODE = (FileKind("G-code", MARK.encode(), b""),)
 MAX_TIME = 3600.0  # s
 
 
-class FeedMoves:
-    """One move: the whole program, at every factor on its feeds.
-
-    Args:
-        text: The program.
-        name: Its name.
-        robot: The robot.
-        options: What the program does not state.
-        fastest: Greatest factor. [-]
-
-    Attributes:
-        count: 1.
-        fastest: As given. [-]
-    """
+class _FeedMoves(Moves):
+    """One move: the whole program, at every factor on its feeds up to ``fastest``."""
 
     count = 1
 
@@ -49,26 +35,15 @@ class FeedMoves:
         self, text: str, name: str, robot: Robot, options: ToolOptions, fastest: float
     ) -> None:
         self._text, self._name, self._robot, self._options = text, name, robot, options
-        self.fastest = fastest
+        self._fastest = fastest
         self._made: dict[float, JointTrajectory] = {}
 
     def written(self, speed: float) -> str:
-        """Return the program at a share of the greatest factor.
-
-        Args:
-            speed: The share. [-]
-        """
-        return with_feed(self._text, speed * self.fastest)
+        """The program at a share of the greatest factor."""
+        return with_feed(self._text, speed * self._fastest)
 
     def motion(self, speed: float) -> JointTrajectory:
-        """Return the motion of the joints at a share of the greatest factor.
-
-        Args:
-            speed: The share. [-]
-
-        Raises:
-            MotionError: If the robot cannot make it.
-        """
+        """The motion of the joints at a share of the greatest factor."""
         speed = round(speed, 6)
         if speed not in self._made:
             program = read_gcode(self.written(speed), self._name, self._options.rapid_speed)
@@ -88,27 +63,10 @@ class FeedMoves:
         return self._made[speed]
 
     def duration(self, candidates: Candidates) -> Float:
-        """Return how long each candidate lasts.
-
-        Args:
-            candidates: Which.
-
-        Returns:
-            Shape (P,). [s]
-        """
         return np.array([self.motion(speed).duration for speed in candidates.speed.tolist()])
 
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
-        """Return the motion.
-
-        Args:
-            candidates: Which.
-            place: Candidate of each row, rising, shape (N,).
-            time: Since the start of the program, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
-        """
+        """The motion; ``place`` rises."""
         cuts = np.searchsorted(place, np.arange(len(candidates) + 1))
         return Trajectory.concatenate(
             [
@@ -121,7 +79,7 @@ class FeedMoves:
 
 
 class GcodeForm(WrittenTrajectory):
-    """A G-code program. Attributes as those of `PtpForm`.
+    """A G-code program.
 
     Args:
         path: The file.
@@ -140,55 +98,40 @@ class GcodeForm(WrittenTrajectory):
             raise MotionError(
                 f"the greatest factor on the feeds is {max_feed:g}", f"1 to {MAX_FACTOR:g}"
             )
-        super().__init__(robot)
         text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
-        self.moves = FeedMoves(text, str(path), robot, options, max_feed)
-        self.base = Candidates(np.zeros(1, dtype=np.int64), np.array([1 / max_feed]), np.ones(1))
-        made = self.moves.motion(1 / max_feed)
+        self._feeds = _FeedMoves(text, str(path), robot, options, max_feed)
+        made = self._feeds.motion(1 / max_feed)
         if max_feed > 1.0:
-            self.moves.motion(1.0)  # that a robot cannot make is said before the search
-        self.needed: Float = np.zeros(1)
+            self._feeds.motion(1.0)  # that a robot cannot make is said before the search
         at = made.sample(made.instants)
-        self.joint_position: Float = at.joint_position[:1]
-        self.labels: tuple[str, ...] = ("whole program",)
-        self.speeds: Float = FEEDS
-        self.accelerations: Float = np.ones(1)
-        self.acceleration: Float = np.abs(at.joint_acceleration).max(axis=0)
-        self.jerk: Float = self.acceleration / DEFAULT_JERK_TIME
-        self.recorded = False
+        acceleration: Float = np.abs(at.joint_acceleration).max(axis=0)
         loaded = tool_program(read_gcode(text, str(path), options.rapid_speed), robot, options)
-        self.notes = (
-            *loaded.notes,
-            "all feeds are multiplied by one factor; what the process allows, the model cannot say",
+        super().__init__(
+            robot=robot,
+            moves=self._feeds,
+            base=Candidates(np.zeros(1, dtype=np.int64), np.array([1 / max_feed]), np.ones(1)),
+            needed=np.zeros(1),
+            joint_position=at.joint_position[:1],
+            labels=("whole program",),
+            speeds=FEEDS,
+            accelerations=np.ones(1),
+            acceleration=acceleration,
+            jerk=acceleration / DEFAULT_JERK_TIME,
+            notes=(
+                *loaded.notes,
+                "all feeds are multiplied by one factor; what the process allows, the model cannot "
+                "say",
+            ),
         )
 
-    def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
-        """Return the points of a plan, after its wait.
-
-        Args:
-            task: The task.
-            plan: A plan of it.
-
-        Returns:
-            Times from 0 on, shape (K,) [s], and the points.
-        """
-        made = self.moves.motion(float(task.table.candidates[plan.row].speed[0]))
-        rest, path = float(plan.rest[0]), made.sample(made.instants)
-        if rest <= 0.0:
+    def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
+        made = self._feeds.motion(float(chosen.speed[0]))
+        wait, path = float(rest[0]), made.sample(made.instants)
+        if wait <= 0.0:
             return made.instants, path
-        waited = Trajectory.concatenate([path.rows(slice(0, 1)), path])
-        return np.concatenate([[0.0], made.instants + rest]), waited
+        waited = Trajectory.concatenate([path[:1], path])
+        return np.concatenate([[0.0], made.instants + wait]), waited
 
-    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
-        """Write a plan as G-code.
-
-        Args:
-            path: The file.
-            task: The task.
-            plan: A plan of it.
-
-        Raises:
-            ReportError: If it cannot be written.
-        """
-        text = self.moves.written(float(task.table.candidates[plan.row].speed[0]))
+    def _write(self, path: Path, chosen: Candidates, rest: Float) -> None:
+        text = self._feeds.written(float(chosen.speed[0]))
         write_file(path, (MARK + text.removeprefix(MARK)).encode(), GCODE, "the program")

@@ -17,7 +17,7 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 
 STEP = 0.02  # s between shifts
-BEGINNINGS = 8  # for more than two robots
+BEGINNINGS, SEED = 8, 0  # for more than two robots
 MAX_SWEEPS = 50
 MAX_STEPS = 5000  # of a cycle
 
@@ -39,16 +39,12 @@ class Levelling:
     mean: float
 
 
-def level_starts(power: Sequence[Float], cycle_time: float, seed: int = 0) -> Levelling:
+def level_starts(power: Sequence[Float], cycle_time: float) -> Levelling:
     """Return the starts with the least peak.
 
     Args:
         power: Of each robot over one cycle, at equal steps, all of one length, shape (N,). [W]
         cycle_time: Of all. [s]
-        seed: Of the beginnings for more than two robots.
-
-    Returns:
-        The starts.
 
     Raises:
         MotionError: If there are not at least two robots of one length.
@@ -64,7 +60,7 @@ def level_starts(power: Sequence[Float], cycle_time: float, seed: int = 0) -> Le
         sliding_window_view(np.concatenate([one, one]), size)[:size][(-np.arange(size)) % size]
         for one in curves
     ]
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(SEED)
     best = np.zeros(count, dtype=np.int64)
     least = before = float(curves.sum(axis=0).max())
     for turn in range(1 if count == 2 else BEGINNINGS):

@@ -31,7 +31,9 @@ def best_order(
     wait_power: float = 0.0,
     collision: SelfCollision | None = None,
 ) -> Int:
-    """Return the cheapest order of the configurations of a program that is not slower.
+    """Return the cheapest order of the configurations that is not slower, shape (K,).
+
+    Indices of the configurations; as it is if no other order saves energy.
 
     Args:
         form: The program; its moves have the same shares of speed and acceleration.
@@ -39,9 +41,6 @@ def best_order(
         wait_power: Power of the wait that takes what is left of the cycle. [W]
         collision: Shapes of the robot, which touches itself in no move of the program as it is;
             None: not looked at.
-
-    Returns:
-        Indices of the configurations, shape (K,); as it is if no other order saves energy.
 
     Raises:
         MotionError: If there are too many, or moves have shares of their own.

@@ -53,7 +53,7 @@ def best_place(
     wait_power: float = 0.0,
     collision: SelfCollision | None = None,
 ) -> Placement:
-    """Look for the place where the program as it is needs least energy.
+    """Return the place where the program as it is needs least energy; if none is better, its own.
 
     Args:
         form: The program.
@@ -63,9 +63,6 @@ def best_place(
         link: Frame that holds the work.
         wait_power: Power of the wait that takes what is left of the cycle. [W]
         collision: Shapes of the robot; None: not looked at.
-
-    Returns:
-        The place; where it is now if none is better.
 
     Raises:
         MotionError: If the box makes no sense, or the robot has no inverse kinematics.

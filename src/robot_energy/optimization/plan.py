@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,10 +86,11 @@ def saving(before: Cost, after: Cost) -> Saving:
     return Saving(before.energy - after.energy, half)
 
 
+@dataclass(frozen=True)
 class CostTable:
     """Costs of all candidates and rests of a program.
 
-    Args:
+    Attributes:
         candidates: Moves in every way.
         use: What each needs.
         held: What a second of rest before each move needs while the drives hold.
@@ -99,18 +99,12 @@ class CostTable:
         elsewhere: Whether the places of rest are others than in the program it is compared with.
     """
 
-    def __init__(
-        self,
-        candidates: Candidates,
-        use: Use,
-        held: Use,
-        braked: Use,
-        states: Sequence[RestState] = (),
-        elsewhere: bool = False,
-    ) -> None:
-        self.elsewhere = elsewhere
-        self.candidates, self.use = candidates, use
-        self.held, self.braked, self.states = held, braked, tuple(states)
+    candidates: Candidates
+    use: Use
+    held: Use
+    braked: Use
+    states: tuple[RestState, ...] = ()
+    elsewhere: bool = False
 
     @property
     def moves(self) -> int:

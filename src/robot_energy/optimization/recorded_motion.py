@@ -37,16 +37,13 @@ def recorded_motion(
     time_range: TimeRange | None = None,
     topic: str | None = None,
 ) -> JointTrajectory:
-    """Return the motion of recorded joint states.
+    """Return the motion of recorded joint states, joint side; 20 ms between points.
 
     Args:
         path: MCAP file or rosbag2 folder.
         model: The model of the robot.
         time_range: Part of the bag, such as one cycle; None for all.
         topic: Of the joint states; None where there is one only.
-
-    Returns:
-        The motion, its joints in the order of the model, joint side; 20 ms between points.
 
     Raises:
         BagError: If the bag cannot be read.

@@ -67,13 +67,10 @@ ASSUMED = (
 
 
 def read_rest_states(path: str | Path) -> tuple[RestState, ...]:
-    """Read the states of a robot.
+    """Return the states of a robot.
 
     Args:
         path: A YAML file with the key ``rest_states``.
-
-    Returns:
-        The states.
 
     Raises:
         MotionError: Naming the bad key, what was found and what was expected.
@@ -115,16 +112,13 @@ def rest_cost(state: RestState, duration: float) -> RestCost | None:
 
 
 def break_even(state: RestState, hold_share: float) -> float:
-    """Return the shortest rest in which a state costs less than drives that hold.
+    """Return the shortest rest in which a state costs less than drives that hold. [s]
 
-    ``power (t - wake) + wake_power wake = hold t``.
+    ``power (t - wake) + wake_power wake = hold t``; infinite where it never does.
 
     Args:
         state: The state.
         hold_share: Power of drives that hold over that on brakes. [-]
-
-    Returns:
-        Infinite where it never does. [s]
     """
     if state.power >= hold_share:
         return float("inf")

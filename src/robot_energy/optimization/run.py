@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.optimization.measures import MEASURES, Measure
-from robot_energy.optimization.measures.rest_state import best_states
+from robot_energy.optimization.measures import MEASURES, Measure, best_states
 from robot_energy.optimization.plan import Cost, CyclePlan, Saving, saving
 from robot_energy.optimization.search import cheapest, front
 from robot_energy.optimization.task import Task
@@ -56,14 +54,11 @@ class Optimum:
 
 
 def optimise(task: Task, moved: Task | None = None) -> Optimum:
-    """Try every measure alone, then all together.
+    """Return the choice, each measure alone and the trade-offs.
 
     Args:
         task: The program and what may be changed.
         moved: The same with the moves that take the place of its own in the choice.
-
-    Returns:
-        The choice, each measure and the trade-offs.
 
     Raises:
         MotionError: If a move cannot be made within the limits.
@@ -98,9 +93,6 @@ def together(task: Task) -> CyclePlan:
     Args:
         task: The program and what may be changed.
 
-    Returns:
-        The plan.
-
     Raises:
         MotionError: If a move cannot be made within the limits.
     """
@@ -121,14 +113,3 @@ def together(task: Task) -> CyclePlan:
             continue  # too little time to wake up
         plans.append(best_states(task, task.plan(row, place, state)))
     return min(plans, key=lambda plan: table.cost(plan).energy)
-
-
-def shares_of(task: Task, plan: CyclePlan) -> tuple[Float, Float]:
-    """Return the shares of speed and acceleration of each move, shape (K,) each. [-]
-
-    Args:
-        task: The task.
-        plan: A plan of it.
-    """
-    chosen = task.table.candidates[plan.row]
-    return chosen.speed, chosen.acceleration

@@ -23,16 +23,13 @@ MAX_FRONT = 40  # points that are kept
 def cheapest(
     table: CostTable, allowed: NDArray[np.bool_], time: float, wait_power: float = 0.0
 ) -> Int:
-    """Return the candidate of each move that together cost least.
+    """Return the row of the candidate of each move that together cost least, shape (K,).
 
     Args:
         table: All candidates.
         allowed: Which of them may be used, shape (P,).
         time: For all moves together. [s]
         wait_power: Power of the wait that takes what is left of the time. [W]
-
-    Returns:
-        Row of each move, shape (K,).
 
     Raises:
         MotionError: If the moves cannot be made within the time.
@@ -128,9 +125,9 @@ def _with_shares(table: CostTable, speed: float, rise: float) -> Int | None:
 
 
 def front(
-    table: CostTable, allowed: NDArray[np.bool_], plan: CyclePlan, most: int = MAX_FRONT
+    table: CostTable, allowed: NDArray[np.bool_], plan: CyclePlan
 ) -> list[tuple[CyclePlan, Cost]]:
-    """Return plans of which none is better than another in energy, time and peak at once.
+    """Return plans of which none is better in energy, time and peak at once, from fast to slow.
 
     For each of several limits of the peak, each of many prices of a second gives the choice that
     costs least: the corners of the convex hull.
@@ -139,10 +136,6 @@ def front(
         table: All candidates.
         allowed: Which of them may be used, shape (P,).
         plan: Whose rests are kept.
-        most: Number of plans, at most.
-
-    Returns:
-        From fast to slow.
     """
     move, use = table.candidates.move, table.use
     lowest: float = max(use.peak[allowed & (move == k)].min() for k in range(table.moves))
@@ -165,8 +158,8 @@ def front(
     best_rows: list[int] = np.flatnonzero(_not_worse(points)).tolist()
     kept = [plans[k] for k in best_rows]
     kept.sort(key=lambda pair: pair[1].duration)
-    if len(kept) > most:
-        shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, most).astype(int)).tolist()
+    if len(kept) > MAX_FRONT:
+        shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, MAX_FRONT).astype(int)).tolist()
         kept = [kept[k] for k in shown]
     return kept
 

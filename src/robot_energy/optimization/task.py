@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
-from robot_energy.model import RobotModel
 from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
-from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
 from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
 from robot_energy.optimization.rest_states import RestState
-from robot_energy.optimization.timed_moves import TimedMoves
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
 PERCENT = 100.0  # shares are whole per cent, as robot languages take them
@@ -91,10 +89,6 @@ class Task:
         """Allowed candidates without a time law, shape (P,)."""
         return self.allowed & (self.table.candidates.law < 0)
 
-    def model(self) -> RobotModel:
-        """The robot's model."""
-        return self.chain.model
-
     def near(self, plan: CyclePlan) -> Task:
         """Return the task with further candidates close to those of a plan.
 
@@ -117,13 +111,10 @@ class Task:
         )
         more = Candidates(chosen.move[place], speed, acceleration)
         use = self.chain.moves(self.moves, more)
-        wider = CostTable(
-            table.candidates + more,
-            table.use + use,
-            table.held,
-            table.braked,
-            table.states,
-            table.elsewhere,
+        wider = replace(
+            table,
+            candidates=Candidates.concatenate([table.candidates, more]),
+            use=Use.concatenate([table.use, use]),
         )
         fit = (use.torque_use <= TORQUE_SHARE) & (use.peak <= self.peak_limit)
         return replace(self, table=wider, allowed=np.concatenate([self.allowed, fit]))
@@ -145,7 +136,7 @@ def make_task(
     accelerations: Float = ACCELERATIONS,
     progress: Callable[[float], None] | None = None,
 ) -> Task:
-    """Work out what every candidate costs.
+    """Return the task, with what every candidate costs.
 
     Args:
         chain: The robot at its temperatures.
@@ -162,22 +153,19 @@ def make_task(
         accelerations: Shares of acceleration that are tried, shape (A,). [-]
         progress: Called with the share done, 0 to 1.
 
-    Returns:
-        The task.
-
     Raises:
         MotionError: If the program does not fit into the cycle time.
     """
-    every = base + grid(moves, speeds, accelerations)
-    if isinstance(moves, TimedMoves):
-        every = every + moves.candidates
+    every = Candidates.concatenate(
+        [base, grid(moves, speeds, accelerations), *filter(None, [moves.laws])]
+    )
     use = chain.moves(moves, every, progress)
     table = CostTable(
         every,
         use,
         chain.rests(joint_position),
         chain.rests(joint_position, holding=False),
-        states,
+        tuple(states),
         elsewhere,
     )
     allowed = (use.torque_use <= TORQUE_SHARE) & (use.peak <= peak_limit)

@@ -1,65 +1,47 @@
-"""Moves that can follow a time law of their own, besides being made faster or slower."""
+"""Moves that can follow a time law of their own, and a program of them: it is a trajectory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
 from robot_energy.blocks import Float, Int
 from robot_energy.motion.ptp import Trajectory
-from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.candidates import STEP, Candidates, Moves
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.path_power import path_power
-from robot_energy.optimization.time_law import LawLimits, time_law
+from robot_energy.optimization.program_form import ProgramForm, WrittenTrajectory
+from robot_energy.optimization.time_law import LawLimits, path_power, time_law
 
 PARTS = 60  # of a path
+MIN_REST = 1e-4  # s; less is rounding
 MARGIN = 0.99  # of the acceleration limits: between the places that are looked at [-]
 LAW_TORQUE = 0.95  # of the torque that a changed move may use, for the same reason [-]
-PRICES = (-0.9, -0.5, 0.0, 1.0, 3.0)  # of a second, over the power at rest
+PRICES = (-0.9, -0.5, 0.0, 1.0, 3.0)  # of a second, over the power at rest, on top of the losses
 
 
-class TimedMoves:
+class _TimedMoves(Moves):
     """Moves of a program, and the same along the same paths under time laws.
 
-    Args:
-        moves: The moves.
-        base: How they are made now, in their order: it gives the paths their own time.
-        laws: Speed along the path of each law at its nodes, shape (L, PARTS + 1). [-]
-        move: Move of each law, shape (L,).
+    ``base`` gives the paths their own time; ``speed`` is that along the path of each law at its
+    nodes, shape (L, PARTS + 1), and ``move`` the move of each law.
     """
 
-    def __init__(self, moves: Moves, base: Candidates, laws: Float, move: Int) -> None:
+    def __init__(self, moves: Moves, base: Candidates, speed: Float, move: Int) -> None:
+        self.count = moves.count
+        none = np.full(len(move), np.nan)
+        self.laws = Candidates(move, none, none, np.arange(len(move)))
         self._moves, self._base = moves, base
         self._path_time = moves.duration(base)[move]
-        self._move = move
-        self._speed = laws
+        self._speed = speed
         self._step = self._path_time / PARTS
-        part = 2.0 * self._step[:, None] / (laws[:, 1:] + laws[:, :-1])
-        self._clock = np.concatenate([np.zeros((len(laws), 1)), np.cumsum(part, axis=1)], axis=1)
-        squares = laws**2
-        self._rise = np.diff(squares, axis=1) / (2.0 * self._step[:, None])
-
-    @property
-    def count(self) -> int:
-        """Number of moves."""
-        return self._moves.count
-
-    @property
-    def candidates(self) -> Candidates:
-        """All laws."""
-        none = np.full(len(self._move), np.nan)
-        return Candidates(self._move, none, none, np.arange(len(self._move)))
+        part = 2.0 * self._step[:, None] / (speed[:, 1:] + speed[:, :-1])
+        self._clock = np.concatenate([np.zeros((len(speed), 1)), np.cumsum(part, axis=1)], axis=1)
+        self._rise = np.diff(speed**2, axis=1) / (2.0 * self._step[:, None])
 
     def duration(self, candidates: Candidates) -> Float:
-        """Return how long each candidate lasts.
-
-        Args:
-            candidates: Which.
-
-        Returns:
-            Shape (P,). [s]
-        """
         found = np.empty(len(candidates))
         timed = candidates.law >= 0
         found[~timed] = self._moves.duration(candidates[np.flatnonzero(~timed)])
@@ -67,16 +49,6 @@ class TimedMoves:
         return found
 
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
-        """Return the motion.
-
-        Args:
-            candidates: Which.
-            place: Candidate of each row, shape (N,).
-            time: Since the start of the move, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
-        """
         law = candidates.law[place]
         timed = np.flatnonzero(law >= 0)
         ways = Candidates(  # of a law: any way, as its rows are replaced
@@ -116,21 +88,18 @@ def timed_moves(
     moves: Moves,
     base: Candidates,
     limits: LawLimits,
-    prices: Sequence[float] = PRICES,
     progress: Callable[[float], None] | None = None,
-) -> TimedMoves:
-    """Find the cheapest time laws of every move, for several prices of a second.
+) -> Moves:
+    """Return moves with their cheapest time laws, for several prices of a second.
+
+    A move whose program has no solution has none.
 
     Args:
         chain: The robot at its temperatures.
         moves: The moves.
         base: How they are made now, in their order.
         limits: Of speed, acceleration and jerk.
-        prices: Of a second, over the power at rest, on top of the losses. [-]
         progress: Called with the share done, 0 to 1.
-
-    Returns:
-        The moves with their laws; a move whose program has no solution has none.
     """
     cabinet = chain.model.cabinet
     laws: list[Float] = []
@@ -144,7 +113,7 @@ def timed_moves(
         along = moves.sample(base, np.full(len(time), move, dtype=np.int64), time)
         places = path_power(chain, along)
         at_rest = cabinet.loss_dc.value + cabinet.loss_grid.value + places.constant
-        for price in prices:
+        for price in PRICES:
             cost = cabinet.loss_grid.value + price * at_rest
             law = time_law(places, step, limits, cabinet.loss_dc.value, cost)
             if law is not None:
@@ -153,22 +122,55 @@ def timed_moves(
         if progress is not None:
             progress((move + 1) / moves.count)
     table = np.array(laws).reshape(-1, PARTS + 1)
-    return TimedMoves(moves, base, table, np.array(owner, dtype=np.int64))
+    return _TimedMoves(moves, base, table, np.array(owner, dtype=np.int64))
 
 
 def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits:
-    """Return the limits of laws.
+    """Return the limits of laws, with the velocity and torque limits of the URDF.
+
+    Torques of joints are as those of their motors, wrist coupling left out.
 
     Args:
         chain: The robot.
         acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Joint side, shape (n,). [rad/s^3] or [m/s^3]
-
-    Returns:
-        With the velocity and torque limits of the URDF; torques of joints as those of their
-        motors, wrist coupling left out.
     """
     limits = chain.robot.limits
     ratio = np.abs(np.diag(chain.drivetrain.transmission))
     torque = LAW_TORQUE * TORQUE_SHARE * limits.effort / ratio
     return LawLimits(limits.velocity, MARGIN * acceleration, jerk, torque)
+
+
+class TimedForm(WrittenTrajectory):
+    """A program with time laws.
+
+    Args:
+        form: The program.
+        moves: Its moves with their laws.
+    """
+
+    def __init__(self, form: ProgramForm, moves: Moves) -> None:
+        note = "moves with a time law of their own need a controller that follows a trajectory"
+        given: dict[str, Any] = {one.name: getattr(form, one.name) for one in fields(ProgramForm)}
+        given |= {"moves": moves, "notes": (*form.notes, note)}
+        super().__init__(**given)
+
+    def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
+        length = self.moves.duration(chosen)
+        clock, times, parts = 0.0, list[Float](), list[Trajectory]()
+        for k, (wait, move) in enumerate(zip(rest.tolist(), length.tolist(), strict=True)):
+            count = max(2, int(np.ceil(move / STEP)) + 1)
+            own = np.linspace(0.0, float(move), count)
+            path = self.moves.sample(chosen, np.full(count, k, dtype=np.int64), own)
+            still = Trajectory(
+                path.joint_position[:1], 0 * path.joint_velocity[:1], 0 * path.joint_velocity[:1]
+            )
+            if not times:
+                times.append(np.array([clock]))
+                parts.append(still)
+            rows = slice(0 if wait > MIN_REST else 1, None)
+            clock += wait
+            times.append((clock + own)[rows])
+            parts.append(path[rows])
+            clock += move
+        return np.concatenate(times), Trajectory.concatenate(parts)

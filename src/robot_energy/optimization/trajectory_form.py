@@ -15,10 +15,8 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy.optimization.candidates import SPEEDS, Candidates
-from robot_energy.optimization.plan import CyclePlan
-from robot_energy.optimization.task import Task
-from robot_energy.optimization.written_trajectory import WrittenTrajectory
+from robot_energy.optimization.candidates import SPEEDS, Candidates, Moves
+from robot_energy.optimization.program_form import WrittenTrajectory
 from robot_energy.physics.rigid_body import Robot
 
 STILL = 1e-4  # rad/s or m/s, below which all joints rest
@@ -26,14 +24,8 @@ MAX_CREEP = 2e-3  # rad or m; a joint that turns less in a move or in a rest is 
 PROBES = 200  # of a move, for its greatest velocity and acceleration
 
 
-class StretchedMoves:
-    """Moves of a trajectory, stretched in time.
-
-    Args:
-        motion: The trajectory, its joints in the order of the model.
-        begin: When each move begins, shape (K,). [s]
-        end: When it ends, shape (K,). [s]
-        velocity: Velocity limits, shape (n,). [rad/s] or [m/s]
+class _StretchedMoves(Moves):
+    """Moves of a trajectory from ``begin`` to ``end``, stretched in time.
 
     Attributes:
         hardest: Greatest acceleration of each joint in the moves in which it moves, infinite where
@@ -42,6 +34,7 @@ class StretchedMoves:
     """
 
     def __init__(self, motion: JointTrajectory, begin: Float, end: Float, velocity: Float) -> None:
+        self.count = len(begin)
         self._motion, self._begin, self._length = motion, begin, end - begin
         inner = np.linspace(0.0, 1.0, PROBES)
         paths = [motion.sample(b + inner * (e - b)) for b, e in zip(begin, end, strict=True)]
@@ -57,52 +50,27 @@ class StretchedMoves:
         self.hardest: Float = np.where(moved.any(axis=0), most, np.inf)
         self.fastest = np.maximum(np.minimum(by_speed, np.sqrt(by_force)), 1e-9)
 
-    @property
-    def count(self) -> int:
-        """Number of moves."""
-        return len(self._begin)
-
     def factor(self, candidates: Candidates) -> Float:
-        """Return the factor on the speed of each candidate, shape (P,). [-]
-
-        Args:
-            candidates: Which.
-        """
+        """Factor on the speed of each candidate, shape (P,). [-]"""
         return candidates.speed * self.fastest[candidates.move]
 
     def duration(self, candidates: Candidates) -> Float:
-        """Return how long each candidate lasts.
-
-        Args:
-            candidates: Which.
-
-        Returns:
-            Shape (P,). [s]
-        """
         return self._length[candidates.move] / self.factor(candidates)
 
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
-        """Return the motion.
-
-        Args:
-            candidates: Which.
-            place: Candidate of each row, shape (N,).
-            time: Since the start of the move, shape (N,). [s]
-
-        Returns:
-            Position, velocity and acceleration, joint side.
-        """
         factor = self.factor(candidates)[place]
-        path = self._motion.sample(self._begin[candidates.move[place]] + time * factor)
+        return self.at(self._begin[candidates.move[place]] + time * factor, factor[:, None])
+
+    def at(self, time: Float, factor: Float) -> Trajectory:
+        """The motion at times of the trajectory as given, with a factor on its speed."""
+        path = self._motion.sample(time)
         return Trajectory(
-            path.joint_position,
-            path.joint_velocity * factor[:, None],
-            path.joint_acceleration * factor[:, None] ** 2,
+            path.joint_position, path.joint_velocity * factor, path.joint_acceleration * factor**2
         )
 
 
 class TrajectoryForm(WrittenTrajectory):
-    """A trajectory. Attributes as those of `PtpForm`.
+    """A trajectory.
 
     Args:
         given: The trajectory.
@@ -122,69 +90,51 @@ class TrajectoryForm(WrittenTrajectory):
                 f"{path} moves {', '.join(given.joint_names)}",
                 f"the joints of the model, {', '.join(robot.joint_names)}",
             )
-        super().__init__(robot)
         order = [given.joint_names.index(name) for name in robot.joint_names]
         at = given.sample(given.instants)
-        self._motion = JointTrajectory(
+        motion = JointTrajectory(
             robot.joint_names, given.instants, at.joint_position[:, order],
             at.joint_velocity[:, order], at.joint_acceleration[:, order],
         )  # fmt: skip
-        begin, end, needed = _rests(self._motion, str(path))
-        self._begin, self._end = begin, end
-        self.moves = StretchedMoves(self._motion, begin, end, robot.limits.velocity)
-        count = len(begin)
-        self.base = Candidates(np.arange(count), 1.0 / self.moves.fastest, np.ones(count))
-        self.needed = needed
-        self.acceleration: Float = self.moves.hardest
-        self.jerk: Float = self.acceleration / DEFAULT_JERK_TIME
-        self.joint_position = self._motion.sample(begin).joint_position
-        self.labels = tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True))
-        self.speeds: Float = SPEEDS
-        self.accelerations: Float = np.ones(1)
-        self.recorded = recorded
-        self.notes = (
-            *given.notes,
-            f"{path} states no acceleration limits: no joint accelerates harder than it does "
-            "somewhere in it as given",
+        begin, end, needed = _rests(motion, str(path))
+        self._begin, self._end, self._instants = begin, end, motion.instants
+        self._stretched = _StretchedMoves(motion, begin, end, robot.limits.velocity)
+        hardest, count = self._stretched.hardest, len(begin)
+        super().__init__(
+            robot=robot,
+            moves=self._stretched,
+            base=Candidates(np.arange(count), 1.0 / self._stretched.fastest, np.ones(count)),
+            needed=needed,
+            joint_position=motion.sample(begin).joint_position,
+            labels=tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True)),
+            speeds=SPEEDS,
+            accelerations=np.ones(1),
+            acceleration=hardest,
+            jerk=hardest / DEFAULT_JERK_TIME,
+            notes=(
+                *given.notes,
+                f"{path} states no acceleration limits: no joint accelerates harder than it does "
+                "somewhere in it as given",
+            ),
+            recorded=recorded,
         )
 
-    def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
-        """Return the points of a plan.
-
-        Args:
-            task: The task.
-            plan: A plan of it.
-
-        Returns:
-            Times from 0 on, shape (K,) [s], and the points.
-        """
-        factor = self.moves.factor(task.table.candidates[plan.row])
+    def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
+        factor, inside = self._stretched.factor(chosen), self._instants
         times: list[Float] = []
         parts: list[Trajectory] = []
         clock = 0.0
         for k, (begin, end) in enumerate(zip(self._begin, self._end, strict=True)):
-            clock += float(plan.rest[k])
-            inside = self._motion.instants
+            clock += float(rest[k])
             own = np.concatenate([[begin], inside[(inside > begin) & (inside < end)], [end]])
-            path = self._motion.sample(own)
-            if not times or plan.rest[k] > 0:
-                times.append(clock + (own - begin) / factor[k])
-                rows = slice(None)
-            else:
-                times.append((clock + (own - begin) / factor[k])[1:])
-                rows = slice(1, None)
-            parts.append(
-                Trajectory(
-                    path.joint_position,
-                    path.joint_velocity * factor[k],
-                    path.joint_acceleration * factor[k] ** 2,
-                ).rows(rows)
-            )
+            rows = slice(0 if not times or rest[k] > 0 else 1, None)
+            times.append((clock + (own - begin) / factor[k])[rows])
+            parts.append(self._stretched.at(own, factor[k])[rows])
             clock += (end - begin) / factor[k]
         time, path = np.concatenate(times), Trajectory.concatenate(parts)
-        if plan.rest[0] > 0:  # the rest before the first move
+        if rest[0] > 0:  # the rest before the first move
             time = np.concatenate([[0.0], time])
-            path = Trajectory.concatenate([path.rows(slice(0, 1)), path])
+            path = Trajectory.concatenate([path[:1], path])
         return time, path
 
 

@@ -12,9 +12,9 @@ from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.errors import MotionError
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.motion.planned import PlannedMotion
-from robot_energy.optimization.forms import ProgramForm
 from robot_energy.optimization.levelling import level_starts, samples_of
 from robot_energy.optimization.plan import Cost, CostTable, Saving
+from robot_energy.optimization.program_form import ProgramForm
 from robot_energy.optimization.rest_states import break_even
 from robot_energy.optimization.run import Optimum, Tried, together
 from robot_energy.optimization.task import Task
@@ -55,9 +55,9 @@ def optimization_report(
         program: Its name.
         notes: What a reader should know, one sentence each.
     """
-    task, model = found.task, found.task.model()
+    task, model = found.task, found.task.chain.model
     degc = task.chain.motor_temperature_degc
-    motion = form.motion(task, found.plan, task.chain.robot)
+    motion = form.motion(task, found.plan)
     held = replace(found.plan, state=(None,) * len(found.plan.state))  # what a prediction can do
     checked, broken = 0.0, list[str]()
     for row in degc:
@@ -66,7 +66,7 @@ def optimization_report(
         checked += registers.cabinet("grid_import") - registers.cabinet("grid_return")
         broken = prediction.limits.sentences()
         if broken and form.recorded:  # the robot has made this motion
-            given = form.motion(task, task.base, task.chain.robot)
+            given = form.motion(task, task.base)
             broken = prediction.limits.sentences(predict(model, given, row, program).limits)
     checked /= len(degc)
     expected = task.table.cost(held).energy
@@ -122,7 +122,7 @@ def with_supply(
         MotionError: If a motion cannot be predicted, or is longer than the cycle.
     """
     task = found.task
-    motion = form.motion(task, found.plan, task.chain.robot)
+    motion = form.motion(task, found.plan)
     robots = [(report.program, motion), *others]
     curves: list[Float] = []
     for name, one in robots:
@@ -145,7 +145,7 @@ def with_supply(
 def _power(task: Task, name: str, motion: PlannedMotion, cycle_time: float) -> Float:
     """Mean power over short steps of one cycle, the wait with the power of the first rest."""
     degc = task.chain.motor_temperature_degc.mean(axis=0)
-    means = predict(task.model(), motion, degc, name).means
+    means = predict(task.chain.model, motion, degc, name).means
     if means is None:
         raise MotionError(f"{name} is too short", "a motion of some samples")
     power = means.mean("grid_import") - means.mean("grid_return")
@@ -277,7 +277,7 @@ def _how_to_try(found: Optimum) -> tuple[str, ...]:
 
 def _notes(found: Optimum) -> list[str]:
     notes = ["nothing here was measured: all figures are predictions of the model"]
-    if DRIVE_MODELS[found.task.model().drive].lossless:
+    if DRIVE_MODELS[found.task.chain.model.drive].lossless:
         notes.append("the model knows no drive losses: holding against gravity costs nothing in it")
     if any("assumed" in state.source for state in found.task.table.states):
         notes.append(

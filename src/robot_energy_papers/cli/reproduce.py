@@ -85,7 +85,7 @@ def _run(args: Namespace) -> int:
 
     name = args.paper.replace("-", "_")
     module = f"robot_energy_papers.{name}"
-    paper, numbers, page = (import_module(module + part) for part in ("", "_numbers", "_page"))
+    paper, page = (import_module(module + part) for part in ("", "_page"))
     options: dict[str, Any] = {}
     if "workers" in args:
         options["workers"] = args.workers or (1 if args.quick else WORKERS)
@@ -95,7 +95,7 @@ def _run(args: Namespace) -> int:
             result = paper.study(folder / BAGS, args.seed, scale, progress=report, **options)
         context = {**page.context(result), "command": _command(args)}
         write_page(document(name, context, page.pieces(result)), folder / REPORT)
-        write_json(str(folder / FIGURES), numbers.figures(result))
+        write_json(str(folder / FIGURES), page.figures(result))
         written = [REPORT, FIGURES]
         if args.paper in PAPERS:
             save(result.model, folder / MODEL)

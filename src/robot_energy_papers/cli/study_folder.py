@@ -16,14 +16,11 @@ _FILES = {REPORT: HTML, FIGURES: JSON, FRONT: PICTURE, MODEL: TEXT}
 
 @contextmanager
 def study_folder(name: str, overwrite: bool) -> Generator[Path]:
-    """Yield a draft of the folder, which is put into place when the block is done.
+    """Yield a draft of the folder, with a place for bags, which is put into place at the end.
 
     Args:
         name: Name of the folder.
         overwrite: Whether an earlier study may be replaced.
-
-    Yields:
-        Where to write; bags go into its `BAGS`.
 
     Raises:
         ReportError: If the folder exists and is not such a study, or cannot be written.

@@ -9,9 +9,8 @@ import pytest
 import robot_energy as re
 from fleets import dataset
 from places import ROOT
-from robot_energy.advice.bag_sample import of_all
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
-from robot_energy.advice.dataset_evidence import dataset_evidence
+from robot_energy.advice.dataset_evidence import dataset_evidence, of_all
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.advice.run import _advice, _basis
 from robot_energy.cli.main import main

@@ -8,7 +8,7 @@ from robot_energy.model import load
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.comparison import compare_motions
-from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.optimization.deviations import DeviationSums
 from robot_energy.prediction import predict
 
 MODEL = load("kr16")

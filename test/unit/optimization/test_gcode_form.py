@@ -8,7 +8,7 @@ from places import ROOT
 from robot_energy.errors import MotionError
 from robot_energy.model import load
 from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.gcode_feed import with_feed
+from robot_energy.motion.gcode_words import with_feed
 from robot_energy.motion.load_motion import ToolOptions
 from robot_energy.motion.tool_motion import ToolPlacement
 from robot_energy.motion.tool_path import Dwell

@@ -10,8 +10,7 @@ from robot_energy.motion.ptp import MotionLimits
 from robot_energy.motion.trajectory_io import read_csv_trajectory
 from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.path_power import PathPower
-from robot_energy.optimization.time_law import LawLimits, time_law
+from robot_energy.optimization.time_law import LawLimits, PathPower, time_law
 from robot_energy.optimization.timed_moves import law_limits, timed_moves
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
@@ -70,7 +69,7 @@ def found(request):
 
 def test_laws_keep_speed_acceleration_torque_and_ends(found):
     chain, limits, _, timed, via = found
-    every = timed.candidates
+    every = timed.laws
     assert len(every) >= 8
     assert (chain.moves(timed, every).torque_use <= TORQUE_SHARE).all()
     for one in range(len(every)):
@@ -89,9 +88,9 @@ def test_laws_keep_speed_acceleration_torque_and_ends(found):
 def test_a_law_needs_less_than_any_trapezoid_that_is_not_slower(found):
     chain, _, moves, timed, _ = found
     ways = grid(moves)
-    plain, laws = chain.moves(moves, ways), chain.moves(timed, timed.candidates)
+    plain, laws = chain.moves(moves, ways), chain.moves(timed, timed.laws)
     for move in range(2):
-        mine = np.flatnonzero(timed.candidates.move == move)
+        mine = np.flatnonzero(timed.laws.move == move)
         best = mine[np.argmin(laws.energy[mine])]
         others = (ways.move == move) & (plain.duration <= laws.duration[best] * 1.001)
         assert laws.energy[best] < 0.995 * plain.energy[others].min()

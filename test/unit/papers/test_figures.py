@@ -10,11 +10,16 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
-from robot_energy_papers.drawn_plants import PlantRow, error_spreads
-from robot_energy_papers.effects import EFFECTS, EffectRow, configurations
 from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
 from robot_energy_papers.paper_a import ShaftCurve
+from robot_energy_papers.soaked_rigs import (
+    EFFECTS,
+    EffectRow,
+    PlantRow,
+    configurations,
+    error_spreads,
+)
 
 PROFILE = load_profile("kr16")
 

@@ -13,13 +13,12 @@ from robot_energy.cli import main
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
 from robot_energy.rig import RigConfig, load_profile
-from robot_energy_papers.effects import ALL, configurations, effect_row
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
-from robot_energy_papers.soaked_rigs import Rigs
+from robot_energy_papers.soaked_rigs import ALL, Rigs, configurations, effect_row
 
 TINY = replace(
     QUICK,

@@ -108,7 +108,7 @@ def test_parts_add_up_to_the_input_of_the_drives(found, key):
 
 def test_friction_of_the_gantry_by_hand():
     """2.4 m against 300 N and 0.6 m against 150 N, and viscous friction at 41.7 rad/s."""
-    energies, curve = predicted(load("testbed"), wall_motion(MACHINES["testbed"]))
+    energies, curve = predicted(load("testbed"), wall_motion(MACHINES["testbed"]).blocks())
     factor = 0.206 + 2.089 * np.exp(-25.0 / 20.71)
     speed = 0.125 / 0.03 * 10
     viscous = factor * speed**2 * (0.003 * 2.4 + 0.002 * 0.6) / 0.125

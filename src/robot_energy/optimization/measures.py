@@ -1,0 +1,174 @@
+"""Table of the measures: what can be changed to save energy, and the best plan of each alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_energy.kinds import Kind, Kinds
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.plan import Cost, CyclePlan
+from robot_energy.optimization.rest_states import RestState
+from robot_energy.optimization.search import cheapest, uniform
+from robot_energy.optimization.task import Task
+
+
+def _cost(task: Task, plan: CyclePlan) -> Cost:
+    return task.table.cost(plan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure(Kind):
+    """One way to save.
+
+    Attributes:
+        changes: What is changed, for tables.
+        plan: The best plan that this measure alone gives; None where it does not apply.
+        cost: What a plan costs with it, where it changes the cell and not the program.
+    """
+
+    changes: str
+    plan: Callable[[Task], CyclePlan | None]
+    cost: Callable[[Task, CyclePlan], Cost] = _cost
+
+
+def best_states(task: Task, plan: CyclePlan) -> CyclePlan:
+    """Return a plan whose rests are spent in the cheapest state, its way back included.
+
+    Args:
+        task: With the states that may be used.
+        plan: Any.
+    """
+
+    def best(via: int, duration: float) -> RestState | None:
+        ways = (None, *task.table.states)
+        return min(ways, key=lambda state: task.table.rest_energy(via, duration, state))
+
+    return replace(plan, state=tuple(best(*rest) for rest in enumerate(plan.rest.tolist())))
+
+
+def _move_overrides(task: Task) -> CyclePlan:
+    return task.plan(cheapest(task.table, task.plain, task.moving_time, task.wait_power))
+
+
+def _one_override(task: Task) -> CyclePlan | None:
+    row = uniform(task.table, task.plain, task.moving_time, task.wait_power)
+    return None if row is None else task.plan(row)
+
+
+def _slack(task: Task) -> CyclePlan | None:
+    if task.cycle_time is None:
+        return None
+    return task.plan(cheapest(task.table, task.plain, task.time, task.wait_power))
+
+
+def _rest_pose(task: Task) -> CyclePlan | None:
+    if not (task.base.rest > task.needed + 1e-9).any():
+        return None
+    return task.plan(task.base.row, int(np.argmin(task.table.held.energy)))
+
+
+def _time_law(task: Task) -> CyclePlan | None:
+    if not (task.table.candidates.law >= 0).any():
+        return None
+    return task.plan(cheapest(task.table, task.allowed, task.time, task.wait_power))
+
+
+def _with_supply(task: Task, plan: CyclePlan) -> Cost:
+    """Cost of a plan with a supply that returns braking energy, or a bus that robots share."""
+    if task.regeneration is None:
+        return task.table.cost(plan)
+    model = task.chain.model
+    share = PositiveFigure(
+        value=task.regeneration, tag="assumed", source="a regenerative supply under judgement"
+    )
+    supply = model.cabinet.model_copy(update={"regeneration_efficiency": share})
+    chain = PowerChain(model.changed(cabinet=supply), task.chain.motor_temperature_degc)
+    chosen = task.table.candidates[plan.row]
+    table = replace(task.table, candidates=chosen, use=chain.moves(task.moves, chosen))
+    return table.cost(CyclePlan(np.arange(len(chosen)), plan.rest, plan.state))
+
+
+def _variant(name: str, label: str, line: str, changes: str) -> Measure:
+    """A measure whose program was made before: the task has its cost under this name."""
+    return Measure(
+        name=name,
+        label=label,
+        line=line,
+        changes=changes,
+        plan=lambda task: task.base if name in task.variants else None,
+        cost=lambda task, plan: task.variants[name],
+    )
+
+
+MEASURES: Kinds[Measure] = Kinds(
+    "measure",
+    Measure(
+        name="move_overrides",
+        label="speed and acceleration of each move",
+        line="own shares of speed and acceleration for each move, no slower than now in all",
+        changes="speed, acceleration",
+        plan=_move_overrides,
+    ),
+    Measure(
+        name="one_override",
+        label="one speed and acceleration for all moves",
+        line="the same shares of speed and acceleration for all moves, no slower than now",
+        changes="speed, acceleration",
+        plan=_one_override,
+    ),
+    _variant(
+        "order",
+        label="order of independent moves",
+        line="configurations in the order that costs least, each with its rest",
+        changes="order",
+    ),
+    _variant(
+        "place",
+        label="place of the workpiece",
+        line="the workpiece, or the base, shifted in a box, by inverse kinematics",
+        changes="place of workpiece or base",
+    ),
+    Measure(
+        name="regenerative",
+        label="a regenerative supply",
+        line="braking energy goes back to the grid instead of into a resistor",
+        changes="supply of the cell",
+        plan=lambda task: None if task.regeneration is None else task.base,
+        cost=_with_supply,
+    ),
+    Measure(
+        name="rest_pose",
+        label="wait where holding costs least",
+        line="the wait moves to the configuration of the program with the least power at rest",
+        changes="place of the wait",
+        plan=_rest_pose,
+    ),
+    Measure(
+        name="rest_state",
+        label="brakes, standby or hibernation at rest",
+        line="each rest in the state that costs least, with the energy to wake up",
+        changes="state of the drives at rest",
+        plan=lambda task: best_states(task, task.base) if task.table.states else None,
+    ),
+    Measure(
+        name="slack",
+        label="slower moves instead of waiting",
+        line="own shares for each move, within the cycle time",
+        changes="speed, acceleration, wait",
+        plan=_slack,
+    ),
+    Measure(
+        name="time_law",
+        label="best time law along each path",
+        line="how fast each place of a path is passed, within speed, acceleration, torque and jerk",
+        changes="time law",
+        plan=_time_law,
+    ),
+)
+
+register_measure = MEASURES.register
+"""Add a measure of yours."""
