@@ -44,7 +44,6 @@ MODULES = {
     """,
     "robot_energy.check": """
         coverage evidence finding hypotheses meter motion payload process remedies run search torque
-        unseen
     """,
     "robot_energy.cli": """
         advise check completion export fleet fleet_identify fleet_report fleet_run help_text

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
@@ -16,23 +14,20 @@ MIN_MOVING = 10.0  # s of motion of a joint
 MIN_REST = 1.0  # s of rest, for the constant losses
 
 
-def check_temperatures(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
+def check_temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
     """Say which joints have a temperature, and whether it makes sense.
 
     Args:
         evidence: The recording.
-        wrong: Causes found so far; not used.
 
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    del wrong
     remarks = evidence.remarks
     if remarks.temperatures is None:
         return [], "the recording has no motor temperatures"
     findings = [
-        Finding("temperature", WARNING, ("temperature",), note, float("nan"), float("nan"))
-        for note in remarks.temperatures
+        Finding("temperature", WARNING, ("temperature",), note) for note in remarks.temperatures
     ]
     if remarks.stuck:
         findings.append(
@@ -60,17 +55,15 @@ def check_temperatures(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[l
     return findings, ""
 
 
-def check_excitation(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
+def check_excitation(evidence: Evidence) -> tuple[list[Finding], str]:
     """Say what identification can learn from this recording, and what it cannot.
 
     Args:
         evidence: The recording.
-        wrong: Causes found so far; not used.
 
     Returns:
         The findings; a recording that lacks something is no mistake, so they are notes.
     """
-    del wrong
     if len(evidence.stamp_ns) < 2:
         return [], "too few samples"
     period = float(np.median(np.diff(evidence.stamp_ns))) * 1e-9
@@ -87,9 +80,7 @@ def check_excitation(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[lis
             "no_torque", [], "no measured torque: friction and bodies cannot be identified",
             "record the effort, and state its meaning with --effort",
         )  # fmt: skip
-    short: list[str] = []
-    slow: list[str] = []
-    cold: list[str] = []
+    short, slow, cold = list[str](), list[str](), list[str]()
     for j, name in enumerate(evidence.names):
         rows = moving[:, j]
         if rows.sum() * period < MIN_MOVING:
@@ -101,27 +92,26 @@ def check_excitation(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[lis
         degc = evidence.temperature_degc[:, j]
         if not np.isfinite(degc).any() or np.nanmax(degc) - np.nanmin(degc) < MIN_RANGE_DEGC:
             cold.append(name)
-    if short:
-        note(
+    for cause, joints, what, remedy in (
+        (
             "too_little_motion", short,
-            f"less than {MIN_MOVING:.0f} s of motion, so that friction cannot be identified: "
-            f"{', '.join(short)}",
+            f"less than {MIN_MOVING:.0f} s of motion, so that friction cannot be identified",
             "record longer motions of these joints",
-        )  # fmt: skip
-    if slow:
-        note(
+        ),
+        (
             "one_speed", slow,
-            f"nearly one speed, so that Coulomb and viscous friction cannot be separated: "
-            f"{', '.join(slow)}",
+            "nearly one speed, so that Coulomb and viscous friction cannot be separated",
             "record slow and fast motions",
-        )  # fmt: skip
-    if cold:
-        note(
+        ),
+        (
             "one_temperature", cold,
             f"less than {MIN_RANGE_DEGC:.0f} degC between coldest and warmest, so that no "
-            f"temperature law can be identified: {', '.join(cold)}",
+            "temperature law can be identified",
             "add recordings cold and warm",
-        )  # fmt: skip
+        ),
+    ):  # fmt: skip
+        if joints:
+            note(cause, joints, f"{what}: {', '.join(joints)}", remedy)
     rest = float((~moving.any(axis=1)).sum() * period)
     if evidence.meter is not None and rest < MIN_REST:
         note(

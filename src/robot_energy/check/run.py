@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from robot_energy.blocks import EffortMeaning
+from robot_energy.bag_replay import replay
+from robot_energy.blocks import EffortMeaning, MeterBlock, PowerBlock, TorqueBlock
 from robot_energy.check.coverage import check_excitation, check_temperatures
-from robot_energy.check.evidence import Evidence, Remarks, gather
+from robot_energy.check.evidence import Evidence, Remarks, evidence_of, remarks_of
 from robot_energy.check.finding import (
     ERROR,
     PARAMETERS,
@@ -22,25 +24,19 @@ from robot_energy.check.torque import check_torque
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output, Settings
 
 MAX_REFUSED = 0.05  # share of the joint states
 
-Check = Callable[[Evidence, Sequence[str]], tuple[list[Finding], str]]
-CHECKS: dict[str, Check] = {
-    "positions and velocities": check_motion,
-    "torque": check_torque,
-    "power meter": check_meter,
-    "temperatures": check_temperatures,
-    "excitation": check_excitation,
-}
+Check = Callable[[Evidence], tuple[list[Finding], str]]
 MOTION_CAUSES = (
     "degrees",
     "millimetres",
     "velocity_sign",
     "velocity_scale",
     "velocity_zero",
-)  # that spoil all torques
-AFTERWARDS: dict[Check, tuple[str, ...]] = {check_torque: MOTION_CAUSES, check_meter: MOTION_CAUSES}
+)  # that spoil all torques, and with them the prediction for the meter
+AFTERWARDS = ("torque", "power meter")
 
 
 def check(
@@ -63,7 +59,26 @@ def check(
     Raises:
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
-    findings, done, skipped = findings_of(gather(path, model, effort, inputs))
+    outputs: list[Output] = []
+    # Without a stated meaning the effort is read as well, to say which meaning would fit.
+    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
+    settings = Settings(effort=read_as, power_period=None)
+    if inputs is not None:
+        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
+    result = replay(path, model, None, settings, inputs=inputs, on_output=outputs.append)
+    power = [part.power for part in outputs if part.power is not None]
+    meter = [part.meter for part in outputs if part.meter is not None]
+    evidence = evidence_of(
+        model,
+        effort,
+        TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None]),
+        PowerBlock.concatenate(power) if power else None,
+        MeterBlock.concatenate(meter) if meter else None,
+        remarks_of(result),
+        inputs,
+        result.pipeline.torque.robot.payload,
+    )
+    findings, done, skipped = findings_of(evidence)
     return CheckResult(
         str(path), f"{model.robot.type}, id {model.model_id}", findings, done, skipped
     )
@@ -81,24 +96,30 @@ def findings_of(
         The findings, errors first; the checks made; those not made, with what they lack.
     """
     findings = [
-        Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
-        for text in evidence.remarks.problems
+        Finding("bag", WARNING, ("bag",), text) for text in evidence.remarks.problems
     ] + _stream(evidence.remarks)
     done: list[str] = []
     skipped: dict[str, str] = {}
-    for name, one in CHECKS.items():
-        wrong = [entry.cause for entry in findings if entry.severity == ERROR]
-        mended = next((cause for cause in wrong if cause in AFTERWARDS.get(one, ())), None)
-        if mended is not None:
-            skipped[name] = f"mend {mended} first"
+    wrong: list[str] = []
+    checks: dict[str, Check] = {
+        "positions and velocities": check_motion,
+        "torque": check_torque,
+        "power meter": lambda evidence: check_meter(evidence, wrong),
+        "temperatures": check_temperatures,
+        "excitation": check_excitation,
+    }
+    for name, one in checks.items():
+        spoilt = [cause for cause in wrong if cause in MOTION_CAUSES]
+        if spoilt and name in AFTERWARDS:
+            skipped[name] = f"mend {spoilt[0]} first"
             continue
-        found, why = one(evidence, wrong)
+        found, why = one(evidence)
         findings += found
+        wrong += [entry.cause for entry in found if entry.severity == ERROR]
         if why:
             skipped[name] = why
         else:
             done.append(name)
-    wrong = [entry.cause for entry in findings if entry.severity == ERROR]
     findings += _refused(evidence.remarks, wrong)
     findings.sort(key=lambda entry: SEVERITIES.index(entry.severity))
     return tuple(findings), tuple(done), skipped

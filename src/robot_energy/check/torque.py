@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import ERROR, NOTE, WARNING, Finding, unjudged
+from robot_energy.check.finding import ERROR, NOTE, UNJUDGED, WARNING, Finding, unjudged
 from robot_energy.check.hypotheses import (
+    MAX_FACTOR,
     MIN_MOTION,
     MIN_SAMPLES,
     Cause,
@@ -18,28 +19,37 @@ from robot_energy.check.hypotheses import (
     attempt,
     scale_words,
 )
-from robot_energy.check.search import MAX_FACTOR, search
-from robot_energy.check.unseen import unseen_findings
+from robot_energy.check.search import OFFSET, SearchResult, search
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
 MIN_CORRELATION = 0.6  # of measured and body torque, below which a factor means nothing
 LEAST = f"{MIN_MOTION:g} s and {MIN_SAMPLES} samples in motion"
 POOR = 0.5  # share of unexplained torque from which a model does not fit
+WHAT = {
+    "zero_offset": "the zero of {}",
+    "torque_sign": "the sign of the torque of {}",
+    "joint_sign": "the sign of position and velocity of {}",
+    "gear_ratio": "the gear ratio of {}",
+    "torque_scale": "the scale of the torque of {}",
+    "joint_order": "whether joints are exchanged: {}",
+}
+SIZE = {"zero_offset": f"{OFFSET:g} rad", "gear_ratio": "a factor of 2",
+        "torque_scale": "a factor of 1.41"}  # fmt: skip
 
 
-def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
+def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
     """Compare the recorded torque with the model.
 
     Args:
         evidence: The recording.
-        wrong: Causes found so far; not used.
 
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    del wrong
     if evidence.effort is EffortMeaning.NONE:
-        return _fitting_meanings(evidence), "the meaning of the effort is not stated (--effort)"
+        return list(
+            _fitting_meanings(evidence)
+        ), "the meaning of the effort is not stated (--effort)"
     if not bool(np.isfinite(evidence.motor_torque).any()):
         return [], "the joint states carry no effort"
     thin = evidence.thinned()
@@ -51,7 +61,7 @@ def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
         for cause, share, alike in result.causes
     ]
     findings += _poor(evidence, result.last)
-    findings += unseen_findings(evidence, result)
+    findings += _unseen(evidence, result)
     unknown = [name for name, share in zip(evidence.names, result.last.unexplained, strict=True)
                if not np.isfinite(share)]  # fmt: skip
     if unknown:
@@ -62,23 +72,20 @@ def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
     return findings, ""
 
 
-def _fitting_meanings(evidence: Evidence) -> list[Finding]:
+def _fitting_meanings(evidence: Evidence) -> Iterator[Finding]:
     """What the effort seems to be, where nobody said it."""
     fitting = [
         (meaning, factor)
         for meaning, (factor, correlation) in evidence.remarks.effort_factors.items()
         if 1 / MAX_FACTOR < factor < MAX_FACTOR and correlation > MIN_CORRELATION
     ]
-    if not fitting:
-        return []
-    meaning, factor = min(fitting, key=lambda one: abs(np.log(one[1])))
-    return [
-        Finding(
+    if fitting:
+        meaning, factor = min(fitting, key=lambda one: abs(np.log(one[1])))
+        yield Finding(
             "effort_not_stated", NOTE, tuple(evidence.names),
             f"taken for {meaning}, the effort is {factor:.2g} times the torque of the bodies",
             factor, float("nan"), *remedies.effort_meaning(str(meaning)),
-        )
-    ]  # fmt: skip
+        )  # fmt: skip
 
 
 def _finding(
@@ -155,21 +162,42 @@ def _explained(trial: Trial, joints: tuple[int, ...]) -> str:
     return f"{100 * max(min(shares), 0.0):.0f} %" if shares else "nothing"
 
 
-def _poor(evidence: Evidence, trial: Trial) -> list[Finding]:
+def _poor(evidence: Evidence, trial: Trial) -> Iterator[Finding]:
     """Joints whose torque no single cause explains."""
     poor = [
         (name, float(share))
         for name, share in zip(evidence.names, trial.unexplained, strict=True)
         if share > POOR
     ]
-    if not poor:
-        return []
-    text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor)
-    return [
-        Finding(
+    if poor:
+        text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor)
+        yield Finding(
             "torque_unexplained", WARNING, tuple(name for name, _ in poor),
             f"bodies and friction leave torque unexplained: {text}",
             max(share for _, share in poor), float("nan"),
             "check masses, gear ratios, the meaning of the effort, and forces from outside",
-        )
-    ]  # fmt: skip
+        )  # fmt: skip
+
+
+def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
+    """One note for each kind of mistake that this recording cannot show, with its joints."""
+    for name, what in WHAT.items():
+        causes = [cause for cause in result.unseen if cause.name == name]
+        if not causes:
+            continue
+        joints = sorted({joint for cause in causes for joint in cause.joints})
+        subject = tuple(evidence.names[joint] for joint in joints)
+        shown = what.format(", ".join(dict.fromkeys(_named(evidence, one) for one in causes)))
+        size = SIZE.get(name, "a mistake")
+        yield unjudged(name, subject, shown, f"{size} changes the unexplained torque too little")
+    if np.isfinite(result.payload):
+        sentence = f"a payload that is off by less than {result.payload:.2g} kg would not be found"
+    else:
+        sentence = "cannot be judged from this recording: the payload (it moves no measured joint)"
+    yield Finding(UNJUDGED + "payload", NOTE, ("payload",), sentence, result.payload, float("nan"))
+
+
+def _named(evidence: Evidence, cause: Cause) -> str:
+    if len(cause.joints) == len(evidence.names) > 2:
+        return "all joints"
+    return " with ".join(evidence.names[joint] for joint in cause.joints)

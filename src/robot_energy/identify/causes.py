@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.check.evidence import Evidence, Remarks, remarks_of
+from robot_energy.check.evidence import BY_SAMPLE, Evidence, Remarks, remarks_of
 from robot_energy.check.evidence import evidence_of as evidence_in
 from robot_energy.check.finding import ERROR, Finding
 from robot_energy.check.meter import check_meter
@@ -110,10 +110,8 @@ def torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
     Args:
         parts: Of one model; few samples of each are enough.
     """
-    names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
-             "temperature_degc")  # fmt: skip
     thin = [part.thinned(len(parts)) for part in parts]
-    joined = {name: np.concatenate([getattr(part, name) for part in thin]) for name in names}
+    joined = {name: np.concatenate([getattr(part, name) for part in thin]) for name in BY_SAMPLE}
     found, _ = check_torque(replace(thin[0], **joined))
     return tuple(finding for finding in found if finding.severity == ERROR)
 
