@@ -67,13 +67,13 @@ MODULES = {
         wear_history
     """,
     "robot_energy.identify": """
-        bounds causes plausibility provenance run_all steps turns
+        bounds causes plausibility provenance run_all steps
     """,
     "robot_energy.identify.auxiliary": """
         readings states
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link level link_errors link_readings meter_delay supply
+        cabinet dc_link link_errors link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
         bags log_channels observations recordings rest signals
@@ -83,8 +83,8 @@ MODULES = {
         total_sums
     """,
     "robot_energy.identify.dynamics": """
-        base_parameters columns consistent dynamics dynamics_model inertials leave_one_out
-        sufficiency torque_delay torque_model validation work
+        base_parameters columns consistent dynamics dynamics_model leave_one_out
+        sufficiency torque_delay torque_model validation
     """,
     "robot_energy.identify.excitation": """
         criterion excitation limits
@@ -93,7 +93,7 @@ MODULES = {
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        autocorrelation bag_folds cross_validation held_out_energy lag regression systematic threads
+        autocorrelation cross_validation held_out_energy lag regression systematic threads
     """,
     "robot_energy.identify.thermal": """
         network windows

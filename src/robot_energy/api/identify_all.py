@@ -73,10 +73,10 @@ def identify_all(
         refuse_torque,
         torque_evidence,
     )
+    from robot_energy.identify.data.bags import folds_of
     from robot_energy.identify.plausibility import check_signs
     from robot_energy.identify.provenance import require_distinct
     from robot_energy.identify.run_all import identify_everything, with_provenance
-    from robot_energy.identify.stats.bag_folds import folds_of
     from robot_energy.identify.stats.held_out_energy import held_out_energy
     from robot_energy.results.identification import identification_report
 

@@ -23,7 +23,7 @@ from robot_energy.identify.drives.total_sums import Sums
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit
-from robot_energy.identify.stats.cross_validation import EnergyScore
+from robot_energy.identify.stats.cross_validation import EnergyScore, rms_of
 from robot_energy.identify.stats.regression import qr_r
 from robot_energy.model.drive_models import DRIVE_MODELS
 
@@ -190,7 +190,7 @@ def _refuse_negative_columns(result: Dynamics) -> None:
         used = rows.used[:, owner]
         part = rows.regressor[used, owner, rows.names.index(name)]
         place = labels.index(name)
-        share = abs(values[place]) * _rms(part) / _rms(rows.joint_torque[used, owner])
+        share = abs(values[place]) * rms_of(part) / rms_of(rows.joint_torque[used, owner])
         if _negative(float(values[place]), float(std[place])) and share > MIN_NEGATIVE_SHARE:
             bad.append(f"{name} {values[place]:.3g} +- {std[place]:.1g} {column.unit}")
     _refuse_negative(bad)
@@ -245,7 +245,7 @@ def _refuse_mass(result: Dynamics, given: Float) -> None:
     total = float(before.sum())
     # torque tells masses only in sums, and what it does not tell stays as in the URDF: so the
     # torque of all bodies is compared
-    ratio = _rms((regressor @ found)[rows.used]) / _rms((regressor @ given)[rows.used])
+    ratio = rms_of((regressor @ found)[rows.used]) / rms_of((regressor @ given)[rows.used])
     if not 1.0 / MAX_BODY_FACTOR < ratio < MAX_BODY_FACTOR:
         raise ImplausibleIdentificationError(
             f"the identified bodies take {ratio:.2g} times the torque that those of the URDF "
@@ -332,7 +332,7 @@ def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
         ImplausibleIdentificationError: Saying so.
     """
     score = scores.get("identified")
-    size = _rms(data.measured)
+    size = rms_of(data.measured)
     if score is not None and not score.rms < MAX_HELD_OUT * size:
         raise ImplausibleIdentificationError(
             f"the identified losses are {score.rms:.3g} W off the readings that their fit has not "
@@ -359,7 +359,3 @@ def check_cabinet(fit: CabinetFit) -> None:
                 "constant losses above 0",
                 "turn the sign of the meter (meter.sign: load_negative) or check its place",
             )
-
-
-def _rms(values: Float) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

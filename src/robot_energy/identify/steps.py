@@ -382,7 +382,8 @@ def _thermal(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     return Step("thermal", found, "", with_networks(model, fits, ambient), (note,))
 
 
-STEPS: dict[Subject, Callable[[Sequence[Bag], RobotModel, str], Step]] = {
+MadeStep = Callable[[Sequence[Bag], RobotModel, str], Step]
+STEPS: dict[Subject, MadeStep] = {
     "dynamics": _dynamics,
     "friction": friction_step,
     "cabinet": _cabinet,

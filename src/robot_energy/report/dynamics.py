@@ -9,10 +9,9 @@ import numpy as np
 
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.dynamics_model import friction_at_joints
-from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut
+from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
 from robot_energy.identify.dynamics.sufficiency import temperature_remark
 from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.dynamics.work import share_off
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import percent, signed_percent, significant, uncertain
 from robot_energy.report.identification import delay_use

@@ -13,19 +13,18 @@ what the drives feed back counts as 0 in it, and the DC link as empty. It is und
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.identify.data.recordings import Recording, without_low_pass
-from robot_energy.identify.drives.drive_data import DriveData, drive_data
+from robot_energy.blocks import Float, Int, MeterBlock, MeterMeaning
+from robot_energy.identify.data.recordings import undone
+from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.drive_delay import MIN_GAIN
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower
 from robot_energy.identify.drives.total_sums import piece_means
 from robot_energy.identify.stats.cross_validation import contiguous_folds, splits
-from robot_energy.identify.stats.lag import Delay, best_delay, held_out_errors
+from robot_energy.identify.stats.lag import Delay, applied, best_delay, held_out_errors
 from robot_energy.identify.stats.regression import qr_r
 from robot_energy.inputs.meter.power_curve import MeterLimits
 
@@ -37,20 +36,15 @@ MIN_ROWS = 100
 MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
 
-def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
-    """Estimate one delay for all recordings.
+def estimate_meter_delay(data: DriveData) -> Delay | None:
+    """Return one delay for all recordings; None where the readings are too few to tell.
 
     Args:
         data: Samples of all drives, with meters.
-        span: Delays from minus to plus this are tried, a hundredth of the recorded time at
-            most. [s]
-
-    Returns:
-        The estimate; None where the readings are too few to tell.
     """
     if not np.isfinite(data.period) or data.period <= 0.0:
         return None
-    span = min(span, SHARE * len(data) * data.period)
+    span = min(SPAN, SHARE * len(data) * data.period)
     columns = _columns(data)
     coarse = span * np.arange(-STEPS, STEPS + 1) / STEPS
     error = _errors(data, [(lag, columns) for lag in coarse.tolist()])
@@ -110,40 +104,20 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
     return np.where(known, np.concatenate(parts), np.nan)
 
 
-def meter_time_constant_of(
-    recordings: Sequence[Recording], powers: Sequence[MeasuredDrivePower | None] | None = None
-) -> Delay | None:
-    """Estimate one low pass for the meters of recordings, by the torque of their model.
+def meter_lags(read: Callable[[float], DriveData]) -> tuple[Delay | None, Delay | None]:
+    """Return low pass and delay of the meters of some recordings, the delay without the low pass.
 
     Args:
-        recordings: Run with one model.
-        powers: Measured power of the drives of each, None without.
+        read: Gives the samples of all drives with a low pass [s] of the meters undone.
 
     Returns:
-        The time constant; None without a meter, or where the readings are too few to tell.
+        The estimates; None without a meter, or where the readings are too few to tell.
     """
-    if all(part.meter is None for part in recordings):
-        return None
-    powers = powers or [None] * len(recordings)
-    return estimate_time_constant(drive_data(recordings, powers, measured_torque=False))
-
-
-def meter_delay_of(
-    recordings: Sequence[Recording], powers: Sequence[MeasuredDrivePower | None] | None = None
-) -> Delay | None:
-    """Estimate one delay for the meters of recordings, by the torque of their model.
-
-    Args:
-        recordings: Run with one model.
-        powers: Measured power of the drives of each, None without.
-
-    Returns:
-        The estimate; None without a meter, or where the readings are too few to tell.
-    """
-    if all(part.meter is None for part in recordings):
-        return None
-    powers = powers or [None] * len(recordings)
-    return estimate_meter_delay(drive_data(recordings, powers, measured_torque=False))
+    data = read(0.0)
+    if all(meter is None for meter in data.meters):
+        return None, None
+    low_pass = estimate_time_constant(data)
+    return low_pass, estimate_meter_delay(read(applied(low_pass)))
 
 
 def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.0) -> DriveData:
@@ -156,15 +130,12 @@ def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.
     """
     if delay == 0.0 and time_constant == 0.0:
         return data
-    moved = tuple(
-        None if meter is None else _earlier(without_low_pass(meter, time_constant), delay)
-        for meter in data.meters
+    return replace(
+        data,
+        meters=tuple(
+            None if meter is None else undone(meter, delay, time_constant) for meter in data.meters
+        ),
     )
-    return replace(data, meters=moved)
-
-
-def _earlier(meter: MeterBlock, delay: float) -> MeterBlock:
-    return replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
 
 
 def _columns(data: DriveData) -> Float:
@@ -179,7 +150,7 @@ def _moved(
     power: list[Float] = []
     means: list[Float] = []
     stamp, stretch = data.stamp_ns[rows], data.stretch[rows]
-    for pieces in limits.pieces(_earlier(meter, lag)):
+    for pieces in limits.pieces(undone(meter, lag)):
         kept, mean = piece_means(pieces, stamp, stretch, columns)
         place = np.full((len(pieces), columns.shape[1]), np.nan)
         place[np.searchsorted(pieces.start_ns, kept.start_ns)] = mean

@@ -109,8 +109,7 @@ class Recording:
         """
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
-        meter = without_low_pass(self.meter, time_constant)
-        meter = replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
+        meter = undone(self.meter, delay, time_constant)
         comparison = Comparison(**self.limits.__dict__)
         comparison.measure(meter)
         supply = self.power.supply
@@ -120,19 +119,21 @@ class Recording:
         return replace(self, meter=meter, compared=(compared,))
 
 
-def without_low_pass(meter: MeterBlock, constant: float) -> MeterBlock:
-    """Return readings with a low pass of the meter undone: ``x = y + T dy/dt``.
+def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock:
+    """Return readings with a delay and a low pass of the meter undone: ``x = y + T dy/dt``.
 
     The slope is that of the readings on both sides, which is exact for means over equal
     intervals of a power that is linear between their middles.
 
     Args:
-        meter: Readings; those of a counter stay as they are.
-        constant: Its time constant. [s]
+        meter: Readings; a counter has no low pass.
+        delay: By which they are late. [s]
+        constant: Time constant of the low pass. [s]
     """
+    earlier = replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
     known = np.flatnonzero(np.isfinite(meter.power))
     if constant == 0.0 or len(known) < 2:
-        return meter
+        return earlier
     seconds = (meter.stamp_ns[known] - meter.stamp_ns[0]) * NANOSECOND
     step = np.diff(seconds)
     edges = np.flatnonzero((step <= 0.0) | (step > APART * float(np.median(step)))) + 1
@@ -141,7 +142,7 @@ def without_low_pass(meter: MeterBlock, constant: float) -> MeterBlock:
         if len(rows) > 1:
             place = known[rows]
             power[place] += constant * np.gradient(power[place], seconds[rows])
-    return replace(meter, power=power)
+    return replace(earlier, power=power)
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:

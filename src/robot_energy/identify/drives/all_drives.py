@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from robot_energy.blocks import MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.meter_delay import (
-    estimate_meter_delay,
-    estimate_time_constant,
-    with_meters_earlier,
-)
+from robot_energy.identify.cabinet.meter_delay import meter_lags, with_meters_earlier
 from robot_energy.identify.drives.drive_data import DriveData, location
 from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
 from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
@@ -18,7 +15,7 @@ from robot_energy.identify.drives.efficiency import CUTOFF
 from robot_energy.identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
 from robot_energy.identify.drives.total_sums import Sums, sums
 from robot_energy.identify.stats.cross_validation import EnergyScore
-from robot_energy.identify.stats.lag import Delay
+from robot_energy.identify.stats.lag import Delay, applied
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 
@@ -117,12 +114,8 @@ def find_drives(
         drives = fit_drives(data, source, cutoff)
     total = None
     if location(data) is not None:
-        low_pass = estimate_time_constant(data)
-        if low_pass is not None:
-            data = with_meters_earlier(data, 0.0, low_pass.applied)
-        lag = estimate_meter_delay(data)
-        if lag is not None:
-            data = with_meters_earlier(data, lag.applied)
+        low_pass, lag = meter_lags(partial(with_meters_earlier, data, 0.0))
+        data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)
         total = TotalFound(pieces, fit, *compare_total(pieces, model), lag, low_pass)

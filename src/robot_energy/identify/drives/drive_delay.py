@@ -26,21 +26,16 @@ MIN_ROWS = 200
 CHUNK = 50_000  # rows compressed at once, so that memory does not grow with the recording
 
 
-def estimate_power_delay(data: DriveData, span: float = SPAN) -> Delay | None:
-    """Estimate one delay for all drives.
+def estimate_power_delay(data: DriveData) -> Delay | None:
+    """Return one delay for all drives; None where the samples are too few to tell.
 
     Args:
         data: Samples of all drives, power as recorded.
-        span: Delays from minus to plus this are tried, a hundredth of the recorded time at
-            most. [s]
-
-    Returns:
-        The estimate; None where the samples are too few to tell.
     """
     period = data.period
     if not np.isfinite(period) or period <= 0.0:
         return None
-    reach = max(3, round(min(span, SHARE * len(data) * period) / period))
+    reach = max(3, round(min(SPAN, SHARE * len(data) * period) / period))
     stride = -(-reach // STEPS)
     lags = stride * np.arange(-(reach // stride), reach // stride + 1)
     curves = [

@@ -27,7 +27,7 @@ from robot_energy.identify.drives.efficiency import (
     reduced_map,
 )
 from robot_energy.identify.drives.losses import TERMS, Losses, drive_changes, fit_losses
-from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds
+from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds, rms_of
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
@@ -317,7 +317,7 @@ class _Fitter:
             for way, power in predicted.items()
             if np.isfinite(power[tested]).all()  # else the kind of a user has no fit here
         }
-        size = float(np.sqrt(np.mean(data.drive_power[tested] ** 2)))
+        size = rms_of(data.drive_power[tested])
         return DriveComparison(split, int(tested.sum()), energy, size, scores)
 
     def _score(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import NO_INFORMATION, identified
+from robot_energy.identify.stats.cross_validation import rms_of
 from robot_energy.identify.stats.regression import Fit, independent, regress
 from robot_energy.identify.stats.systematic import (
     DRIVE_POWER,
@@ -193,7 +194,7 @@ def _losses(
         tuple(names[k] for k in below),
         tuple(name for name, known in zip(names, told, strict=True) if not known),
         len(fit.residual),
-        float(np.sqrt(np.mean(fit.residual**2))),
+        rms_of(fit.residual),
         confidence,
         {names[k]: fit.parts_of(place) for place, k in enumerate(used)},
         fit,

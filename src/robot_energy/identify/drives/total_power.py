@@ -26,6 +26,7 @@ from robot_energy.identify.stats.cross_validation import (
     energy_score,
     predict_held_out,
     recordings_or_blocks,
+    rms_of,
     simplest,
 )
 from robot_energy.identify.stats.systematic import (
@@ -96,7 +97,7 @@ def fit_total(data: Sums) -> TotalFit:
             )
         except NotIdentifiableError:
             continue
-        errors[structure] = float(np.sqrt(np.mean((predicted - data.measured) ** 2)))
+        errors[structure] = rms_of(predicted - data.measured)
     chosen = simplest(errors) if errors else STRUCTURES[0]
     return fit_structure(data, chosen, errors)
 

@@ -21,10 +21,10 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import ModelFileError
 from robot_energy.identify.bounds import at_bound
-from robot_energy.identify.data.signals import Motion
 from robot_energy.model.figure import PositiveFigure, Tag
 from robot_energy.model.friction_laws import ConstantLaw
 from robot_energy.model.joint import Joint, Stribeck
+from robot_energy.motion import Trajectory
 
 BOUND = 1e-3  # standard deviations: below, the solver has stopped at 0 but for rounding
 SMOOTH_VELOCITY = 0.01  # at the joint [rad/s] or [m/s]
@@ -115,7 +115,7 @@ class ParameterColumn:
         others = transmission - np.diag(np.diagonal(transmission))
         return [int(joint) for joint in np.flatnonzero(np.abs(others).sum(axis=1) > 0)]
 
-    def torque(self, motion: Motion, transmission: Float) -> Float:
+    def torque(self, motion: Trajectory, transmission: Float) -> Float:
         """Return joint torque per unit of each parameter.
 
         Args:

@@ -16,7 +16,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.observations import Filters, Observations, observe
-from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
@@ -47,6 +47,7 @@ from robot_energy.identify.stats.systematic import (
 )
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 
 MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
@@ -204,7 +205,7 @@ class Dynamics:
         part = rows.with_names(self.torque_model.names)
         return part.regressor @ self.torque_model.without_offsets(self.standard)
 
-    def motor_torque(self, motion: Motion) -> Float:
+    def motor_torque(self, motion: Trajectory) -> Float:
         """Motor torque that the exported model must give, offsets of the sensor left out.
 
         Args:

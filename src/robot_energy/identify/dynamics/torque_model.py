@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -17,6 +16,7 @@ from robot_energy.identify.dynamics.base_parameters import (
 )
 from robot_energy.identify.dynamics.columns import ParameterColumn
 from robot_energy.model import RobotModel
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 
@@ -73,7 +73,7 @@ class TorqueModel:
         links = link_parameter_names(self.robot.joint_names)
         return (*links, *(name for _, _, name in self.extra))
 
-    def regressor(self, motion: Motion) -> Float:
+    def regressor(self, motion: Trajectory) -> Float:
         """Return joint torque per unit of each parameter.
 
         Args:
@@ -88,7 +88,7 @@ class TorqueModel:
         columns = [column.torque(motion, self.transmission) for column in self.columns]
         return np.concatenate([links, *columns], axis=2)
 
-    def payload_torque(self, motion: Motion, regressor: Float) -> Float:
+    def payload_torque(self, motion: Trajectory, regressor: Float) -> Float:
         """Return the joint torque of the payload, which is known.
 
         Args:
@@ -110,7 +110,7 @@ class TorqueModel:
         lower = np.maximum(self.robot.limits.lower, -np.pi)
         upper = np.minimum(self.robot.limits.upper, np.pi)
         shape = (SAMPLES, self.robot.n_joints)
-        motion = Motion(random.uniform(lower, upper, shape), *random.normal(size=(2, *shape)))
+        motion = Trajectory(random.uniform(lower, upper, shape), *random.normal(size=(2, *shape)))
         return base_parameters(self.regressor(motion).reshape(-1, len(self.names)), self.names)
 
     def without_offsets(self, values: Float) -> Float:

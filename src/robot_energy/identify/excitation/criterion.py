@@ -15,13 +15,12 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import not_excited
 from robot_energy.identify.dynamics.columns import ParameterColumn
 from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
 from robot_energy.model import RobotModel
-from robot_energy.motion import JointMotion
+from robot_energy.motion import Trajectory
 
 Criterion = Literal["condition", "determinant"]
 
@@ -51,49 +50,40 @@ class ExcitationCriterion:
         model: The robot.
         limits: Within which it moves.
         columns: What is fitted in addition to the links.
-        seed: Of the states behind the scales.
     """
 
     def __init__(
-        self,
-        model: RobotModel,
-        limits: ExcitationLimits,
-        columns: tuple[ParameterColumn, ...],
-        seed: int = 0,
+        self, model: RobotModel, limits: ExcitationLimits, columns: tuple[ParameterColumn, ...]
     ) -> None:
         self.limits = limits
         self._torque_model = TorqueModel.from_model(model, columns)
         self.base = self._torque_model.structure()
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(0)
         shape = (STATES, limits.robot.n_joints)
         draw = [random.uniform(-1.0, 1.0, shape) for _ in range(3)]
-        states = Motion(
+        states = Trajectory(
             limits.middle + limits.reach * draw[0],
             limits.velocity * draw[1],
             limits.acceleration * draw[2],
         )
         torque = np.sqrt((limits.joint_torque(states) ** 2).mean(axis=0))
-        rows = self._raw(states) / torque[:, None]
+        rows = self._torque_model.regressor(states)[:, :, self.base.independent] / torque[:, None]
         size = np.sqrt((rows**2).mean(axis=(0, 1)))
         self._scale = 1.0 / (torque[:, None] * size)
 
-    def _raw(self, motion: Motion) -> Float:
-        return self._torque_model.regressor(motion)[:, :, self.base.independent]
-
-    def rows(self, motion: Motion) -> Float:
+    def rows(self, motion: Trajectory) -> Float:
         """Return the scaled observation matrix over the root of its number of rows, (N, n, B).
 
         Args:
             motion: Samples of it, evenly in time.
         """
-        rows = self._raw(motion) * self._scale
+        rows = self._torque_model.regressor(motion)[:, :, self.base.independent] * self._scale
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
-    def quality(self, motion: Motion) -> ExcitationScore:
+    def quality(self, motion: Trajectory) -> ExcitationScore:
         """Return how well a motion tells the base parameters.
 
-        Args:
-            motion: Samples of it, evenly in time.
+        Argument as in `ExcitationCriterion.rows`.
         """
         rows = self.rows(motion).reshape(-1, len(self.base))
         size = np.linalg.svd(rows, compute_uv=False)
@@ -102,7 +92,7 @@ class ExcitationCriterion:
             determinant = float(2.0 * np.log(size).mean())
         return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
-    def cost(self, motion: Motion, criterion: Criterion) -> float:
+    def cost(self, motion: Trajectory, criterion: Criterion) -> float:
         """Return the logarithm of the condition number, or less that of the determinant.
 
         Args:
@@ -116,12 +106,10 @@ class ExcitationCriterion:
             return float(np.log(size[0] / size[-1]))
         return float(-2.0 * np.log(size).mean())
 
-    def slopes(self, motion: Motion, criterion: Criterion) -> Float:
+    def slopes(self, motion: Trajectory, criterion: Criterion) -> Float:
         """Return cost per position, velocity and acceleration of every sample, shape (3, N, n).
 
-        Args:
-            motion: Samples of it, evenly in time.
-            criterion: As of `cost`.
+        Arguments as in `ExcitationCriterion.cost`.
         """
         rows = self.rows(motion)
         flat = rows.reshape(-1, rows.shape[2])
@@ -137,14 +125,3 @@ class ExcitationCriterion:
             motion, self.limits, lambda moved: (slope * (self.rows(moved) - rows)).sum(axis=(1, 2))
         )
         return found.swapaxes(1, 2)
-
-
-def sampled(motion: JointMotion, time: Float) -> Motion:
-    """Return samples of a motion.
-
-    Args:
-        motion: The motion.
-        time: Instants, shape (N,). [s]
-    """
-    path = motion.sample(time)
-    return Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)

@@ -10,19 +10,17 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import BaseParameters
 from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.excitation.criterion import (
     Criterion,
     ExcitationCriterion,
     ExcitationScore,
-    sampled,
 )
 from robot_energy.identify.excitation.limits import ExcitationLimits
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
-from robot_energy.motion import FourierBasis, FourierMotion
+from robot_energy.motion import FourierBasis, FourierMotion, Trajectory
 
 SAMPLES_PER_HARMONIC = 20  # of one period, in the optimisation
 CHECKED_RATE = 1000.0  # Hz at which limits are checked in the end
@@ -142,12 +140,12 @@ def optimise_excitation(
     )
 
 
-def _finely(motion: FourierMotion) -> Motion:
+def _finely(motion: FourierMotion) -> Trajectory:
     count = round(motion.period * CHECKED_RATE)
-    return sampled(motion, np.arange(count) * (motion.period / count))
+    return motion.sample(np.arange(count) * (motion.period / count))
 
 
-def _breaks(limits: ExcitationLimits, motion: Motion) -> float:
+def _breaks(limits: ExcitationLimits, motion: Trajectory) -> float:
     return max(float(use.max()) for use in limits.largest(motion).values())
 
 
@@ -162,15 +160,15 @@ def _draw_start(
         weights[0] = limits.middle + 0.3 * limits.reach * random.uniform(-1.0, 1.0)
         still = np.zeros_like(weights)
         still[0] = weights[0]
-        if _breaks(limits, sampled(FourierMotion(basis, still), time[:1])) > 1.0:
+        if _breaks(limits, FourierMotion(basis, still).sample(time[:1])) > 1.0:
             continue
         swing = weights.copy()
         swing[0] = limits.middle
-        use = limits.largest(sampled(FourierMotion(basis, swing), time))
+        use = limits.largest(FourierMotion(basis, swing).sample(time))
         worst = np.max([use[kind] for kind in ("position", "velocity", "acceleration")], axis=0)
         weights[1:] *= FIRST_USE / worst
         for _ in range(MAX_HALVES):
-            if _breaks(limits, sampled(FourierMotion(basis, weights), time)) <= 1.0:
+            if _breaks(limits, FourierMotion(basis, weights).sample(time)) <= 1.0:
                 kept = _shrunk(basis, limits, weights)
                 if kept is not None:
                     return kept
@@ -208,9 +206,9 @@ class _Problem:
         self._unit = np.tile(scorer.limits.velocity, (basis.size, 1))
         self._unit[0] = scorer.limits.reach
 
-    def motion(self, weights: Float) -> Motion:
+    def motion(self, weights: Float) -> Trajectory:
         """Samples of the motion with some weights."""
-        return Motion(*(matrix @ weights for matrix in self._matrices))
+        return Trajectory(*(matrix @ weights for matrix in self._matrices))
 
     def cost_of(self, weights: Float) -> float:
         """Cost of the motion with some weights; inf where it is none."""
@@ -236,7 +234,7 @@ class _Problem:
         )
         return np.asarray(result.x, dtype=np.float64).reshape(self._unit.shape) * self._unit
 
-    def _at(self, free: Float) -> Motion:
+    def _at(self, free: Float) -> Trajectory:
         return self.motion(free.reshape(self._unit.shape) * self._unit)
 
     def _cost(self, free: Float) -> float:

@@ -16,6 +16,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import moving_samples
 from robot_energy.identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.stats.cross_validation import rms_of
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
 
@@ -148,7 +149,7 @@ def _row(
     return FrictionStudyRow(
         law.law,
         beyond,
-        float(np.sqrt(np.mean((torque - measured) ** 2))),
+        rms_of(torque - measured),
         float(np.mean(torque * unseen.motor_velocity)) / power - 1.0,
         coulomb,
         law,

@@ -10,17 +10,24 @@ made from are never given: a fit makes them small by construction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.identify.data.bags import EVER, Bag, Span, read_all, temperature_ranges
+from robot_energy.identify.data.bags import (
+    EVER,
+    Bag,
+    Fold,
+    HeldOutKind,
+    Span,
+    read_all,
+    temperature_ranges,
+)
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.run_all import FullIdentification, identify_everything
-from robot_energy.identify.stats.bag_folds import Fold, Kind
 from robot_energy.identify.stats.cross_validation import relative_error
 from robot_energy.identify.steps import Subject
 from robot_energy.timeline.pieces import Compared
@@ -110,7 +117,7 @@ class HeldOutEnergy:
         tested: One entry per held-out recording or block.
     """
 
-    kind: Kind
+    kind: HeldOutKind
     stages: tuple[str, ...]
     tested: tuple[Tested, ...]
 
@@ -194,7 +201,7 @@ class HeldOutEnergy:
 
 
 def held_out_energy(
-    kind: Kind,
+    kind: HeldOutKind,
     folds: Sequence[Fold],
     whole: FullIdentification,
     skip: Sequence[Subject] = (),
@@ -239,11 +246,10 @@ def held_out_energy(
     return HeldOutEnergy(kind, stages, tuple(entry for _, entry in tested))
 
 
-def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: Float) -> Tested:
-    if fitted.meter_delay is not None:  # the same meter
-        bag = replace(bag, meter_delay=fitted.meter_delay.applied)
-    if fitted.meter_time_constant is not None:
-        bag = replace(bag, meter_time_constant=fitted.meter_time_constant.applied)
+def _test(
+    bag: Bag, fitted: FullIdentification, kind: HeldOutKind, number: int, seen: Float
+) -> Tested:
+    bag = bag.with_meter_undone(fitted.meter_time_constant, fitted.meter_delay)  # the same meter
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
     predictions: dict[str, HeldOutPrediction] = {}
     done: dict[int, HeldOutPrediction] = {}

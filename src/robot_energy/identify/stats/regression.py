@@ -152,14 +152,7 @@ def student(degrees: float) -> float:
 def estimate(
     columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
 ) -> tuple[Float, Float]:
-    """Return what `fit` does without its covariance: values and the weight of each row.
-
-    Args:
-        columns: As of `fit`, shape (N, P) or (N, n, P). [target/parameter]
-        target: As of `fit`, shape (N,) or (N, n). [any unit]
-        method: As of `fit`.
-        used: As of `fit`, shape of the target.
-    """
+    """Return values and the weight of each row; arguments as in `fit`."""
     size = len(target)
     wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
     rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used

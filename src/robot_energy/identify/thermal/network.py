@@ -15,7 +15,7 @@ from robot_energy.blocks import Float
 from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.stats.cross_validation import GAIN
+from robot_energy.identify.stats.cross_validation import GAIN, rms_of
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.identify.thermal.windows import ThermalRun
 from robot_energy.model import RobotModel
@@ -119,13 +119,13 @@ def fit_network(
     errors: dict[str, tuple[Float, Float, Float]] = {}
     for label, keys in (("one node", ONE), ("two nodes", TWO)):
         errors[label] = _held_out(runs, keys, ambient_degc)
-        orders[label] = _rms(errors[label][0] - errors[label][1])
+        orders[label] = rms_of(errors[label][0] - errors[label][1])
     better = orders["one node"] - orders["two nodes"] >= MIN_GAIN
     order = "two nodes" if better else "one node"
     keys = ONE if order == "one node" else TWO
     values, covariance = _fit(runs, keys, ambient_degc)
     _, measured, held = errors[order]
-    rms, held_rms = orders[order], _rms(held - measured)
+    rms, held_rms = orders[order], rms_of(held - measured)
     if not rms < GAIN * held_rms:
         raise NotIdentifiableError(
             f"a free run of {name} errs by {rms:.2f} K on what the fit has not seen, and its first "
@@ -306,10 +306,6 @@ def _held_out(
         parts.append((free[known], measured[known], np.full(len(known), last)))
     predicted, measured, held = (np.concatenate(column) for column in zip(*parts, strict=True))
     return predicted, measured, held
-
-
-def _rms(values: Float) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _entry(

@@ -15,7 +15,7 @@ from robot_energy.identify.cabinet.meter_delay import (
     with_meters_earlier,
 )
 from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.data.recordings import read_recording, without_low_pass
+from robot_energy.identify.data.recordings import read_recording, undone
 from robot_energy.identify.drives.all_drives import find_drives
 from robot_energy.identify.drives.drive_data import drive_data
 from robot_energy.identify.drives.total_power import fit_total
@@ -147,4 +147,4 @@ def test_a_ramp_behind_a_low_pass_lags_by_its_time_constant():
         MeterMeaning.MEAN_OVER_INTERVAL,
         MeterLocation.GRID,
     )
-    np.testing.assert_allclose(without_low_pass(meter, 0.3).power, ramp, rtol=1e-9)
+    np.testing.assert_allclose(undone(meter, 0.0, 0.3).power, ramp, rtol=1e-9)

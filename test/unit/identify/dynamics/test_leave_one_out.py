@@ -8,14 +8,14 @@ import pytest
 import robots
 from excited import fourier_motion, monitor_torque, recorded
 from robot_energy.identify.data.observations import Filters, observe
-from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.leave_one_out import across_recordings
+from robot_energy.identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
 from robot_energy.identify.dynamics.torque_delay import estimate_delay
 from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.dynamics.work import motor_work, share_off
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 
 ARM = robots.two_link()
@@ -26,7 +26,7 @@ def other_motion(seed, noise=0.02, loaded=0.0, duration=12.0, size=1.0):
     """The arm on a motion of its own."""
     time = np.arange(round(duration * 500.0)) / 500.0
     path = fourier_motion(2, time, seed)
-    motion = Motion(*(size * part for part in path.__dict__.values()))
+    motion = Trajectory(*(size * part for part in path.__dict__.values()))
     model = ARM
     if loaded:
         payload = [
