@@ -27,7 +27,8 @@ def check_temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
     if remarks.temperatures is None:
         return [], "the recording has no motor temperatures"
     findings = [
-        Finding("temperature", WARNING, ("temperature",), note) for note in remarks.temperatures
+        Finding("temperature", WARNING, ("temperature",), note, float("nan"), float("nan"))
+        for note in remarks.temperatures
     ]
     if remarks.stuck:
         findings.append(

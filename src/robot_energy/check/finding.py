@@ -35,8 +35,8 @@ class Finding:
     severity: str
     subject: tuple[str, ...]
     sentence: str
-    evidence: float = float("nan")
-    certainty: float = float("nan")
+    evidence: float
+    certainty: float
     remedy: str = ""
     remedy_in: str = ""
     alternatives: tuple[str, ...] = ()
@@ -76,4 +76,4 @@ def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Findi
         why: The reason, with its number.
     """
     sentence = f"cannot be judged from this recording: {what} ({why})"
-    return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)))
+    return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))

@@ -40,7 +40,10 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
     if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
-    findings = [Finding("meter", WARNING, ("meter",), note) for note in evidence.remarks.meter]
+    findings = [
+        Finding("meter", WARNING, ("meter",), note, float("nan"), float("nan"))
+        for note in evidence.remarks.meter
+    ]
     predicted = _predicted(evidence, time, 0.0)
     both = np.isfinite(measured) & np.isfinite(predicted)
     if int(both.sum()) < MIN_INTERVALS:

@@ -15,6 +15,7 @@ from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO, FAR
 
+UNKNOWN = (float("nan"), float("nan"))  # evidence and certainty
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
@@ -66,7 +67,15 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
     if not any(finding.severity == ERROR for finding in findings):
         # joints that would need more torque than the robot has
         findings += [
-            Finding("torque_limit", WARNING, (name,), sentence, remedy=LONGER_WINDOW)
+            Finding(
+                "torque_limit",
+                WARNING,
+                (name,),
+                sentence,
+                float("nan"),
+                float("nan"),
+                LONGER_WINDOW,
+            )  # fmt: skip
             for name, sentence in evidence.beyond_torque.items()
         ]
     return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""

@@ -96,7 +96,8 @@ def findings_of(
         The findings, errors first; the checks made; those not made, with what they lack.
     """
     findings = [
-        Finding("bag", WARNING, ("bag",), text) for text in evidence.remarks.problems
+        Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
+        for text in evidence.remarks.problems
     ] + _stream(evidence.remarks)
     done: list[str] = []
     skipped: dict[str, str] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from robot_energy.blocks import MeterLocation
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.meter_delay import meter_lags, with_meters_earlier
 from robot_energy.identify.drives.drive_data import DriveData, location
@@ -41,11 +40,6 @@ class TotalFound:
     delay: Delay | None = None
     low_pass: Delay | None = None
 
-    @property
-    def place(self) -> MeterLocation:
-        """Where the meter sits."""
-        return self.data.location
-
 
 @dataclass(frozen=True)
 class DrivesFound:
@@ -76,16 +70,16 @@ class DrivesFound:
         """
         if self.drives is not None:
             changed = with_drives(model, self.drives, source)
-            return changed, unfitted(model, changed.drive)
+            return changed, _unfitted(model, changed.drive)
         if self.total is not None:
             changed, notes = with_total(
                 model,
                 self.total.fit,
-                self.total.place,
+                self.total.data.location,
                 source,
                 self.total.data.sensors.std.meter,
             )
-            return changed, [*unfitted(model, changed.drive), *notes]
+            return changed, [*_unfitted(model, changed.drive), *notes]
         return model, []
 
 
@@ -128,13 +122,8 @@ def find_drives(
     return DrivesFound(drives, total, delay)
 
 
-def unfitted(model: RobotModel, written: str) -> list[str]:
-    """Return what becomes of drives whose kind identification does not know, one sentence.
-
-    Args:
-        model: That identification began with.
-        written: Name of the drive model in the result.
-    """
+def _unfitted(model: RobotModel, written: str) -> list[str]:
+    """What becomes of drives whose kind identification does not know, one sentence."""
     kind = DRIVE_MODELS[model.drive]
     if kind.fitted is not None or kind.lossless:
         return []
