@@ -67,15 +67,7 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
     if not any(finding.severity == ERROR for finding in findings):
         # joints that would need more torque than the robot has
         findings += [
-            Finding(
-                "torque_limit",
-                WARNING,
-                (name,),
-                sentence,
-                float("nan"),
-                float("nan"),
-                LONGER_WINDOW,
-            )  # fmt: skip
+            Finding("torque_limit", WARNING, (name,), sentence, *UNKNOWN, LONGER_WINDOW)
             for name, sentence in evidence.beyond_torque.items()
         ]
     return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
