@@ -53,13 +53,10 @@ class Lubricant:
         return cold + slope * log10(KELVIN + 40), slope
 
     def viscosity(self, gear_temperature_degc: Float | float) -> Float:
-        """Return the kinematic viscosity.
+        """Return the kinematic viscosity, same shape. [mm^2/s]
 
         Args:
             gear_temperature_degc: Oil, any shape; limited to -40 to 200 degC. [degC]
-
-        Returns:
-            Same shape. [mm^2/s]
         """
         a, b = self.constants
         degc = np.clip(np.asarray(gear_temperature_degc), MIN_DEGC, MAX_DEGC)

@@ -62,22 +62,14 @@ class PlantFriction:
         self._follows_oil = config.lubricant_temperature
 
     def viscous(self, gear_temperature_degc: Float) -> Float:
-        """Return the viscous coefficient.
+        """Return the viscous coefficient, motor side, shape (n,). [N m s/rad]
 
         Args:
             gear_temperature_degc: Temperature of the oil, shape (n,). [degC]
-
-        Returns:
-            Motor side, shape (n,). [N m s/rad]
         """
-        degc = (
-            gear_temperature_degc
-            if self._follows_oil
-            else np.full(self._profile.n_joints, OIL_DEGC)
-        )
         factor = [
-            float(oil.friction_factor(value))
-            for oil, value in zip(self._profile.lubricant, degc.tolist(), strict=True)
+            float(oil.friction_factor(degc if self._follows_oil else OIL_DEGC))
+            for oil, degc in zip(self._profile.lubricant, gear_temperature_degc, strict=True)
         ]
         return self._profile.viscous_40 * np.asarray(factor)
 
@@ -152,9 +144,6 @@ class PlantDrives:
             motor_velocity: Shape (N, n). [rad/s]
             motor_torque: At the shaft, shape (N, n). [N m]
             motor_temperature_degc: Winding and magnets, shape (n,). [degC]
-
-        Returns:
-            The flows.
         """
         warmer = motor_temperature_degc - REFERENCE_DEGC
         drag = self._hysteresis * np.sign(motor_velocity) + self._eddy * motor_velocity

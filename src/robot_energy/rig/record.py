@@ -98,7 +98,7 @@ class RigEncoder:
         """Return sensor_msgs/JointState messages, shape (N, size).
 
         Args:
-            block: N samples.
+            block: N samples or readings.
         """
         return self._joints.encode(
             {
@@ -113,8 +113,7 @@ class RigEncoder:
     def drive_power(self, block: RigJoints) -> NDArray[np.uint8]:
         """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size).
 
-        Args:
-            block: N samples.
+        Argument as in `RigEncoder.joint_states`.
         """
         nothing = np.empty((len(block), 0), dtype=np.uint32)
         columns = {"layout.dim.size": nothing, "layout.dim.stride": nothing}
@@ -123,22 +122,15 @@ class RigEncoder:
     def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
         """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size).
 
-        Args:
-            block: N readings.
+        Argument as in `RigEncoder.joint_states`.
         """
-        return self._temperatures.encode(
-            {
-                **stamp_columns(block.stamp_ns),
-                "temperature_degc": block.motor_temperature_degc,
-            },
-            len(block),
-        )
+        degc = {"temperature_degc": block.motor_temperature_degc}
+        return self._temperatures.encode(stamp_columns(block.stamp_ns) | degc, len(block))
 
     def meter(self, block: MeterBlock) -> NDArray[np.uint8]:
         """Return ros2_energy_msgs/PowerReading messages, shape (N, size).
 
-        Args:
-            block: N readings.
+        Argument as in `RigEncoder.joint_states`.
         """
         return self._meter.encode(
             {

@@ -209,7 +209,10 @@ class VirtualRig:
         truth, drives, encoders = self._plant(since_ns)
         motor_before = self._thermal.motor_temperature_degc
         if self._warming:
-            self._heat(truth)
+            friction = truth.friction_power.mean(axis=0)
+            motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
+            share = self.profile.friction_to_motor
+            self._thermal.step(motor + share * friction, (1.0 - share) * friction)
         self._readings = _joined(self._readings, self._meter.read(first, truth.grid_power))
         temperatures = self._thermometer.read(
             first * self._period_ns,
@@ -218,15 +221,8 @@ class VirtualRig:
             self._thermal.motor_temperature_degc,
         )
         self._temperatures = _joined(self._temperatures, temperatures)
-        sensors = self._joint_sensors
-        joints = RigJoints(
-            stamp_ns=sensors.stamp(truth.stamp_ns),
-            joint_position=sensors.position(encoders.joint_position),
-            joint_velocity=sensors.velocity(encoders.joint_velocity),
-            measured_motor_torque=sensors.torque(drives.measured_motor_torque),
-            measured_drive_power=sensors.drive_power(truth.drive_power),
-        )
-        return joints, truth
+        measured = drives.measured_motor_torque
+        return self._joint_sensors.read(truth, encoders, measured), truth
 
     def _plant(self, since_ns: Int) -> tuple[Truth, DriveFlows, Trajectory]:
         time: Float = since_ns.astype(np.float64) * NANOSECOND
@@ -279,8 +275,11 @@ class VirtualRig:
         if self._compliance is None:
             return links
         before, after = (
-            self._robot.joint_torque(*self._links_at(np.maximum(time + step, 0.0)))
-            for step in (-DIFFERENCE, DIFFERENCE)
+            self._robot.joint_torque(at.joint_position, at.joint_velocity, at.joint_acceleration)
+            for at in (
+                self._program.sample(np.maximum(time + step, 0.0))
+                for step in (-DIFFERENCE, DIFFERENCE)
+            )
         )
         slope = (after - before) / (2.0 * DIFFERENCE)
         curvature = (after - 2.0 * joint_torque + before) / DIFFERENCE**2
@@ -289,16 +288,6 @@ class VirtualRig:
             links.joint_velocity + self._compliance * slope,
             links.joint_acceleration + self._compliance * curvature,
         )
-
-    def _links_at(self, time: Float) -> tuple[Float, Float, Float]:
-        motion = self._program.sample(time)
-        return motion.joint_position, motion.joint_velocity, motion.joint_acceleration
-
-    def _heat(self, truth: Truth) -> None:
-        friction = truth.friction_power.mean(axis=0)
-        motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
-        share = self.profile.friction_to_motor
-        self._thermal.step(motor + share * friction, (1.0 - share) * friction)
 
 
 class Fan:
