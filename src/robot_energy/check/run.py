@@ -45,16 +45,13 @@ def check(
     effort: EffortMeaning = EffortMeaning.NONE,
     inputs: Inputs | None = None,
 ) -> CheckResult:
-    """Say whether a recording fits a model, and what is wrong if it does not.
+    """Return whether a recording fits a model, and what is wrong if not, errors first.
 
     Args:
         path: MCAP file or rosbag2 folder.
         model: The model.
         effort: What the effort in the joint states means.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
-
-    Returns:
-        The findings, errors first.
 
     Raises:
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.

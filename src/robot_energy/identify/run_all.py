@@ -101,7 +101,7 @@ def identify_everything(
     strict: bool = True,
     share_shape: bool = False,
 ) -> FullIdentification:
-    """Identify what the bags allow.
+    """Return every subject with what the bags tell of it, or why nothing.
 
     Args:
         bags: Of one robot, at least one.
@@ -112,9 +112,6 @@ def identify_everything(
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
         strict: Whether a step that comes out implausible ends it all; else it is left out.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
-
-    Returns:
-        Every subject with what was found or why not.
 
     Raises:
         RobotEnergyError: If bags or model cannot be used at all, or a step is implausible.

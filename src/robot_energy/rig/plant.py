@@ -76,7 +76,7 @@ class PlantFriction:
     def torque(
         self, motor_velocity: Float, motor_torque_rigid: Float, gear_temperature_degc: Float
     ) -> Float:
-        """Return what the drive must add against friction, of consecutive samples.
+        """Return what the drive must add against friction, motor side, shape (N, n). [N m]
 
         Without presliding there is none at standstill.
 
@@ -84,9 +84,6 @@ class PlantFriction:
             motor_velocity: Shape (N, n). [rad/s]
             motor_torque_rigid: The load, shape (N, n). [N m]
             gear_temperature_degc: Shape (n,). [degC]
-
-        Returns:
-            Motor side, with the sign of the velocity, shape (N, n). [N m]
         """
         speed = np.abs(motor_velocity)
         dry = self._profile.coulomb + self._load * np.abs(motor_torque_rigid)

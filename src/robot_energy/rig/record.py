@@ -191,7 +191,7 @@ def record(
     drive_power: bool = False,
     auxiliary: bool = False,
 ) -> RigRecording:
-    """Run a rig and write its topics to a bag.
+    """Return the account of a run of a rig, whose topics are written to a bag.
 
     ``/joint_states`` (sensor_msgs/JointState, effort = motor torque),
     ``/motor_temperatures`` (ros2_energy_msgs/MotorTemperatures) and ``/power_meter``
@@ -208,9 +208,6 @@ def record(
         auxiliary: Record a pump and an extruder as well (`rig.auxiliary`): meters on
             ``/auxiliary/NAME/power`` (PowerReading), states on ``/auxiliary/NAME/state``
             (std_msgs/UInt8).
-
-    Returns:
-        What was written.
 
     Raises:
         RigError: If the duration makes no sense.

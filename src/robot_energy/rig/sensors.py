@@ -244,14 +244,11 @@ class GridMeter:
         self._last = 0.0  # J at the last reading
 
     def read(self, first: int, grid_power: Float) -> MeterBlock:
-        """Take the true power of consecutive samples and return the readings they complete.
+        """Return the readings that consecutive samples of the true power complete.
 
         Args:
             first: Index of the first sample.
             grid_power: Shape (N,). [W]
-
-        Returns:
-            A block, possibly empty.
         """
         if self._filter:
             grid_power = self._filter.step(grid_power)

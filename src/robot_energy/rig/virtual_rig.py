@@ -146,28 +146,22 @@ class VirtualRig:
             self._friction.wear = np.array(wear, dtype=np.float64)
 
     def step_until(self, stamp_ns: int) -> RigOutput | None:
-        """Return the samples up to an instant, as a live rig does at every tick.
+        """Return what became due up to an instant, as at every tick of a live rig; None if nothing.
 
         Args:
             stamp_ns: The last sample is at or before it. [ns]
-
-        Returns:
-            What became due, or None if no sample did.
         """
         due = (stamp_ns - self.stamp_ns) // self._period_ns + 1
         return self.step(due) if due > 0 else None
 
     def step(self, n_samples: int) -> RigOutput:
-        """Run the rig.
+        """Return the next samples and the readings due by then.
 
         Temperatures and meter readings come with the first step whose last sample is not
         before their stamp.
 
         Args:
             n_samples: How many samples, >= 1.
-
-        Returns:
-            The samples and the readings due by then.
 
         Raises:
             RigError: If ``n_samples`` is not positive.

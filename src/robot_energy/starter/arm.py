@@ -78,15 +78,12 @@ class Arm:
 
 
 def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence[str] = ()) -> Arm:
-    """Choose the joints of a first model and find their limits.
+    """Return the joints of a first model, and their limits.
 
     Args:
         urdf_xml: Text of the URDF.
         class_name: A name of `CLASSES`; None: chosen by peak power and mass.
         joint_names: The joints to model; empty: all independent moving joints without grippers.
-
-    Returns:
-        The arm.
 
     Raises:
         RobotDescriptionError: If the URDF cannot be used, or nothing in it moves.

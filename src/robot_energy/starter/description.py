@@ -40,14 +40,11 @@ class RobotText:
 
 
 def read_description(source: str | Path, arguments: Sequence[str] = ()) -> RobotText:
-    """Read a URDF, expand a xacro file, or take the robot description out of a bag.
+    """Return the text of a URDF, not checked yet: of a file, expanded from xacro, or in a bag.
 
     Args:
         source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
         arguments: Arguments of the xacro file, each ``name:=value``.
-
-    Returns:
-        The text; it has not been checked yet.
 
     Raises:
         RobotDescriptionError: If the file cannot be read or expanded.

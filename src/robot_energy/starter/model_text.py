@@ -17,15 +17,12 @@ HOT = f"{SHAPE_A:g} of the viscous friction at 20 degC"
 
 
 def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
-    """Write the model file of an arm that nobody has measured.
+    """Return the model file, as YAML, of an arm that nobody has measured.
 
     Args:
         arm: From `robot_energy.starter.arm.read_arm`.
         description: Its URDF.
         folder: Folder of the model file, at which the path of the URDF begins.
-
-    Returns:
-        YAML that `robot_energy.model.load` accepts.
     """
     joints = "".join(_joint(joint, arm.robot_class) for joint in arm.joints)
     urdf = _urdf(arm, description, Path(folder))

@@ -106,13 +106,10 @@ def energy_variances(deviation: Float) -> Float:
 
 
 def figures_of(deviation: Float) -> Float:
-    """Return the columns of the figures: all but temperature, form, and what no figure explains.
+    """Return the columns of the figures, shape (K - 4,): all but temperature, form and random.
 
     Args:
         deviation: Deviations or their integrals, shape (K,). [W] or [J]
-
-    Returns:
-        Shape (K - 4,), same unit.
     """
     return np.concatenate([deviation[[*_SYSTEMATIC, LOSS_GRID]], deviation[_FIRST:]])
 

@@ -262,16 +262,13 @@ DRIVE_MODELS.complete("loss_model", deviation=_loss_model, loss_deviations=_loss
 
 
 def payload_shares(model: RobotModel) -> Float:
-    """Return the share of the payload in the rigid motor torque, over random motions.
+    """Return the share of the payload in the rigid motor torque, 0 to 1, shape (n,); 0 without.
 
     ``c_i = sum(tau_p tau) / sum(tau^2)`` of joint i, with the torque ``tau_p`` that the payload
     adds to ``tau``; half of each of 200 motions is gravity at rest.
 
     Args:
         model: The robot's model.
-
-    Returns:
-        0 to 1, shape (n,); 0 without a payload.
     """
     names = model.joint_names
     if not sum(body.mass for body in model.payload):

@@ -107,15 +107,12 @@ class LoadRecording:
 def read_loads(
     path: str | Path, loads: Sequence[AuxiliaryLoad], inputs: Inputs | None
 ) -> LoadRecording:
-    """Read meters and states of loads.
+    """Return the curves of the meters of loads and the changes of their states, by their names.
 
     Args:
         path: MCAP file or rosbag2 folder.
         loads: Of the model file.
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-
-    Returns:
-        Curves of the meters and changes of the states, by the names of the loads.
 
     Raises:
         BagError: If the bag cannot be read.

@@ -95,7 +95,7 @@ class LoadsFit:
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:
-    """Identify the states of a load from its own meter.
+    """Return powers of the states of a load from its own meter, and how they do held out.
 
     The power of a state is its energy over its time.
 
@@ -103,9 +103,6 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
         load: The load.
         parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
-
-    Returns:
-        Powers of its states, and how they do on what the fit has not seen.
 
     Raises:
         NotIdentifiableError: If no state has enough readings.

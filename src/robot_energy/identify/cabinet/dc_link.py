@@ -115,15 +115,12 @@ def fit_link(
     cabinet: Cabinet | None = None,
     drives: DrivesFound | None = None,
 ) -> LinkFit:
-    """Identify the energy.
+    """Return the energy with its interval, and what it is worth on held-out readings.
 
     Args:
         recordings: Run with one model, whose drives should be known already.
         cabinet: To begin with; None for that of the model.
         drives: Found in these recordings, for the deviation; None if they are given.
-
-    Returns:
-        The energy with its interval and what it is worth on held-out readings.
 
     Raises:
         NotIdentifiableError: If there is no meter at the grid, the supply feeds back to the
@@ -194,7 +191,7 @@ def with_link(
     source: str,
     voltages: Voltages | None = None,
 ) -> tuple[RobotModel, str]:
-    """Return a model whose DC link stores the identified energy.
+    """Return a model whose DC link stores the energy, and what its voltages are, one sentence.
 
     Args:
         model: Any model of the same robot.
@@ -202,9 +199,6 @@ def with_link(
         source: Where the data come from.
         voltages: Rectified and of the chopper, where the user says them; else those of the
             model's capacitor, else those of 3 x 400 V mains, assumed. [V]
-
-    Returns:
-        The model, and what was taken for the voltages, one sentence.
     """
     before = model.cabinet.capacitor
     if voltages is not None:

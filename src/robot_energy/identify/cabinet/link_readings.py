@@ -116,15 +116,12 @@ def readings_of(
     cabinets: Sequence[Cabinet],
     change: Sequence[Float] | None = None,
 ) -> LinkReadings:
-    """Run every cabinet, and take the means over the same time as each reading.
+    """Return the means of every cabinet that is run, over the same time as each reading.
 
     Args:
         metered: Recordings with a meter.
         cabinets: One after the other.
         change: Added to the power of the drives in each recording, shape (N,) each. [W]
-
-    Returns:
-        The readings, with one prediction for every cabinet.
     """
     parts: list[tuple[CoveredPieces, Float, Int]] = []
     for number, recording in enumerate(metered):

@@ -48,15 +48,12 @@ class SupplyFound:
 def fit_supply(
     recordings: Sequence[Recording], source: str, voltages: Voltages | None = None
 ) -> SupplyFound:
-    """Identify constant losses and DC link.
+    """Return constant losses, DC link, and the model with both.
 
     Args:
         recordings: Run with one model.
         source: Where the data come from.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
-
-    Returns:
-        Constants, link and the model with both.
 
     Raises:
         NotIdentifiableError: If not even the constants are told.

@@ -189,13 +189,10 @@ def facts(bag: Bag, recording: Recording) -> BagFacts:
 
 
 def temperature_ranges(recordings: Sequence[Recording]) -> Float:
-    """Return the lowest and highest temperature of each motor.
+    """Return lowest and highest temperature of each motor, NaN if unknown, shape (2, n). [degC]
 
     Args:
         recordings: Of one robot.
-
-    Returns:
-        Shape (2, n); NaN for a motor of which none is known. [degC]
     """
     parts = [part.power.motor_temperature_degc for part in recordings if len(part)]
     if not parts:

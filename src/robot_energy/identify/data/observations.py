@@ -114,15 +114,12 @@ class Observations:
 def observe(
     channels: Sequence[Channels], torque_model: TorqueModel, filters: Filters
 ) -> Observations:
-    """Turn recorded channels into rows.
+    """Return the rows of recorded channels, in the order of the recording.
 
     Args:
         channels: Stretches of the recording without gaps, one rate for all.
         torque_model: Of the robot; its payload is known and taken off the torque.
         filters: How to filter.
-
-    Returns:
-        The rows, in the order of the recording.
 
     Raises:
         NotIdentifiableError: If a stretch is too short to be filtered.

@@ -171,15 +171,12 @@ def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:
 def channels_of(
     recordings: Sequence[Recording], most: float = np.inf, rate: float | None = None
 ) -> list[Channels]:
-    """Cut the measured motor torque and position at gaps, on one uniform grid.
+    """Return stretches of motor torque and position between gaps, on one uniform grid.
 
     Args:
         recordings: Of one robot.
         most: Time to take from the start of each recording. [s]
         rate: Of the grid; None for that of the first recording. [Hz]
-
-    Returns:
-        The stretches of all recordings.
 
     Raises:
         NotIdentifiableError: If a recording has no stretch that is long enough.

@@ -25,15 +25,12 @@ MAX_NOISE = 0.02  # rad/s: a recording without rest or steady motion shows no no
 
 
 def still(stamp_ns: Int, velocity: Float, standstill: Float) -> NDArray[np.bool_]:
-    """Return where each joint stands.
+    """Return where each joint stands, shape (N, n); False where the velocity is not finite.
 
     Args:
         stamp_ns: Rising, shape (N,). [ns]
         velocity: Shape (N, n). [rad/s] or [m/s]
         standstill: Of the model, shape (n,). [rad/s] or [m/s]
-
-    Returns:
-        Shape (N, n); False where the velocity is not finite.
     """
     noise = np.minimum(np.nan_to_num(velocity_noise(stamp_ns, velocity)), MAX_NOISE)
     known = np.isfinite(velocity)

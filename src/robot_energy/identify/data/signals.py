@@ -164,7 +164,7 @@ def stretches(
     motor_torque: Float,
     rate: float | None = None,
 ) -> list[Channels]:
-    """Cut a recording at its gaps and put every stretch on one uniform grid.
+    """Return the stretches between gaps that are long enough, all on one uniform grid.
 
     Args:
         stamp_ns: Shape (N,). [ns]
@@ -172,9 +172,6 @@ def stretches(
         joint_position: Shape (N, n). [rad] or [m]
         motor_torque: Shape (N, n). [N m]
         rate: Of the grid; default the median rate of the recording. [Hz]
-
-    Returns:
-        The stretches that are long enough.
 
     Raises:
         NotIdentifiableError: If there is none.

@@ -56,14 +56,11 @@ class DrivesFound:
     delay: Delay | None = None
 
     def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
-        """Return a model with these drives; each drive's own power comes before the meter.
+        """Return a model with these drives, and what was decided without data, one sentence each.
 
         Args:
             model: Any model of the same robot.
             source: Where the data come from.
-
-        Returns:
-            The model, and what was decided without data, one sentence each.
 
         Raises:
             NotIdentifiableError: If a drive was not identified and the model has none of it.
@@ -86,16 +83,13 @@ class DrivesFound:
 def find_drives(
     data: DriveData, model: RobotModel | None, source: str = "", cutoff: float = CUTOFF
 ) -> DrivesFound:
-    """Identify the drives by whatever was measured of them.
+    """Return what the power of each drive and the meter tell of the drives.
 
     Args:
         data: Samples of all drives.
         model: Of the robot; None for a log.
         source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]
-
-    Returns:
-        What the power of each drive and the meter tell.
 
     Raises:
         NotIdentifiableError: If neither power of drives nor a meter tells anything.

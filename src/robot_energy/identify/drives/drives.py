@@ -146,7 +146,7 @@ def fit_drives(
     points: int = POINTS,
     compare: bool = True,
 ) -> DrivesFit:
-    """Identify every drive whose power is measured.
+    """Return fits of every drive whose power is measured and, held out, of every way.
 
     Args:
         data: Samples of all drives.
@@ -154,9 +154,6 @@ def fit_drives(
         cutoff: Of the low-pass of the maps. [Hz]
         points: Greatest number of points of a map.
         compare: Test all ways on parts held out; without it the loss model is chosen.
-
-    Returns:
-        Fits of every drive and, on held-out data, of every way.
 
     Raises:
         NotIdentifiableError: If no drive can be identified.

@@ -77,13 +77,10 @@ class TotalFit:
 
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
-    """Find out how much the readings tell apart, and fit that.
+    """Return the fit of the simplest structure that no other beats on blocks it has not seen.
 
     Args:
         data: Pieces between readings.
-
-    Returns:
-        The fit of the simplest structure that no other beats.
 
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
@@ -240,7 +237,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
 def with_total(
     model: RobotModel, fit: TotalFit, place: MeterLocation, source: str, meter: float = 0.0
 ) -> tuple[RobotModel, list[str]]:
-    """Return a model that predicts the meter as the fit does.
+    """Return a model that predicts the meter as the fit does, and what no data decided.
 
     The constants are one sum: the drives get none, and the DC side all but what the model
     says of the grid side. Where that side is not identified, no side has a deviation of its own.
@@ -251,9 +248,6 @@ def with_total(
         place: Where the meter sits.
         source: Where the data come from.
         meter: Standard deviation of its gain. [-]
-
-    Returns:
-        The model, and what was decided without data, one sentence each.
     """
     joints = [
         joint.model_copy(update={"losses": _entry(fit, k, source)})

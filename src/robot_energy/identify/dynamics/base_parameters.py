@@ -75,13 +75,10 @@ class BaseParameters:
         return not (np.abs(self.relation[self.labels.index(name)]) > SHOWN).any()
 
     def expression(self, group: int) -> str:
-        """Return a group as a sum of standard parameters.
+        """Return a group as a sum, such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``.
 
         Args:
             group: Its place.
-
-        Returns:
-            Such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``.
         """
         text = self.names[int(self.independent[group])]
         for coefficient, index in zip(
@@ -127,16 +124,13 @@ def numerical_rank(pivots: Float) -> int:
 def base_parameters(
     columns: Float, names: Sequence[str], order: Sequence[int] | None = None
 ) -> BaseParameters:
-    """Find the groups of parameters that columns tell apart.
+    """Return the groups of parameters that columns tell apart.
 
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
             [N m/parameter]
         names: Of the parameters.
         order: Which parameters stand for a group, the preferred first; default as they are.
-
-    Returns:
-        The groups.
     """
     from scipy.linalg import qr
 

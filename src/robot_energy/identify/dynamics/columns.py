@@ -47,13 +47,10 @@ class Estimate:
     source: str
 
     def figure(self, factor: float) -> PositiveFigure:
-        """Return it as an entry of a model file.
+        """Return it as an entry of a model file; at the bound where it is not above 0.
 
         Args:
             factor: From the column's unit to that of the entry. [-]
-
-        Returns:
-            The figure; at the bound where it is not above 0.
         """
         if not self.value > BOUND * (self.std or 0.0):
             return at_bound(self.source, max(self.value * factor, 0.0))
@@ -116,14 +113,11 @@ class ParameterColumn:
         return [int(joint) for joint in np.flatnonzero(np.abs(others).sum(axis=1) > 0)]
 
     def torque(self, motion: Trajectory, transmission: Float) -> Float:
-        """Return joint torque per unit of each parameter.
+        """Return joint torque per unit of each parameter, shape (N, n, K).
 
         Args:
             motion: N samples of it.
             transmission: Motor turns per joint turn, shape (n, n). [-]
-
-        Returns:
-            Shape (N, n, K).
         """
         values: Float = getattr(motion, self.follows)
         if self.owner == "motor":
@@ -136,15 +130,12 @@ class ParameterColumn:
         return result
 
     def write(self, joint: Joint, ratio: float, estimate: Estimate) -> Joint:
-        """Return the entry of a model file with the parameter set.
+        """Return the entry of a model file with the parameter set, motor side.
 
         Args:
             joint: The entry.
             ratio: Gear ratio of the motor. [-]
             estimate: The parameter, at the joint.
-
-        Returns:
-            The entry, motor side.
 
         Raises:
             ModelFileError: If a model file has no place for it.

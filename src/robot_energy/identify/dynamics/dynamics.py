@@ -194,13 +194,10 @@ class Dynamics:
         return rows.advanced(self.delay.applied)
 
     def predict(self, rows: Observations) -> Float:
-        """Return what the model file says of rows, offsets of the sensor left out.
+        """Return the joint torque (N, n) [N m] or [N] of a model file, without offsets of sensors.
 
         Args:
             rows: Of `rows_of`.
-
-        Returns:
-            Joint torque, shape (N, n). [N m] or [N]
         """
         part = rows.with_names(self.torque_model.names)
         return part.regressor @ self.torque_model.without_offsets(self.standard)
@@ -224,15 +221,12 @@ class Dynamics:
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
-    """Identify a robot's dynamics.
+    """Return a robot's dynamics as recordings tell them.
 
     Args:
         channels: Stretches of recordings without gaps, one rate for all.
         model: Kinematics, drivetrain, payload, and bodies as the prior.
         settings: How; the defaults suit industrial arms.
-
-    Returns:
-        The result.
 
     Raises:
         NotIdentifiableError: If the recording does not tell the parameters; names them and
@@ -299,16 +293,13 @@ def identify_dynamics(
 def fit_rows(
     rows: Observations, method: Method = "wls", gains: tuple[float, Float] | None = None
 ) -> Fit:
-    """Fit the parameters of rows.
+    """Return the parameters of rows and their covariance.
 
     Args:
         rows: With independent columns only.
         method: As of `regression.fit`.
         gains: Standard deviation of the gain of each motor's torque [-], and the transmission,
             shape (n, n) [-]; None: there is no such error.
-
-    Returns:
-        The parameters and their covariance.
     """
     covariance = autocorrelated(rows.segment)
     found = fit(rows.regressor, rows.joint_torque, rows.names, covariance, method, rows.used)

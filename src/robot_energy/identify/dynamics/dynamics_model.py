@@ -24,7 +24,7 @@ IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias"
 
 
 def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = "") -> RobotModel:
-    """Return the model with identified bodies, rotors and friction.
+    """Return the model, not yet saved, with identified bodies, rotors and friction.
 
     Bodies are those of the physically consistent fit: single figures of a body that torque
     tells only in groups are the prior's share, so their tag is ``derived``; the torque of the
@@ -35,9 +35,6 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         result: The identification.
         recordings: What it was made from, for the provenance.
         data_date: When it was recorded.
-
-    Returns:
-        The model, not yet saved.
 
     Raises:
         NotIdentifiableError: If a body came out without mass.
@@ -82,7 +79,7 @@ def _estimate(result: Dynamics, name: str, value: float) -> Estimate:
 
 
 def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_parameters: Float) -> str:
-    """Write identified bodies into a URDF.
+    """Return the text of a URDF with identified bodies.
 
     All that moves with a joint is one body; it goes to the link behind the joint, and the
     links fixed to that one (or locked to it) lose their own.
@@ -92,9 +89,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
         joint_names: Modelled joints.
         link_parameters: Ten per joint, as of `Robot.link_parameters`, shape (10 n,).
             [kg], [kg m] and [kg m^2]
-
-    Returns:
-        Text of the URDF with new inertials.
 
     Raises:
         NotIdentifiableError: If a body has no mass: only bodies that can exist are written.

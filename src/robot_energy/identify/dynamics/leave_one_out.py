@@ -79,15 +79,12 @@ def across_recordings(
     model: RobotModel,
     settings: DynamicsSettings | None = None,
 ) -> LeaveOneOut:
-    """Hold every recording out once.
+    """Return predictions of every recording, held out once, beside what was measured.
 
     Args:
         recordings: Stretches of each recording by its name, two or more.
         model: As of `identify_dynamics`.
         settings: As of `identify_dynamics`.
-
-    Returns:
-        The judgements.
     """
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}

@@ -74,13 +74,10 @@ class TorqueModel:
         return (*links, *(name for _, _, name in self.extra))
 
     def regressor(self, motion: Trajectory) -> Float:
-        """Return joint torque per unit of each parameter.
+        """Return joint torque per unit of each parameter, shape (N, n, P).
 
         Args:
             motion: N samples of it.
-
-        Returns:
-            Shape (N, n, P).
         """
         links = self.robot.torque_regressor(
             motion.joint_position, motion.joint_velocity, motion.joint_acceleration
@@ -89,15 +86,12 @@ class TorqueModel:
         return np.concatenate([links, *columns], axis=2)
 
     def payload_torque(self, motion: Trajectory, regressor: Float) -> Float:
-        """Return the joint torque of the payload, which is known.
+        """Return the joint torque of the payload, which is known, shape (N, n). [N m] or [N]
 
         Args:
             motion: N samples of it.
             regressor: Of the same samples, shape (N, n, P): joint torque over each parameter.
                 [N m] or [N], over the unit of the parameter
-
-        Returns:
-            Shape (N, n). [N m] or [N]
         """
         whole = self.robot.joint_torque(
             motion.joint_position, motion.joint_velocity, motion.joint_acceleration

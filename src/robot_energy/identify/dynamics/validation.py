@@ -33,14 +33,11 @@ class TorqueError:
 
 
 def torque_error(observations: Observations, predicted: Float) -> TorqueError:
-    """Compare a prediction with the measured torque.
+    """Return the errors of a prediction of the measured torque.
 
     Args:
         observations: The rows.
         predicted: Joint torque, shape (N, n). [N m] or [N]
-
-    Returns:
-        The errors.
     """
     error = predicted - observations.joint_torque
     used, torque = observations.used, observations.joint_torque
@@ -56,16 +53,13 @@ def torque_error(observations: Observations, predicted: Float) -> TorqueError:
 def predict_held_out(
     observations: Observations, estimate: Callable[[Observations], Float], folds: int, guard: float
 ) -> Float:
-    """Return the torque of every fold as the others predict it.
+    """Return the joint torque of every fold as the others predict it, (N, n). [N m] or [N]
 
     Args:
         observations: The rows.
         estimate: Fits the parameters of the columns to the used rows of what it is given.
         folds: Number of contiguous folds.
         guard: Time left out of the training on both sides of the fold. [s]
-
-    Returns:
-        Joint torque, shape (N, n). [N m] or [N]
     """
 
     def predict(train: Mask, test: Mask) -> Float:

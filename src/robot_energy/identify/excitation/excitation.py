@@ -95,16 +95,13 @@ def optimise_excitation(
     settings: ExcitationSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Excitation:
-    """Find a motion that tells the base parameters well, within limits.
+    """Return the motion, best of all starts, that tells the base parameters, within limits.
 
     Args:
         model: The robot.
         limits: What the motion keeps to, at 1 kHz in the end.
         settings: How to look for it.
         progress: Called with the share done.
-
-    Returns:
-        The best of all starts.
 
     Raises:
         MotionError: If settings make no sense or no allowed motion is found.

@@ -124,14 +124,11 @@ class FrictionFit:
 
 @one_thread
 def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
-    """Identify the friction of one axis.
+    """Return the friction of one axis.
 
     Args:
         data: Its samples, from one or several recordings.
         source: Where they come from, for the model file.
-
-    Returns:
-        The fit.
 
     Raises:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
@@ -199,14 +196,11 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Identify the friction of every axis that the data tell.
+    """Return the friction of every axis that the data tell, and why the others are not told.
 
     Args:
         axes: Samples, one entry per axis.
         source: Where they come from, for the model file.
-
-    Returns:
-        The fits, and why the other axes could not be identified, one sentence each.
 
     Raises:
         NotIdentifiableError: If not one axis can be identified.
@@ -300,13 +294,10 @@ def held_out_law(
 
 
 def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:
-    """Return what is held out: temperatures, or blocks in time where there is but one.
+    """Return what is held out, temperatures or blocks in time, and the fold of each sample, (N,).
 
     Args:
         data: Samples in motion.
-
-    Returns:
-        What is held out, and the fold of each sample, shape (N,).
     """
     degc = data.motor_temperature_degc
     fold = folds_by_value(degc)

@@ -126,15 +126,12 @@ def nuisance(fit: Fit, data: FrictionData) -> Float:
 
 
 def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, Fit]:
-    """Fit one law.
+    """Return a law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Args:
         name: The law.
         data: Samples in motion.
         source: Where they come from, for the model file.
-
-    Returns:
-        The law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Raises:
         NotIdentifiableError: If they do not tell its parameters or have another shape, or the

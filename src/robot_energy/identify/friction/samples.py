@@ -86,7 +86,7 @@ class FrictionData:
 
 
 def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
-    """Collect one axis from recordings of the same robot.
+    """Return one axis of recordings, motor side; the blocks of each are its own.
 
     Samples are averaged over 0.04 s, both sides of the equation alike, which changes
     nothing in it and makes ten times fewer of them; a span in which the axis stands or
@@ -95,9 +95,6 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
     Args:
         recordings: Run with one model, whose bodies give the rigid-body torque.
         joint: Index of the joint in model order.
-
-    Returns:
-        Motor side; the blocks of every recording are its own.
     """
     parts = [_of_recording(recording, joint) for recording in recordings]
     sensors = recordings[0].sensors.std

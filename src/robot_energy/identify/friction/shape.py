@@ -151,15 +151,12 @@ def _fitted(above: Float, relative: Float) -> tuple[float, float]:
 def fit_shared(
     data: FrictionData, shape: TemperatureShape, source: str = ""
 ) -> tuple[ExponentialLaw, Fit]:
-    """Fit the size of a lent shape to an axis.
+    """Return a lent law whose size was fitted to an axis, and the regression behind it.
 
     Args:
         data: Samples in motion, with temperatures.
         shape: The shape.
         source: Where the samples come from, for the model file.
-
-    Returns:
-        The law, of figures that are derived, and the regression behind it.
 
     Raises:
         NotIdentifiableError: If the samples do not tell the size, or it is not above 0.

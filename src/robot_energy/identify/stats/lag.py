@@ -53,7 +53,7 @@ NO_DELAY = Delay(0.0, 0.0, 0.0, 0.0, False, 0.0)
 
 
 def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None = None) -> Float:
-    """Return the squared error of every target on each block, fitted to the others.
+    """Return squared errors (blocks, targets) of every target on each block, fitted to the others.
 
     Args:
         triangles: Of each block, with the sums of squares of ``[columns, targets]``, shape
@@ -61,9 +61,6 @@ def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None 
         width: Number of columns.
         known: Rows like those of a triangle that belong to every fit, such as a prior; shape
             (., width + targets), None for none. [any unit]
-
-    Returns:
-        Shape (blocks, targets).
     """
     error: list[Float] = []
     for number, held in enumerate(triangles):

@@ -212,27 +212,21 @@ def _solve(triangles: Float) -> Float:
 
 
 def qr_r(rows: Float) -> Float:
-    """Return R of a QR decomposition: ``R'R = rows' rows``, without squaring anything.
+    """Return R, (min(M, P), P), of a QR decomposition: ``R'R = rows' rows``, nothing squared.
 
     Args:
         rows: Shape (M, P). [any unit]
-
-    Returns:
-        Upper triangle, shape (min(M, P), P).
     """
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)  # pyright: ignore
 
 
 def independent(columns: Float, least: Float, order: Iterable[int] | None = None) -> list[int]:
-    """Return the columns that those before them do not explain.
+    """Return the places, in order, of the columns that those before them do not explain.
 
     Args:
         columns: In their own units, shape (N, P). [-]
         least: Length that must be left of each column, shape (P,). [-]
         order: Places of the columns, the preferred first; None: as they are.
-
-    Returns:
-        Their places, in this order.
     """
     base = np.empty((len(columns), 0))
     found: list[int] = []

@@ -88,16 +88,13 @@ def ambient_of(runs: Sequence[Sequence[ThermalRun]]) -> float:
 def fit_network(
     name: str, runs: Sequence[ThermalRun], ambient_degc: float, source: str = ""
 ) -> ThermalFit:
-    """Identify the thermal network of one motor.
+    """Return the thermal network of one motor.
 
     Args:
         name: Of the joint.
         runs: Of this motor.
         ambient_degc: Of the air. [degC]
         source: Where the data come from, for the model file.
-
-    Returns:
-        The fit.
 
     Raises:
         NotIdentifiableError: If there is too little, the motor hardly warms, or the network
