@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from operator import itemgetter
@@ -226,17 +226,19 @@ def record(
     counts = dict.fromkeys(types, 0)
     energy, peak, end = 0.0, 0.0, first.truth
     waiting: list[Message] = []
-    for topic, time_ns, rows in load_messages(encoder, loads):
-        waiting += [(t, topic, r.tobytes()) for t, r in zip(time_ns.tolist(), rows, strict=True)]
-        counts[topic] += len(rows)
+
+    def wait(messages: Iterable[tuple[str, Int, NDArray[np.uint8]]]) -> None:
+        for topic, time_ns, rows in messages:
+            times = time_ns.tolist()
+            waiting.extend((t, topic, row.tobytes()) for t, row in zip(times, rows, strict=True))
+            counts[topic] += len(rows)
+
+    wait(load_messages(encoder, loads))
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         for topic, kind in types.items():
             bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES else []))
         for output in chain([first], pieces):
-            for topic, time_ns, rows in _messages(encoder, output, drive_power):
-                times = time_ns.tolist()
-                waiting += [(t, topic, row.tobytes()) for t, row in zip(times, rows, strict=True)]
-                counts[topic] += len(rows)
+            wait(_messages(encoder, output, drive_power))
             end = output.truth
             energy += float(end.grid_power.sum()) * rig.period
             peak = max(peak, float(end.grid_power.max()))

@@ -19,7 +19,6 @@ from robot_energy.identify.stats.regression import independent, qr_r
 ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
 SHOWN = 1e-6  # coefficients below are rounding
 INDEPENDENCE = 1e-6  # share of a column, at unit length, that others must leave unexplained
-LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 @dataclass(frozen=True)
@@ -89,15 +88,6 @@ class BaseParameters:
                 factor = "" if abs(abs(coefficient) - 1) < SHOWN else f"{abs(coefficient):.4g} "
                 text += f" {sign} {factor}{self.names[index]}"
         return text
-
-
-def link_parameter_names(joint_names: Sequence[str]) -> list[str]:
-    """Return the names of the link parameters, in the order of `Robot.link_parameters`.
-
-    Args:
-        joint_names: Of the robot.
-    """
-    return [f"{parameter} {joint}" for joint in joint_names for parameter in LINK_PARAMETERS]
 
 
 def numerical_rank(pivots: Float) -> int:

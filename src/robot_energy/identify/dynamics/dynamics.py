@@ -51,6 +51,11 @@ from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 
 MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
+UNCERTAINTY = 1.0  # of bodies of the URDF and rotors of the model file as a prior, share of each
+# Of a torque channel as a prior: one standard deviation as a share of the greatest torque measured
+# on the axis. Assumed; what a current sensor may be off by. Gravity that little motion does not
+# tell from an offset stays gravity.
+OFFSET = 0.01
 
 
 @dataclass(frozen=True)
@@ -62,12 +67,6 @@ class DynamicsSettings:
         method: ``ols``, ``wls`` or ``irls``.
         filters: Of the channels.
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]
-        folds: Contiguous folds of the validation.
-        uncertainty: Of the URDF's bodies as a prior, share of each figure; the rotor
-            inertias of the model file likewise. [-]
-        offset: Of a torque channel as a prior: one standard deviation as a share of the
-            greatest torque measured on the axis. Assumed; what a current sensor may be off
-            by. Gravity that little motion does not tell from an offset stays gravity. [-]
         sensors: Limits of the constant errors of the sensors.
     """
 
@@ -75,9 +74,6 @@ class DynamicsSettings:
     method: Method = "wls"
     filters: Filters = field(default_factory=Filters)
     delay_span: float = 0.005
-    folds: int = 5
-    uncertainty: float = 1.0
-    offset: float = 0.01
     sensors: SensorLimits = DEFAULT_LIMITS
 
 
@@ -147,7 +143,7 @@ class Dynamics:
         """
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
-        prior = _prior(self.model, torque_model, self.settings, rows)
+        prior = _prior(self.model, torque_model, rows)
         weight = _whitening(rows, self.exported)
 
         def estimator(train: Observations) -> Float:
@@ -180,7 +176,7 @@ class Dynamics:
     @one_thread
     def _held_out(self, rows: Observations, estimator: Callable[[Observations], Float]) -> Float:
         guard = 1.0 / self.settings.filters.cutoff
-        return predict_held_out(rows, estimator, self.settings.folds, guard)
+        return predict_held_out(rows, estimator, guard)
 
     @one_thread
     def rows_of(self, channels: Sequence[Channels]) -> Observations:
@@ -252,9 +248,9 @@ def identify_dynamics(
     delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
-        prior = _prior(model, whole, settings, rows)
+        prior = _prior(model, whole, rows)
         weight = _whitening(rows, result).max(axis=0)
-        delay = estimate_delay(rows, weight, prior, settings.delay_span, settings.folds, guard)
+        delay = estimate_delay(rows, weight, prior, settings.delay_span, guard)
         if delay.applied:
             rows = rows.advanced(delay.applied)
             independent = rows.with_columns(base.independent)
@@ -269,7 +265,7 @@ def identify_dynamics(
         exported_base = written.structure()
         kept = part.with_columns(exported_base.independent)
         exported = fit_rows(kept, settings.method, gains)
-    prior = _prior(model, written, settings, part)
+    prior = _prior(model, written, part)
     standard = _consistent(part, _whitening(part, exported), prior, written)
     in_sample = torque_error(independent, independent.regressor @ result.values)
     poor = poorly_known(base, result, link_prior(whole.robot.link_parameters, 1.0))
@@ -311,11 +307,9 @@ def fit_rows(
     return with_systematic(found, rows.regressor, {TORQUE: changes})
 
 
-def _prior(
-    model: RobotModel, torque_model: TorqueModel, settings: DynamicsSettings, rows: Observations
-) -> Prior:
+def _prior(model: RobotModel, torque_model: TorqueModel, rows: Observations) -> Prior:
     """The URDF's bodies, the model file's rotors, small offsets; nothing else is known."""
-    links = link_prior(torque_model.robot.link_parameters, settings.uncertainty)
+    links = link_prior(torque_model.robot.link_parameters, UNCERTAINTY)
     greatest = np.abs(rows.joint_torque[rows.compared]).max(axis=0)
     values, std = np.zeros(len(torque_model.extra)), np.full(len(torque_model.extra), np.inf)
     for place, (column, owner, _) in enumerate(torque_model.extra):
@@ -323,9 +317,9 @@ def _prior(
         rotor = joint.rotor_inertia.value * joint.gear_ratio.value**2
         if column.kind == "rotor_inertia":
             values[place] = rotor
-            std[place] = settings.uncertainty * rotor if rotor > 0.0 else np.inf
+            std[place] = UNCERTAINTY * rotor if rotor > 0.0 else np.inf
         elif column.owner == "sensor":
-            std[place] = max(settings.offset * greatest[owner], np.finfo(float).tiny)
+            std[place] = max(OFFSET * greatest[owner], np.finfo(float).tiny)
     return Prior(np.concatenate([links.values, values]), np.concatenate([links.std, std]))
 
 

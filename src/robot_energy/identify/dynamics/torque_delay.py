@@ -26,7 +26,6 @@ def estimate_delay(
     weight: Float,
     prior: Prior,
     span: float,
-    folds: int,
     guard: float,
 ) -> Delay:
     """Return the delay of the torque, by cross-validation.
@@ -36,14 +35,13 @@ def estimate_delay(
         weight: Of each joint, shape (n,), one over the noise of an independent row. [1/(N m)]
         prior: Of every column.
         span: Delays from minus to plus this are tried. [s]
-        folds: Number of contiguous folds.
         guard: Time left out beside each fold. [s]
     """
     delays = np.linspace(-span, span, 2 * STEPS + 1)
     torque = np.stack([observations.advanced(float(d)).joint_torque for d in delays], axis=2)
     reach = int(np.ceil(span * observations.rate))
     used = observations.used & _away_from_cuts(observations, reach)[:, None]
-    pairs = list(splits(folds_of(observations, folds), round(guard * observations.rate)))
+    pairs = list(splits(folds_of(observations), round(guard * observations.rate)))
     kept = np.logical_and.reduce([test | train for train, test in pairs])
     triangles: list[Float] = []
     for _, test in pairs:

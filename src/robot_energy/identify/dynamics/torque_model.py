@@ -9,17 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.identify.dynamics.base_parameters import (
-    BaseParameters,
-    base_parameters,
-    link_parameter_names,
-)
+from robot_energy.identify.dynamics.base_parameters import BaseParameters, base_parameters
 from robot_energy.identify.dynamics.columns import ParameterColumn
 from robot_energy.model import RobotModel
 from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 
+LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 SAMPLES = 200  # random motions that show the structure of the robot
 
 
@@ -70,7 +67,8 @@ class TorqueModel:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters."""
-        links = link_parameter_names(self.robot.joint_names)
+        joints = self.robot.joint_names  # the links in the order of `Robot.link_parameters`
+        links = [f"{parameter} {joint}" for joint in joints for parameter in LINK_PARAMETERS]
         return (*links, *(name for _, _, name in self.extra))
 
     def regressor(self, motion: Trajectory) -> Float:

@@ -51,14 +51,13 @@ def torque_error(observations: Observations, predicted: Float) -> TorqueError:
 
 
 def predict_held_out(
-    observations: Observations, estimate: Callable[[Observations], Float], folds: int, guard: float
+    observations: Observations, estimate: Callable[[Observations], Float], guard: float
 ) -> Float:
     """Return the joint torque of every fold as the others predict it, (N, n). [N m] or [N]
 
     Args:
         observations: The rows.
         estimate: Fits the parameters of the columns to the used rows of what it is given.
-        folds: Number of contiguous folds.
         guard: Time left out of the training on both sides of the fold. [s]
     """
 
@@ -67,18 +66,17 @@ def predict_held_out(
         return observations.regressor[test] @ values
 
     reach = round(guard * observations.rate)
-    return cross_validation.predict_held_out(folds_of(observations, folds), predict, reach)
+    return cross_validation.predict_held_out(folds_of(observations), predict, reach)
 
 
-def folds_of(observations: Observations, folds: int) -> Int:
+def folds_of(observations: Observations) -> Int:
     """Return the fold of each row, shape (N,).
 
     Rows that are compared are shared out evenly; the others go with their neighbours.
 
     Args:
         observations: The rows.
-        folds: How many.
     """
     place = np.cumsum(observations.compared) - 1
     count = int(observations.compared.sum())
-    return contiguous_folds(count, folds)[np.clip(place, 0, count - 1)]
+    return contiguous_folds(count)[np.clip(place, 0, count - 1)]

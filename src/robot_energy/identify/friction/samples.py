@@ -23,6 +23,7 @@ AVERAGED = 0.04  # s: samples this close say the same of friction
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 LOG_BLOCK = 30.0  # s: the same for a slow log of one joint
 APART = 5.0  # s between rows of a log, beyond which another run begins
+BY_SAMPLE = ("motor_velocity", "friction_torque", "motor_temperature_degc")
 STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is no steady motion
 
 
@@ -66,16 +67,11 @@ class FrictionData:
         Args:
             mask: Which of them, shape (N,).
         """
-        return replace(
-            self,
-            motor_velocity=self.motor_velocity[mask],
-            friction_torque=self.friction_torque[mask],
-            motor_temperature_degc=self.motor_temperature_degc[mask],
-            block=self.block[mask],
-            run=self.run[mask],
-            nuisance=self.nuisance[mask],
-            changes={cause: change[mask] for cause, change in self.changes.items()},
-        )
+        kept = {
+            name: getattr(self, name)[mask] for name in (*BY_SAMPLE, "block", "run", "nuisance")
+        }
+        changes = {cause: change[mask] for cause, change in self.changes.items()}
+        return replace(self, **kept, changes=changes)
 
     @property
     def sign(self) -> Float:

@@ -99,11 +99,7 @@ class Tested:
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Return predicted over measured shaft energy less 1; NaN without measured torque.
-
-        Args:
-            stage: ``given`` or a subject.
-        """
+        """Return the same of the shaft energy, NaN without torque; argument as in `Tested.error`."""
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
@@ -158,24 +154,19 @@ class HeldOutEnergy:
         Among those at temperatures of their fit, where there is any.
         """
         last = self.stages[-1]
-        return max(
-            self.within or self.metered, key=lambda entry: abs(entry.error(last)), default=None
-        )
+        return max(self.judged, key=lambda entry: abs(entry.error(last)), default=None)
 
     def mean_rms(self, stage: str, entries: Sequence[Tested]) -> float:
         """Return the mean RMS error of power from reading to reading. [W]
 
-        Args:
-            stage: ``given`` or a subject.
-            entries: Of which recordings.
+        Arguments as in `HeldOutEnergy.mean_error`.
         """
         return float(np.mean([entry.predictions[stage].rms for entry in entries]))
 
     def torque_error(self, stage: str) -> float:
         """Return the mean error of the motor torque over its size. [-]
 
-        Args:
-            stage: ``given`` or a subject.
+        Argument as in `HeldOutEnergy.mean_error`.
         """
         return float(np.mean([part.predictions[stage].torque_error for part in self.with_torque]))
 
@@ -262,13 +253,14 @@ def _test(
             first = first or recording
         predictions[stage] = done[id(model)]
     assert first is not None  # there is always the model as given
-    measured, seconds = _measured(predictions[GIVEN].compared)
+    compared = predictions[GIVEN].compared
+    seen_by_meter = float(sum(part.measured.sum() for part in compared))
     rows = _shown(first, span)
     stamp = first.torque.stamp_ns
     return Tested(
         name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
-        duration=seconds,
-        measured=measured,
+        duration=sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND,
+        measured=seen_by_meter if compared else float("nan"),
         shaft=_shaft(first, first.torque.motor_torque_measured, span),
         predictions=predictions,
         start_ns=int(stamp[0]),
@@ -290,13 +282,18 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
     compared = tuple(
         part for part in (_within(part, span) for part in recording.compared) if len(part.measured)
     )
+    sums = PowerErrorSums()  # of the mean power between readings, each weighted by its time
+    for part in compared:
+        sums.step(part)
+    rows, predicted = _known_torque(recording, span), recording.power.motor_torque
+    measured = recording.torque.motor_torque_measured[rows]
     return HeldOutPrediction(
         compared,
         float(sum(part.predicted.sum() for part in compared)),
-        _rms(compared),
-        _shaft(recording, recording.power.motor_torque, span),
-        _torque_error(recording, span),
-        recording.power.motor_torque[_shown(recording, span)],
+        sums.rms,
+        _shaft(recording, predicted, span),
+        relative_error(predicted[rows] - measured, measured),
+        predicted[_shown(recording, span)],
     )
 
 
@@ -306,22 +303,6 @@ def _within(part: Compared, span: Span) -> Compared:
     return Compared(
         part.available_ns[rows], part.duration_ns[rows], part.measured[rows], part.predicted[rows]
     )
-
-
-def _measured(compared: Sequence[Compared]) -> tuple[float, float]:
-    """Energy that the meter saw, NaN if nothing was compared [J], and the time [s]."""
-    if not compared:
-        return float("nan"), 0.0
-    seconds = sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND
-    return float(sum(part.measured.sum() for part in compared)), seconds
-
-
-def _rms(compared: Sequence[Compared]) -> float:
-    """Of the mean power between readings, each reading weighted by its time. [W]"""
-    sums = PowerErrorSums()
-    for part in compared:
-        sums.step(part)
-    return sums.rms
 
 
 def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:
@@ -343,13 +324,6 @@ def _known_torque(recording: Recording, span: Span) -> NDArray[np.bool_]:
     known = np.isfinite(block.motor_torque_measured).all(axis=1) & recording.sound
     known &= np.isfinite(recording.power.motor_torque).all(axis=1)
     return known & (block.stamp_ns >= span[0]) & (block.stamp_ns < span[1])
-
-
-def _torque_error(recording: Recording, span: Span) -> float:
-    """Norm of the error of the motor torque over that of the measured one; NaN if unknown."""
-    rows = _known_torque(recording, span)
-    measured = recording.torque.motor_torque_measured[rows]
-    return relative_error(recording.power.motor_torque[rows] - measured, measured)
 
 
 def _shown(recording: Recording, span: Span) -> Int:

@@ -252,7 +252,11 @@ def _fit(runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float) -> tup
 
     scale = READING_STD * np.sqrt(CORRELATED)
     count = len(keys)
-    size = np.log(max(float(np.mean([_mean_heat(run) for run in runs])), 1e-6) * 900.0 / 10.0)
+    size = np.log(
+        max(float(np.mean([np.mean(run.drive_heat + run.friction_heat) for run in runs])), 1e-6)
+        * 900.0
+        / 10.0
+    )
     middle = np.array([PRIORS.get(key, (size if key == "motor" else 0.0, 0))[0] for key in keys])
     spread = np.array([PRIORS.get(key, (0, 2.0 if key == "motor" else 10.0))[1] for key in keys])
     low = np.array([{"idle": 0.0, "share": 0.0}.get(key, -np.inf) for key in keys])
@@ -276,10 +280,6 @@ def _fit(runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float) -> tup
     slopes = np.asarray(found.jac, dtype=np.float64)
     covariance = np.linalg.pinv(slopes.T @ slopes) * noise
     return np.asarray(found.x[:count]), covariance[:count, :count]
-
-
-def _mean_heat(run: ThermalRun) -> float:
-    return float(np.mean(run.drive_heat + run.friction_heat))
 
 
 def _held_out(

@@ -200,8 +200,8 @@ def test_a_firm_prior_decides_what_the_rows_do_not_tell():
     weight = np.full(2, 1.0)
     firm = Prior(np.zeros(size), np.full(size, 1e-9))  # nothing moves: no delay is better
     loose = Prior(np.zeros(size), np.full(size, np.inf))
-    stuck = estimate_delay(rows, weight, firm, 0.005, 5, 0.1)
-    free = estimate_delay(rows, weight, loose, 0.005, 5, 0.1)
+    stuck = estimate_delay(rows, weight, firm, 0.005, 0.1)
+    free = estimate_delay(rows, weight, loose, 0.005, 0.1)
     assert abs(stuck.gain) < 1e-3
     assert free.gain > 0.1
     assert free.value == pytest.approx(0.003, abs=2e-4)
