@@ -15,13 +15,10 @@ MIN_REST = 1.0  # s of rest, for the constant losses
 
 
 def check_temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
-    """Say which joints have a temperature, and whether it makes sense.
+    """Return which joints lack a sound temperature, and why that cannot be told.
 
     Args:
         evidence: The recording.
-
-    Returns:
-        The findings, and why there are none where the check cannot be made.
     """
     remarks = evidence.remarks
     if remarks.temperatures is None:
@@ -57,13 +54,10 @@ def check_temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
 
 
 def check_excitation(evidence: Evidence) -> tuple[list[Finding], str]:
-    """Say what identification can learn from this recording, and what it cannot.
+    """Return what cannot be identified from the recording, as notes: that is no mistake.
 
     Args:
         evidence: The recording.
-
-    Returns:
-        The findings; a recording that lacks something is no mistake, so they are notes.
     """
     if len(evidence.stamp_ns) < 2:
         return [], "too few samples"

@@ -246,7 +246,9 @@ def evidence_of(
 
 
 def velocity_noise(stamps: Int, velocity: Float) -> Float:
-    """Noise of each joint's velocity, from the quietest stretches at rest or at constant speed.
+    """Return the noise of each joint's velocity, in its unit, NaN with too few samples, shape (n,).
+
+    It is from the quietest stretches, at rest or at constant speed.
 
     The standard deviation about a straight line within windows of a quarter of a second, of
     which the lowest twentieth counts.
@@ -254,9 +256,6 @@ def velocity_noise(stamps: Int, velocity: Float) -> Float:
     Args:
         stamps: Rising, shape (N,). [ns]
         velocity: Shape (N, n). [rad/s] or [m/s]
-
-    Returns:
-        Shape (n,), NaN with too few samples. [rad/s] or [m/s]
     """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:

@@ -28,14 +28,11 @@ MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take aw
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
-    """Compare the meter with the predicted power at its place.
+    """Return findings on the meter against the predicted power, and why there cannot be any.
 
     Args:
         evidence: The recording.
         wrong: Causes found so far.
-
-    Returns:
-        The findings, and why there are none where the check cannot be made.
     """
     if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"

@@ -43,13 +43,10 @@ UNITS = {False: _Unit("degrees", DEGREES, 0.2), True: _Unit("millimetres", 1e3, 
 
 
 def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
-    """Compare velocity with the change of position, and both with the limits.
+    """Return findings on velocities, positions and limits, and why there cannot be any.
 
     Args:
         evidence: The recording.
-
-    Returns:
-        The findings, and why there are none where the check cannot be made.
     """
     if len(evidence.stamp_ns) < MIN_SAMPLES:
         return [], f"{len(evidence.stamp_ns)} samples with a full derivative window"

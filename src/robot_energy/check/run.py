@@ -84,13 +84,10 @@ def check(
 def findings_of(
     evidence: Evidence,
 ) -> tuple[tuple[Finding, ...], tuple[str, ...], dict[str, str]]:
-    """Make all checks, of a recording or of what a live monitor saw.
+    """Return findings, errors first; the checks made; those not made, with what they lack.
 
     Args:
         evidence: What was seen.
-
-    Returns:
-        The findings, errors first; the checks made; those not made, with what they lack.
     """
     findings = [
         Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))

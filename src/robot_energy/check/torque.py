@@ -38,13 +38,10 @@ SIZE = {"zero_offset": f"{OFFSET:g} rad", "gear_ratio": "a factor of 2",
 
 
 def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
-    """Compare the recorded torque with the model.
+    """Return findings on the torque against the model, and why there cannot be any.
 
     Args:
         evidence: The recording.
-
-    Returns:
-        The findings, and why there are none where the check cannot be made.
     """
     if evidence.effort is EffortMeaning.NONE:
         return list(

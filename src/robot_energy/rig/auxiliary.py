@@ -49,7 +49,7 @@ def auxiliary_loads(
     begin: float = 0.0,
     used: Mapping[str, float] | None = None,
 ) -> dict[str, LoadRecord]:
-    """Return what pump and extruder do during a run of the rig, or during a part of it.
+    """Return what ``pump`` and ``extruder`` do during a run of the rig, or during a part of it.
 
     Args:
         start_ns: Of the run. [ns]
@@ -57,9 +57,6 @@ def auxiliary_loads(
         seed: Of the gain errors of their meters.
         begin: Where the part begins. [s]
         used: True energy of each load before. [J]
-
-    Returns:
-        By the names of the loads, ``pump`` and ``extruder``.
     """
     time = begin + np.arange(round(duration / STEP) + 1) * STEP
     runs = (time >= PUMP_STARTS) & ((time - PUMP_STARTS) % PUMP_PERIOD < PUMP_RUNS)

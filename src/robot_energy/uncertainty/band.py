@@ -90,15 +90,12 @@ def power_std(deviation: Float) -> Float:
 
 
 def energy_variances(deviation: Float) -> Float:
-    """Return the variance of an energy that each figure alone causes.
+    """Return the variance of an energy by each figure alone, by `names_of`, shape (K - 1,). [J^2]
 
     The errors of figures grow with time, what no figure explains with its root.
 
     Args:
         deviation: Integrals of the deviations, shape (K,). [J]
-
-    Returns:
-        In the order of `robot_energy.uncertainty.deviation.names_of`, shape (K - 1,). [J^2]
     """
     columns = [*_SYSTEMATIC, LOSS_GRID, TEMPERATURE, FORM]
     random = max(float(deviation[_RANDOM]), 0.0)
@@ -117,7 +114,7 @@ def figures_of(deviation: Float) -> Float:
 def energy_parts(
     deviation: Float, at_bus: bool = False, systematic: bool = False
 ) -> tuple[float, float]:
-    """Return the standard deviation of an energy in two parts, without that of the model's form.
+    """Return deviations of an energy by all but temperature and form, and by the temperature. [J]
 
     What the form leaves out a meter shows, and without one it is added.
 
@@ -125,9 +122,6 @@ def energy_parts(
         deviation: Integrals of the deviations, shape (K,). [J]
         at_bus: Whether the energy is that of the DC bus.
         systematic: Whether to leave out what no figure explains.
-
-    Returns:
-        All but the temperature, and the temperature. [J]
     """
     variances = energy_variances(deviation)
     grid, temperature, form, random = variances[len(_SYSTEMATIC) :][:4].tolist()

@@ -76,16 +76,13 @@ def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
 def tried(
     metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
 ) -> tuple[Float, LinkReadings]:
-    """Try energies, closer and closer to the best, with a constant and a little more of it.
+    """Return energies (K,) [J], rising, closer and closer to the best, and the readings with each.
 
     Args:
         metered: Recordings with a meter.
         cabinet: All else stays as in it.
         base: Constant of the DC side. [W]
         top: Greatest energy to try. [J]
-
-    Returns:
-        Energies, rising, shape (K,) [J], and the readings with each of them.
     """
     data: LinkReadings | None = None
     energies, least = np.empty(0), max(MIN_SHARE * top, MIN_FLOW)

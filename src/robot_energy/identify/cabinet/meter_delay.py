@@ -105,13 +105,10 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
 
 
 def meter_lags(read: Callable[[float], DriveData]) -> tuple[Delay | None, Delay | None]:
-    """Return low pass and delay of the meters of some recordings, the delay without the low pass.
+    """Return low pass and delay of meters, None where not told; the delay without the low pass.
 
     Args:
         read: Gives the samples of all drives with a low pass [s] of the meters undone.
-
-    Returns:
-        The estimates; None without a meter, or where the readings are too few to tell.
     """
     data = read(0.0)
     if all(meter is None for meter in data.meters):

@@ -46,15 +46,12 @@ class Channels:
 
 
 def low_pass(values: Float, rate: float, cutoff: float) -> Float:
-    """Filter forward and backward with a Butterworth filter: no delay at any frequency.
+    """Return values filtered forward and backward (Butterworth): no delay at any frequency.
 
     Args:
         values: Shape (N, ...), uniform in time. [any unit]
         rate: [Hz]
         cutoff: Where the filter, passed twice, halves the amplitude. [Hz]
-
-    Returns:
-        Same shape.
 
     Raises:
         NotIdentifiableError: If there are too few samples, or too few per second.
@@ -93,7 +90,7 @@ def motion_from_position(joint_position: Float, rate: float, cutoff: float) -> T
 
 
 def later(values: Float, rate: float, delay: float) -> Float:
-    """Return a channel as it is a while later: undoes a delay of that length.
+    """Return a channel, same shape, as it is a while later: undoes a delay of that length.
 
     The delay need not be a whole number of samples. Beyond the end the last value stands;
     cut it off with `inside`.
@@ -102,9 +99,6 @@ def later(values: Float, rate: float, delay: float) -> Float:
         values: Shape (N, n), uniform in time, smooth. [any unit]
         rate: [Hz]
         delay: Result at t is the channel at t + delay; may be negative. [s]
-
-    Returns:
-        Same shape.
     """
     if delay == 0.0:
         return values

@@ -91,14 +91,11 @@ class BaseParameters:
 
 
 def numerical_rank(pivots: Float) -> int:
-    """Return how many pivots are not rounding: those before the widest gap.
+    """Return how many pivots are not rounding: those before the widest gap, or all.
 
     Args:
         pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling, shape (K,).
             [any unit]
-
-    Returns:
-        The rank; all of them where none is small enough to be rounding.
     """
     size = np.abs(np.asarray(pivots, dtype=np.float64))
     if not len(size) or size[0] == 0.0:

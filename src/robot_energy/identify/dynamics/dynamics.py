@@ -199,13 +199,10 @@ class Dynamics:
         return part.regressor @ self.torque_model.without_offsets(self.standard)
 
     def motor_torque(self, motion: Trajectory) -> Float:
-        """Motor torque that the exported model must give, offsets of the sensor left out.
+        """Return the motor torque (N, n) [N m] of the exported model, without offsets of sensors.
 
         Args:
             motion: Joint motion.
-
-        Returns:
-            Motor side, shape (N, n). [N m]
         """
         regressor = self.torque_model.regressor(motion)
         values = self.torque_model.without_offsets(self.standard)

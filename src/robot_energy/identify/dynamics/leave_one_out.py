@@ -129,15 +129,12 @@ def _least_squares(fit: Dynamics, rows: Observations) -> TorqueError:
 
 
 def motor_work(observations: Observations, joint_torque: Float, transmission: Float) -> Work:
-    """Integrate the power of the motors over moving and standing rows.
+    """Return the work of the motors over moving and standing rows, low-passed on both sides.
 
     Args:
         observations: The rows with their motion.
         joint_torque: Measured or predicted, shape (N, n). [N m] or [N]
         transmission: Motor turns per joint turn, shape (n, n). [-]
-
-    Returns:
-        The work. Rows are low-passed: what vibrates faster is in no side of a comparison.
     """
     motor_torque = np.linalg.solve(transmission.T, joint_torque.T).T
     motor_velocity = observations.motion.joint_velocity @ transmission.T

@@ -142,11 +142,10 @@ class ExcitationLimits:
     def use(self, motion: Trajectory) -> dict[str, Float]:
         """Return how much of each limit every sample uses; signed, the limit is at +-1.
 
+        By kind, shape (N, n); of the floor (N, 1), where only +1 is a limit.
+
         Args:
             motion: N samples of it.
-
-        Returns:
-            By kind, shape (N, n); of the floor (N, 1), where only +1 is a limit.
         """
         below = np.zeros((len(motion.joint_position), 1))
         if self.floor is not None:
@@ -214,15 +213,12 @@ class ExcitationLimits:
 def slopes(
     motion: Trajectory, limits: ExcitationLimits, function: Callable[[Trajectory], Float]
 ) -> Float:
-    """Return forward differences of a function of a motion.
+    """Return forward differences of a function of a motion, shape (3, n, N, ...).
 
     Args:
         motion: N samples of it.
         limits: A step is a millionth of them.
         function: Of the motion, shape (N, ...).
-
-    Returns:
-        Per position, velocity and acceleration of each joint, shape (3, n, N, ...).
     """
     here = function(motion)
     channels = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)

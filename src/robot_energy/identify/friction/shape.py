@@ -191,15 +191,12 @@ def fit_shared(
 def share_shape(
     fits: Sequence[FrictionFit], axes: Sequence[FrictionData], source: str = ""
 ) -> list[FrictionFit]:
-    """Lend the common shape to axes whose own range of temperature or speed is too small.
+    """Return fits, those of too small a range with a lent shape, or why not, in their warnings.
 
     Args:
         fits: Of the axes that could be identified.
         axes: Samples of all axes.
         source: Where they come from, for the model file.
-
-    Returns:
-        The fits; those that borrowed, or why they did not, say so in their warnings.
     """
     samples = {axis.name: axis for axis in axes}
     poor: dict[str, FrictionData] = {}

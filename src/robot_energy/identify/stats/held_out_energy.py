@@ -99,7 +99,7 @@ class Tested:
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Return the same of the shaft energy, NaN without torque; argument as in `Tested.error`."""
+        """Return the same of shaft energy, NaN without torque; argument as in `Tested.error`."""
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
@@ -198,7 +198,7 @@ def held_out_energy(
     skip: Sequence[Subject] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> HeldOutEnergy:
-    """Test the whole on what it has not seen.
+    """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
         kind: From `folds_of`.
@@ -206,9 +206,6 @@ def held_out_energy(
         whole: Identified from all bags of the fit; it is what a ``test`` is made with.
         skip: As it was identified.
         progress: Called with what is going on and the share done, 0 to 1.
-
-    Returns:
-        The test; where a fold does not allow a step, its model is that of the step before.
     """
     stages = (GIVEN, *(step.subject for step in whole.steps))
     tested: list[tuple[int, Tested]] = []  # with the place among the bags

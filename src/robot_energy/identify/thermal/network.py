@@ -149,17 +149,13 @@ def fit_networks(
     ambient_degc: float | None = None,
     source: str = "",
 ) -> tuple[float, list[ThermalFit], list[str]]:
-    """Identify the thermal network of every motor that the data tell.
+    """Return the temperature of the air [degC], the networks, and why other motors have none.
 
     Args:
         names: Of the joints.
         runs: Of every motor.
         ambient_degc: Of the air; None: see `ambient_of`. [degC]
         source: Where the data come from, for the model file.
-
-    Returns:
-        The temperature of the air [degC], the fits, and why the other motors could not be
-        identified, one sentence each.
 
     Raises:
         NotIdentifiableError: If not one motor can be identified.
