@@ -76,7 +76,7 @@ MODULES = {
         cabinet dc_link link_errors link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags log_channels observations recordings rest signals
+        bags log_channels observations recordings signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses total_power
@@ -84,10 +84,10 @@ MODULES = {
     """,
     "robot_energy.identify.dynamics": """
         base_parameters columns consistent dynamics dynamics_model leave_one_out
-        sufficiency torque_delay torque_model validation
+        sufficiency torque_model validation
     """,
     "robot_energy.identify.excitation": """
-        criterion excitation limits
+        excitation limits
     """,
     "robot_energy.identify.friction": """
         friction laws samples shape temperature_study

@@ -138,19 +138,14 @@ def _finding(
     if alike:
         sentence += f"; as well explained by {', '.join(alike)}"
     severity = ERROR
-    if cause.name in ("gear_ratio", "torque_scale") and _ratio_is_a_guess(evidence, cause.joints):
+    ratios = [evidence.model.joints[joint].gear_ratio for joint in cause.joints]
+    # assumed with a stated, wide deviation, as in first models
+    guessed = all(r.tag == "assumed" and (r.std or 0.0) > WIDE * abs(r.value) for r in ratios)
+    if cause.name in ("gear_ratio", "torque_scale") and guessed:
         severity = WARNING
         sentence += "; the gear ratio is a prior"
     certainty = max(share, 0.0)  # one of several causes may explain nothing by itself
     return Finding(cause.name, severity, names, sentence, value, certainty, remedy, place, alike)
-
-
-def _ratio_is_a_guess(evidence: Evidence, joints: tuple[int, ...]) -> bool:
-    """Whether the gear ratios are assumed with a stated, wide deviation, as in first models."""
-    ratios = [evidence.model.joints[joint].gear_ratio for joint in joints]
-    return all(
-        ratio.tag == "assumed" and (ratio.std or 0.0) > WIDE * abs(ratio.value) for ratio in ratios
-    )
 
 
 def _explained(trial: Trial, joints: tuple[int, ...]) -> str:

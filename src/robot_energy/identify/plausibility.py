@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import EffortMeaning, Float, TorqueBlock
 from robot_energy.errors import ImplausibleIdentificationError
 from robot_energy.identify.cabinet.cabinet import CabinetFit
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.data.rest import still_joints
+from robot_energy.identify.data.recordings import Recording, still_joints
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.drives.total_sums import Sums

@@ -7,8 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_energy.identify.excitation.criterion import ExcitationScore
-from robot_energy.identify.excitation.excitation import Excitation, ExcitationSettings
+from robot_energy.identify.excitation.excitation import (
+    Excitation,
+    ExcitationScore,
+    ExcitationSettings,
+)
 from robot_energy.identify.excitation.limits import Floor
 from robot_energy.results.base import Number, Result, known
 

@@ -256,11 +256,7 @@ class VirtualRig:
             inverter_loss=drives.inverter_loss,
             loss_dc=np.full(rows, self.profile.supply.loss_dc),
             loss_grid=np.full(rows, self.profile.supply.loss_grid + fan),
-            rectifier_loss=supply.rectifier_loss,
-            brake_power=supply.brake_power,
-            capacitor_power=supply.capacitor_power,
-            bus_voltage=supply.bus_voltage,
-            grid_power=supply.grid_power + fan,
+            **{**supply.__dict__, "grid_power": supply.grid_power + fan},
         )
         return truth, drives, encoders
 

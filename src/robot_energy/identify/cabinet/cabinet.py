@@ -4,7 +4,7 @@ While nothing moves (HOLD) the grid delivers ``P_l,grid + P_l,DC`` and what the 
 take at rest. While the drives feed back more than the DC side uses (GENERATING) it
 delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first tells
 the sum and the second splits it. Rest is found from the noise of the velocities
-(`robot_energy.identify.data.rest`), braking through the model, and only readings that lie
+(`robot_energy.identify.data.recordings`), braking through the model, and only readings that lie
 inside one whole phase count.
 """
 
@@ -19,8 +19,13 @@ from numpy.typing import NDArray
 from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified, only_the_sum
-from robot_energy.identify.data.recordings import Recording, with_meter
-from robot_energy.identify.data.rest import rest_of, still_joints, window
+from robot_energy.identify.data.recordings import (
+    Recording,
+    rest_of,
+    still_joints,
+    window,
+    with_meter,
+)
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.identify.stats.regression import SCATTER, student

@@ -128,7 +128,16 @@ def fit_link(
     """
     metered = with_meter(recordings)
     cabinet = cabinet or recordings[0].model.cabinet
-    _require_grid_meter(metered, cabinet)
+    if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
+        raise NotIdentifiableError(
+            "a meter that is not at the grid does not see what the DC link gives back",
+            "a meter at the grid",
+        )
+    if cabinet.regeneration_efficiency is not None:
+        raise NotIdentifiableError(
+            "the supply feeds braking energy back to the grid, so the DC link hardly stores any",
+            "a rectifier with a brake resistor",
+        )
     top = max(  # the most energy that was fed back and not yet drawn again
         float(
             held_energy(
@@ -232,19 +241,6 @@ def with_link(
         f"the energy of the DC link is identified; its {1e3 * fit.energy / half:.3g} mF follow "
         f"from {low.value:g} and {high.value:g} V, {origin}"
     )
-
-
-def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
-    if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
-        raise NotIdentifiableError(
-            "a meter that is not at the grid does not see what the DC link gives back",
-            "a meter at the grid",
-        )
-    if cabinet.regeneration_efficiency is not None:
-        raise NotIdentifiableError(
-            "the supply feeds braking energy back to the grid, so the DC link hardly stores any",
-            "a rectifier with a brake resistor",
-        )
 
 
 def _deviations(energies: Float, squares: Float) -> tuple[float, float]:

@@ -60,14 +60,13 @@ def estimate_meter_delay(data: DriveData) -> Delay | None:
 
 
 def estimate_time_constant(data: DriveData) -> Delay | None:
-    """Estimate the time constant of a low pass in the meters of all recordings.
+    """Return the time constant of a low pass in the meters of all recordings.
+
+    It is applied only where no delay alone explains the readings as well. None where the readings
+    are too few to tell, or are those of a counter.
 
     Args:
         data: Samples of all drives, with meters.
-
-    Returns:
-        The estimate, applied only where no delay alone explains the readings as well; None where
-        the readings are too few to tell, or are those of a counter.
     """
     counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
     if counted or not np.isfinite(data.period) or data.period <= 0.0:

@@ -27,9 +27,13 @@ from robot_energy.identify.dynamics.sufficiency import (
     poorly_known,
     remarks,
 )
-from robot_energy.identify.dynamics.torque_delay import estimate_delay
 from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.dynamics.validation import TorqueError, predict_held_out, torque_error
+from robot_energy.identify.dynamics.validation import (
+    TorqueError,
+    estimate_delay,
+    predict_held_out,
+    torque_error,
+)
 from robot_energy.identify.stats.autocorrelation import autocorrelated
 from robot_energy.identify.stats.lag import NO_DELAY, Delay
 from robot_energy.identify.stats.regression import (
@@ -52,10 +56,6 @@ from robot_energy.physics.drivetrain import Drivetrain
 
 MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
 UNCERTAINTY = 1.0  # of bodies of the URDF and rotors of the model file as a prior, share of each
-# Of a torque channel as a prior: one standard deviation as a share of the greatest torque measured
-# on the axis. Assumed; what a current sensor may be off by. Gravity that little motion does not
-# tell from an offset stays gravity.
-OFFSET = 0.01
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,9 @@ class DynamicsSettings:
         method: ``ols``, ``wls`` or ``irls``.
         filters: Of the channels.
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]
+        offset: Of a torque channel as a prior: one standard deviation as a share of the
+            greatest torque measured on the axis. Assumed; what a current sensor may be off
+            by. Gravity that little motion does not tell from an offset stays gravity. [-]
         sensors: Limits of the constant errors of the sensors.
     """
 
@@ -74,6 +77,7 @@ class DynamicsSettings:
     method: Method = "wls"
     filters: Filters = field(default_factory=Filters)
     delay_span: float = 0.005
+    offset: float = 0.01
     sensors: SensorLimits = DEFAULT_LIMITS
 
 
@@ -143,7 +147,7 @@ class Dynamics:
         """
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
-        prior = _prior(self.model, torque_model, rows)
+        prior = _prior(self.model, torque_model, self.settings.offset, rows)
         weight = _whitening(rows, self.exported)
 
         def estimator(train: Observations) -> Float:
@@ -245,7 +249,7 @@ def identify_dynamics(
     delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
-        prior = _prior(model, whole, rows)
+        prior = _prior(model, whole, settings.offset, rows)
         weight = _whitening(rows, result).max(axis=0)
         delay = estimate_delay(rows, weight, prior, settings.delay_span, guard)
         if delay.applied:
@@ -262,7 +266,7 @@ def identify_dynamics(
         exported_base = written.structure()
         kept = part.with_columns(exported_base.independent)
         exported = fit_rows(kept, settings.method, gains)
-    prior = _prior(model, written, part)
+    prior = _prior(model, written, settings.offset, part)
     standard = _consistent(part, _whitening(part, exported), prior, written)
     in_sample = torque_error(independent, independent.regressor @ result.values)
     poor = poorly_known(base, result, link_prior(whole.robot.link_parameters, 1.0))
@@ -304,7 +308,9 @@ def fit_rows(
     return with_systematic(found, rows.regressor, {TORQUE: changes})
 
 
-def _prior(model: RobotModel, torque_model: TorqueModel, rows: Observations) -> Prior:
+def _prior(
+    model: RobotModel, torque_model: TorqueModel, offset: float, rows: Observations
+) -> Prior:
     """The URDF's bodies, the model file's rotors, small offsets; nothing else is known."""
     links = link_prior(torque_model.robot.link_parameters, UNCERTAINTY)
     greatest = np.abs(rows.joint_torque[rows.compared]).max(axis=0)
@@ -316,7 +322,7 @@ def _prior(model: RobotModel, torque_model: TorqueModel, rows: Observations) -> 
             values[place] = rotor
             std[place] = UNCERTAINTY * rotor if rotor > 0.0 else np.inf
         elif column.owner == "sensor":
-            std[place] = max(OFFSET * greatest[owner], np.finfo(float).tiny)
+            std[place] = max(offset * greatest[owner], np.finfo(float).tiny)
     return Prior(np.concatenate([links.values, values]), np.concatenate([links.std, std]))
 
 

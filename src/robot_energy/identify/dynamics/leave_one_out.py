@@ -105,7 +105,8 @@ def across_recordings(
             own = trained_on == (name,)
             rows = fit.observations if own else fit.rows_of(recordings[name])
             predicted = fit.predict_held_out() if own else fit.predict(rows)
-            plain = fit.held_out() if own else _least_squares(fit, rows)
+            part = rows.with_columns(fit.base.independent)
+            plain = fit.held_out() if own else torque_error(part, part.regressor @ fit.fit.values)
         except NotIdentifiableError as error:
             refused.append(f"{name} from {' and '.join(trained_on)}: {error.found}")
             continue
@@ -120,12 +121,6 @@ def across_recordings(
             )
         )
     return LeaveOneOut(tuple(judgements), tuple(refused))
-
-
-def _least_squares(fit: Dynamics, rows: Observations) -> TorqueError:
-    part = rows.with_columns(fit.base.independent)
-    predicted: Float = part.regressor @ fit.fit.values
-    return torque_error(part, predicted)
 
 
 def motor_work(observations: Observations, joint_torque: Float, transmission: Float) -> Work:

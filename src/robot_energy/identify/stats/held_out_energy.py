@@ -252,7 +252,8 @@ def _test(
     assert first is not None  # there is always the model as given
     compared = predictions[GIVEN].compared
     seen_by_meter = float(sum(part.measured.sum() for part in compared))
-    rows = _shown(first, span)
+    rows, met = _shown(first, span), temperature_ranges([first.between(*span)])
+    off = np.maximum(seen[0] - met[0], met[1] - seen[1])
     stamp = first.torque.stamp_ns
     return Tested(
         name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
@@ -265,14 +266,8 @@ def _test(
         time=(stamp[rows] - stamp[0]) * NANOSECOND,
         motor_torque=first.torque.motor_torque_measured[rows],
         taken=fitted.taken,
-        beyond=_beyond(seen, temperature_ranges([first.between(*span)])),
+        beyond=float(np.max(off[np.isfinite(off)], initial=0.0)),
     )
-
-
-def _beyond(seen: Float, met: Float) -> float:
-    """How far temperatures lie outside of those that a fit has seen. [K]"""
-    off = np.maximum(seen[0] - met[0], met[1] - seen[1])
-    return float(np.max(off[np.isfinite(off)], initial=0.0))
 
 
 def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:

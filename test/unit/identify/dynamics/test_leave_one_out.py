@@ -13,8 +13,8 @@ from robot_energy.identify.dynamics.columns import ParameterColumn, standard_col
 from robot_energy.identify.dynamics.consistent import Prior
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
-from robot_energy.identify.dynamics.torque_delay import estimate_delay
 from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.dynamics.validation import estimate_delay
 from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 

@@ -12,8 +12,11 @@ from robot_energy.errors import MotionError, RobotDescriptionError
 from robot_energy.identify.data.signals import stretches
 from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.excitation.criterion import ExcitationCriterion
-from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
+from robot_energy.identify.excitation.excitation import (
+    ExcitationCriterion,
+    ExcitationSettings,
+    optimise_excitation,
+)
 from robot_energy.identify.excitation.limits import ExcitationLimits, Floor
 from robot_energy.identify.stats.regression import SCATTER
 from robot_energy.model import load
