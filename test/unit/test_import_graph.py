@@ -83,7 +83,7 @@ MODULES = {
         total_sums
     """,
     "robot_energy.identify.dynamics": """
-        base_parameters columns consistent dynamics dynamics_model leave_one_out
+        base_parameters consistent dynamics dynamics_model leave_one_out
         sufficiency torque_model validation
     """,
     "robot_energy.identify.excitation": """
@@ -93,7 +93,7 @@ MODULES = {
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic threads
+        autocorrelation cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy.identify.thermal": """
         network windows
@@ -171,7 +171,7 @@ MODULES = {
         thermal uncertainty
     """,
     "robot_energy.rig": """
-        auxiliary config lubricant output plant profile random_plant record sensors supply thermal
+        auxiliary config lubricant output plant profile random_plant record sensors supply
         virtual_rig
     """,
     "robot_energy.starter": """

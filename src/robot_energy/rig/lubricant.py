@@ -67,9 +67,7 @@ class Lubricant:
 
         The square root stands between churning (nu) and Coulomb-like contact (1): oil
         thins 12 to 15 times from 20 to 80 degC while measured friction falls 3 to 4 times.
-
-        Args:
-            gear_temperature_degc: Temperature of the oil, any shape. [degC]
+        Argument as in `Lubricant.viscosity`.
         """
         return np.sqrt(self.viscosity(gear_temperature_degc) / self.viscosity_40)
 

@@ -32,11 +32,16 @@ from robot_energy.motion import JointMotion, Trajectory
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.config import RigConfig
 from robot_energy.rig.output import RigJoints, RigOutput, Truth
-from robot_energy.rig.plant import DriveFlows, PlantDrives, PlantFriction
+from robot_energy.rig.plant import (
+    DriveFlows,
+    PlantDrives,
+    PlantFriction,
+    ThermalNetwork,
+    longest_step,
+)
 from robot_energy.rig.profile import HardEffects, PlantProfile
 from robot_energy.rig.sensors import GridMeter, JointSensors, TemperatureSensor
 from robot_energy.rig.supply import Supply
-from robot_energy.rig.thermal import ThermalNetwork, longest_step
 
 BLOCK = 1.0  # s of samples computed at once, at most
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001

@@ -70,19 +70,18 @@ def fit_supply(
     cabinet = fit_cabinet(recordings)
     model = with_cabinet(given, cabinet, source)
     link, reason = _link(recordings, model)
-    if link is None:
-        return SupplyFound(cabinet, None, reason, "", delay, low_pass, model)
-    # Judged after both rounds: before, readings at rest may still be too low.
-    linked, _ = with_link(model, link, source, voltages)
-    again = fit_cabinet([_rebalanced(part, linked.cabinet) for part in recordings])
-    if again.loss_dc is not None or cabinet.loss_dc is None:  # enough rest is left
-        link, reason = _link(recordings, with_cabinet(given, again, source))
-        if link is not None and not reason:
-            cabinet, model = again, with_cabinet(given, again, source)
-    if link is None or reason:
-        return SupplyFound(cabinet, link, reason, "", delay, low_pass, model)
-    model, note = with_link(model, link, source, voltages)
-    return SupplyFound(cabinet, link, "", note, delay, low_pass, model)
+    note = ""
+    if link is not None:
+        # Judged after both rounds: before, readings at rest may still be too low.
+        linked, _ = with_link(model, link, source, voltages)
+        again = fit_cabinet([_rebalanced(part, linked.cabinet) for part in recordings])
+        if again.loss_dc is not None or cabinet.loss_dc is None:  # enough rest is left
+            link, reason = _link(recordings, with_cabinet(given, again, source))
+            if not reason:
+                cabinet, model = again, with_cabinet(given, again, source)
+    if link is not None and not reason:
+        model, note = with_link(model, link, source, voltages)
+    return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
 
 
 def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit | None, str]:

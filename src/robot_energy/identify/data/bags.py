@@ -78,14 +78,7 @@ class Bag:
         return recording.with_meter_earlier(self.meter_delay, self.meter_time_constant)
 
     def read(self, model: RobotModel) -> list[Recording]:
-        """Return the stretches that count, read with a model, each as a recording of its own.
-
-        Args:
-            model: Of the robot.
-
-        Raises:
-            RobotEnergyError: If bag or model cannot be used.
-        """
+        """Return the stretches that count, each as a recording; argument as in `Bag.whole`."""
         recording = self.whole(model)
         if self.spans == (EVER,):
             return [recording]

@@ -28,13 +28,13 @@ from robot_energy.identify.drives.efficiency import (
 )
 from robot_energy.identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
 from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds, rms_of
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.identify.stats.systematic import (
     DRIVE_POWER,
     THERMOMETER,
     TORQUE,
     Changes,
 )
-from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 

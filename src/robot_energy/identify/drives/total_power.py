@@ -29,6 +29,7 @@ from robot_energy.identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.identify.stats.systematic import (
     BODIES,
     METER,
@@ -37,7 +38,6 @@ from robot_energy.identify.stats.systematic import (
     Changes,
     total,
 )
-from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
@@ -208,14 +208,12 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
     def fitted(structure: Structure) -> Callable[[], Float]:
         return lambda: _held_out(data, fold, lambda train: fit_structure(train, structure))
 
-    ways: dict[str, Callable[[], Float]] = {}
-    ways["constant"], ways["shaft"] = fitted("constant"), fitted("shaft")
+    ways = {"constant": fitted("constant"), "shaft": fitted("shaft")}
     if model is not None:
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
         ways["given"] = lambda: data.given + cabinet
-    for structure in STRUCTURES[1:]:
-        ways[structure] = fitted(structure)
+    ways |= {structure: fitted(structure) for structure in STRUCTURES[1:]}
     ways["identified"] = lambda: _held_out(data, fold, fit_total)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives

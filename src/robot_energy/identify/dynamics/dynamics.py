@@ -18,7 +18,6 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.observations import Filters, Observations, observe
 from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy.identify.dynamics.sufficiency import (
     check_channels,
@@ -27,7 +26,11 @@ from robot_energy.identify.dynamics.sufficiency import (
     poorly_known,
     remarks,
 )
-from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.dynamics.torque_model import (
+    ParameterColumn,
+    TorqueModel,
+    standard_columns,
+)
 from robot_energy.identify.dynamics.validation import (
     TorqueError,
     estimate_delay,
@@ -42,6 +45,7 @@ from robot_energy.identify.stats.regression import (
     estimate,
     factor,
     fit,
+    one_thread,
 )
 from robot_energy.identify.stats.systematic import (
     DEFAULT_LIMITS,
@@ -49,7 +53,6 @@ from robot_energy.identify.stats.systematic import (
     SensorLimits,
     with_systematic,
 )
-from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain

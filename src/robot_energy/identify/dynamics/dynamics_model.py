@@ -10,9 +10,9 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError, check_shape
 from robot_energy.identify.dynamics.base_parameters import SHOWN
-from robot_energy.identify.dynamics.columns import Estimate
 from robot_energy.identify.dynamics.consistent import second_moments
 from robot_energy.identify.dynamics.dynamics import Dynamics
+from robot_energy.identify.dynamics.torque_model import Estimate
 from robot_energy.identify.provenance import identified_from
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Urdf

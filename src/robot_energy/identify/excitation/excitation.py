@@ -18,10 +18,13 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
-from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.dynamics.torque_model import (
+    ParameterColumn,
+    TorqueModel,
+    standard_columns,
+)
 from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.motion import FourierBasis, FourierMotion, Trajectory
 
@@ -317,12 +320,7 @@ class _Problem:
         return self._scorer.cost(self.motion(weights), self._criterion)
 
     def solve(self, start: Float, iterations: int) -> Float:
-        """Return better weights.
-
-        Args:
-            start: Weights to begin with, shape (2 L - 1, n).
-            iterations: At most.
-        """
+        """Better weights than those to begin with, shape (2 L - 1, n)."""
         from scipy import optimize
 
         scorer, limits, criterion = self._scorer, self._limits, self._criterion

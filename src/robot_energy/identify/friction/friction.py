@@ -36,8 +36,7 @@ from robot_energy.identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
-from robot_energy.identify.stats.regression import Fit
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.stats.regression import Fit, one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction
@@ -213,8 +212,7 @@ def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[Frict
         except NotIdentifiableError as error:
             refused.append(error)
     if not fits:
-        first = refused[0]
-        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+        raise refused[0]
     return fits, [str(error) for error in refused]
 
 

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import wraps
+from typing import Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError, check_shape
 from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
+P = ParamSpec("P")
+T = TypeVar("T")
 Method = Literal["ols", "wls", "irls"]
 HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
@@ -347,3 +350,22 @@ def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None
             "motion that changes each of them on its own",
             "record motions at several speeds and in both directions",
         )
+
+
+def one_thread(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that keeps to one BLAS thread while it runs.
+
+    The matrices of the fits are small: more threads only wait for each other.
+
+    Args:
+        function: What to run.
+    """
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1):
+            return function(*args, **kwargs)
+
+    return run

@@ -16,7 +16,7 @@ from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
 from robot_energy.identify.stats.cross_validation import GAIN, rms_of
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.identify.thermal.windows import ThermalRun
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
@@ -174,8 +174,7 @@ def fit_networks(
         except NotIdentifiableError as error:
             refused.append(error)
     if not fits:
-        first = refused[0]
-        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+        raise refused[0]
     return ambient, fits, [str(error) for error in refused]
 
 

@@ -6,7 +6,7 @@ import pytest
 import robots
 from excited import fourier_motion
 from robot_energy.errors import ModelFileError
-from robot_energy.identify.dynamics.columns import Estimate, standard_columns
+from robot_energy.identify.dynamics.torque_model import Estimate, standard_columns
 from robot_energy.model import RobotModel
 from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain

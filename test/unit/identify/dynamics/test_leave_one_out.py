@@ -9,11 +9,14 @@ import robots
 from excited import fourier_motion, monitor_torque, recorded
 from robot_energy.identify.data.observations import Filters, observe
 from robot_energy.identify.data.signals import Channels
-from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
-from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.dynamics.torque_model import (
+    ParameterColumn,
+    TorqueModel,
+    standard_columns,
+)
 from robot_energy.identify.dynamics.validation import estimate_delay
 from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import robots
 from robot_energy.errors import MotionError, RobotDescriptionError
 from robot_energy.identify.data.signals import stretches
-from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.torque_model import standard_columns
 from robot_energy.identify.excitation.excitation import (
     ExcitationCriterion,
     ExcitationSettings,
