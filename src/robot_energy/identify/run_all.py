@@ -154,7 +154,7 @@ def identify_everything(
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
             if cabinet.subject == "cabinet" and cabinet.taken:
-                steps[-2:] = _in_turns(cabinet, step, bags, base, source)
+                steps[-2:] = in_turns(cabinet, step, bags, base, source)
         now = steps[-1].model
         if subject == "friction":
             base = now
@@ -171,14 +171,20 @@ def _meter_lags(bags: Sequence[Bag], model: RobotModel) -> tuple[Delay | None, D
     return meter_lags(read)
 
 
-def _in_turns(
+def in_turns(
     cabinet: Step, drives: Step, bags: Sequence[Bag], model: RobotModel, source: str
 ) -> tuple[Step, Step]:
-    """Cabinet and drives behind one meter, each found with the other, until they agree.
+    """Return cabinet and drives behind one meter, each found with the other, until they agree.
 
     What the drives take at rest and while braking decides which readings show the constants,
-    and the constants which readings show the drives. The cabinet given was found with the drives
-    of ``model``, the drives with that cabinet; the model of the drives has both in the end.
+    and the constants which readings show the drives. In the end the model of the drives has both.
+
+    Args:
+        cabinet: Found with the drives of ``model``.
+        drives: Found with that cabinet.
+        bags: Of the fit.
+        model: As the steps before left it.
+        source: Where the data come from.
     """
     times = 1
     while times <= MAX_TURNS:
