@@ -43,7 +43,7 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload process remedies run search torque
+        evidence finding hypotheses meter motion payload process remedies run torque
     """,
     "robot_energy.cli": """
         advise check completion export fleet fleet_identify fleet_report fleet_run help_text
@@ -73,13 +73,13 @@ MODULES = {
         readings states
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link link_errors link_readings meter_delay supply
+        cabinet dc_link link_errors link_readings supply
     """,
     "robot_energy.identify.data": """
         bags log_channels observations recordings signals
     """,
     "robot_energy.identify.drives": """
-        all_drives drive_data drive_delay drive_power drives efficiency losses total_power
+        all_drives delays drive_data drive_power drives efficiency losses total_power
         total_sums
     """,
     "robot_energy.identify.dynamics": """

@@ -5,7 +5,7 @@ again, and friction of any size but never of the wrong sign is fitted for each j
 
 ``measured = rigid + rotor + coulomb sign(w) + viscous w + offset``, coulomb, viscous >= 0.
 
-`robot_energy.check.search` names the cause that lowers the unexplained torque most.
+`robot_energy.check.torque` names the cause that lowers the unexplained torque most.
 """
 
 from __future__ import annotations

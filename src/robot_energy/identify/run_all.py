@@ -26,9 +26,9 @@ from robot_energy.errors import (
 )
 from robot_energy.identify.cabinet.cabinet import fit_cabinet
 from robot_energy.identify.cabinet.dc_link import Voltages
-from robot_energy.identify.cabinet.meter_delay import meter_lags
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.drives.delays import meter_lags
 from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.provenance import identified_from
 from robot_energy.identify.stats.lag import Delay

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy.identify.cabinet.meter_delay import meter_lags, with_meters_earlier
 from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.delays import meter_lags, with_meters_earlier
 from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.stats.lag import Delay, applied
 from robot_energy.model import RobotModel

@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.meter_delay import meter_lags, with_meters_earlier
+from robot_energy.identify.drives.delays import (
+    estimate_power_delay,
+    meter_lags,
+    with_delay_undone,
+    with_meters_earlier,
+)
 from robot_energy.identify.drives.drive_data import DriveData, location
-from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
 from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy.identify.drives.efficiency import CUTOFF
 from robot_energy.identify.drives.total_power import TotalFit, compare_total, fit_total, with_total

@@ -9,14 +9,14 @@ import pytest
 
 from plants import PROGRAM, two_link_profile
 from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.identify.cabinet.meter_delay import (
+from robot_energy.identify.data.bags import Bag
+from robot_energy.identify.data.recordings import read_recording, undone
+from robot_energy.identify.drives.all_drives import find_drives
+from robot_energy.identify.drives.delays import (
     estimate_meter_delay,
     estimate_time_constant,
     with_meters_earlier,
 )
-from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.data.recordings import read_recording, undone
-from robot_energy.identify.drives.all_drives import find_drives
 from robot_energy.identify.drives.drive_data import drive_data
 from robot_energy.identify.drives.total_power import fit_total
 from robot_energy.identify.drives.total_sums import sums
