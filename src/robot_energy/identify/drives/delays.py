@@ -2,7 +2,7 @@
 
 A drive reports its power on another way than its position: filtered, or in a message of its
 own that counts from when it was recorded. The fit is shaft power and the columns of the
-losses (`identify.losses`), all with free factors, of each drive. Shifts are whole samples
+losses (`identify.drives.losses`), all with free factors, of each drive. Shifts are whole samples
 of the joint states, so that no interpolation smooths the noise of some of them only.
 
 A meter averages, filters and sends on a way of its own. For every delay the readings are
