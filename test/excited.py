@@ -6,14 +6,15 @@ import numpy as np
 from scipy.signal import lfilter
 
 from robot_energy.blocks import Float
-from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.identify.data.signals import Channels
 from robot_energy.model import RobotModel
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 
 
-def fourier_motion(n_joints: int, time: Float, seed: int = 0) -> Motion:
+def fourier_motion(n_joints: int, time: Float, seed: int = 0) -> Trajectory:
     """A sum of harmonics of 0.1 Hz up to 0.8 Hz per joint, derivatives in closed form."""
     random = np.random.default_rng(seed)
     position = np.zeros((len(time), n_joints))
@@ -26,10 +27,10 @@ def fourier_motion(n_joints: int, time: Float, seed: int = 0) -> Motion:
             position[:, joint] += size * np.sin(omega * time + phase)
             velocity[:, joint] += size * omega * np.cos(omega * time + phase)
             acceleration[:, joint] -= size * omega**2 * np.sin(omega * time + phase)
-    return Motion(position, velocity, acceleration)
+    return Trajectory(position, velocity, acceleration)
 
 
-def monitor_torque(model: RobotModel, motion: Motion, temperature_degc: float = 25.0) -> Float:
+def monitor_torque(model: RobotModel, motion: Trajectory, temperature_degc: float = 25.0) -> Float:
     """Motor torque as the online stages of the monitor compute it, friction included."""
     robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
     friction = FrictionModel.from_model(model)
@@ -84,7 +85,7 @@ def coming_to_rest(model: RobotModel, moving: float, resting: float, rate: float
     phase = np.cumsum(pace) / rate
     path = fourier_motion(len(model.joints), phase)
     slowing = np.where((pace > 0.0) & (pace < 1.0), -1.0, 0.0)
-    motion = Motion(
+    motion = Trajectory(
         path.joint_position,
         path.joint_velocity * pace[:, None],
         path.joint_acceleration * pace[:, None] ** 2 + path.joint_velocity * slowing[:, None],

@@ -23,7 +23,7 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.identify.data.bags import Bag
 from robot_energy.identify.drives.drive_power import DrivePowerTopics
 from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.inertials import with_link_parameters
+from robot_energy.identify.dynamics.dynamics_model import with_link_parameters
 from robot_energy.identify.run_all import FullIdentification, identify_everything
 from robot_energy.identify.stats.systematic import ROOT3, SensorLimits
 from robot_energy.identify.steps import DynamicsFound

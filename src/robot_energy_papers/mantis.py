@@ -19,8 +19,8 @@ from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.identify.drives.drive_data import BRIDGED
 from robot_energy.identify.drives.drive_power import DrivePowerTopics, MeasuredDrivePower
-from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.torque_model import standard_columns
 from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy.identify.excitation.limits import ExcitationLimits
 from robot_energy.model import RobotModel

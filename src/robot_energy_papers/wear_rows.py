@@ -30,8 +30,13 @@ from robot_energy.model.payload import Payload, payload
 from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.rig import PlantProfile, RigConfig
-from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, REFERENCE_DEGC, PlantFriction
-from robot_energy.rig.thermal import ThermalNetwork
+from robot_energy.rig.plant import (
+    COULOMB_DEGC,
+    MIN_COULOMB_SHARE,
+    REFERENCE_DEGC,
+    PlantFriction,
+    ThermalNetwork,
+)
 from robot_energy.units import DAY
 from robot_energy_papers.learning_study import work
 from robot_energy_papers.wear_cycle import RATE, CycleSums, cycle_sums

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from robot_energy.identify.data.signals import stretches
-from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.torque_model import standard_columns
 from robot_energy.identify.dynamics.validation import torque_error
 from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy.identify.excitation.limits import ExcitationLimits, Floor

@@ -43,8 +43,7 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload process remedies run search torque
-        unseen
+        evidence finding hypotheses meter motion payload process remedies run torque
     """,
     "robot_energy.cli": """
         advise check command commands export fleet_identify fleet_report fleet_run help_text
@@ -67,33 +66,33 @@ MODULES = {
         wear_history
     """,
     "robot_energy.identify": """
-        bounds causes plausibility provenance run_all steps turns
+        bounds causes plausibility provenance run_all steps
     """,
     "robot_energy.identify.auxiliary": """
         readings states
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link level link_errors link_readings meter_delay supply
+        cabinet dc_link link_errors link_readings supply
     """,
     "robot_energy.identify.data": """
-        bags log_channels observations recordings rest signals
+        bags log_channels observations recordings signals
     """,
     "robot_energy.identify.drives": """
-        all_drives drive_data drive_delay drive_power drives efficiency losses total_power
+        all_drives delays drive_data drive_power drives efficiency losses total_power
         total_sums
     """,
     "robot_energy.identify.dynamics": """
-        base_parameters columns consistent dynamics dynamics_model inertials leave_one_out
-        sufficiency torque_delay torque_model validation work
+        base_parameters consistent dynamics dynamics_model leave_one_out
+        sufficiency torque_model validation
     """,
     "robot_energy.identify.excitation": """
-        criterion excitation limits
+        excitation limits
     """,
     "robot_energy.identify.friction": """
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        autocorrelation bag_folds cross_validation held_out_energy lag regression systematic threads
+        autocorrelation cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy.identify.thermal": """
         network windows
@@ -162,7 +161,7 @@ MODULES = {
         model optimization optimization_figures prediction replay schema
     """,
     "robot_energy.rig": """
-        auxiliary config lubricant output plant profile random_plant record sensors supply thermal
+        auxiliary config lubricant output plant profile random_plant record sensors supply
         virtual_rig
     """,
     "robot_energy.starter": """

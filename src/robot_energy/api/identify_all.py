@@ -16,12 +16,11 @@ from robot_energy.identify.causes import (
     refuse_torque,
     torque_evidence,
 )
-from robot_energy.identify.data.bags import BagFacts, Span, facts
+from robot_energy.identify.data.bags import BagFacts, Span, facts, folds_of
 from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.identify.plausibility import check_signs
 from robot_energy.identify.provenance import require_distinct
 from robot_energy.identify.run_all import FullIdentification, identify_everything, with_provenance
-from robot_energy.identify.stats.bag_folds import folds_of
 from robot_energy.identify.stats.held_out_energy import held_out_energy
 from robot_energy.identify.stats.systematic import SensorLimits
 from robot_energy.identify.steps import Subject

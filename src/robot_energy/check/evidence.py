@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag_replay import Replay, replay
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -29,8 +28,11 @@ from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.torque_limits import TorqueLimitWatch
-from robot_energy.pipeline import Output, Settings
 
+BY_SAMPLE = (
+    "stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
+    "temperature_degc",
+)  # fmt: skip
 HARMLESS = ("duplicate_stamp", "unknown_joint")  # said twice, or of another robot
 MAX_ROWS = 2500  # of the torque checks
 
@@ -118,7 +120,7 @@ class Evidence:
     def moving(self) -> NDArray[np.bool_]:
         """Which samples of which joint move, shape (N, n)."""
         standstill = np.array([joint.standstill_velocity for joint in self.model.joints])
-        noise = rest_noise(self)
+        noise = velocity_noise(self.stamp_ns, self.velocity)
         limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
         return np.asarray(np.abs(self.velocity) > limit)
 
@@ -134,52 +136,23 @@ class Evidence:
         Args:
             parts: Of how many recordings it is one, which share the samples.
         """
-        step = max(1, -(-len(self.stamp_ns) * parts // MAX_ROWS))
-        rows = slice(None, None, step)
-        names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
-                 "temperature_degc")  # fmt: skip
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return self.rows(slice(None, None, max(1, -(-len(self.stamp_ns) * parts // MAX_ROWS))))
 
+    def rows(self, chosen: slice) -> Evidence:
+        """Return some of the samples.
 
-def gather(
-    path: str | Path,
-    model: RobotModel,
-    effort: EffortMeaning = EffortMeaning.NONE,
-    inputs: Inputs | None = None,
-) -> Evidence:
-    """Run a bag through the monitor's own stages and keep what the checks need.
+        Args:
+            chosen: Which.
+        """
+        return replace(self, **{name: getattr(self, name)[chosen] for name in BY_SAMPLE})
 
-    Args:
-        path: MCAP file or rosbag2 folder.
-        model: The model to check it against.
-        effort: What the effort in the joint states means.
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
-
-    Returns:
-        The evidence.
-
-    Raises:
-        RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
-    """
-    outputs: list[Output] = []
-    # Without a stated meaning the effort is read as well, to say which meaning would fit.
-    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
-    settings = Settings(effort=read_as, power_period=None)
-    if inputs is not None:
-        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
-    result = replay(path, model, None, settings, inputs=inputs, on_output=outputs.append)
-    power = [part.power for part in outputs if part.power is not None]
-    meter = [part.meter for part in outputs if part.meter is not None]
-    return evidence_of(
-        model,
-        effort,
-        TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None]),
-        PowerBlock.concatenate(power) if power else None,
-        MeterBlock.concatenate(meter) if meter else None,
-        remarks_of(result),
-        inputs,
-        result.pipeline.torque.robot.payload,
-    )
+    @property
+    def motion(self) -> tuple[Float, Float, Float]:
+        """Position, velocity and acceleration as the rigid bodies take them, shape (N, n) each."""
+        position, velocity, acceleration = map(
+            np.ascontiguousarray, (self.position, self.velocity, self.acceleration)
+        )
+        return position, velocity, acceleration
 
 
 def remarks_of(result: Replay) -> Remarks:
@@ -272,30 +245,17 @@ def evidence_of(
     )
 
 
-def rest_noise(evidence: Evidence) -> Float:
-    """Noise of each joint's velocity, from the quietest stretches at rest or at constant speed.
+def velocity_noise(stamps: Int, velocity: Float) -> Float:
+    """Return the noise of each joint's velocity, in its unit, NaN with too few samples, shape (n,).
+
+    It is from the quietest stretches, at rest or at constant speed.
 
     The standard deviation about a straight line within windows of a quarter of a second, of
     which the lowest twentieth counts.
 
     Args:
-        evidence: The recording.
-
-    Returns:
-        Shape (n,), NaN with too few samples. [rad/s] or [m/s]
-    """
-    return velocity_noise(evidence.stamp_ns, evidence.velocity)
-
-
-def velocity_noise(stamps: Int, velocity: Float) -> Float:
-    """Noise of velocities, as of `rest_noise`.
-
-    Args:
         stamps: Rising, shape (N,). [ns]
         velocity: Shape (N, n). [rad/s] or [m/s]
-
-    Returns:
-        Shape (n,), NaN with too few samples. [rad/s] or [m/s]
     """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:

@@ -67,16 +67,13 @@ class CheckResult:
 
 
 def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Finding:
-    """Say that a recording cannot show a mistake.
+    """Return a note that a recording cannot show a mistake.
 
     Args:
         cause: Of the mistake.
         subject: Joint names; empty for all.
         what: The quantity that cannot be judged.
         why: The reason, with its number.
-
-    Returns:
-        A note.
     """
     sentence = f"cannot be judged from this recording: {what} ({why})"
     return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))

@@ -5,7 +5,7 @@ again, and friction of any size but never of the wrong sign is fitted for each j
 
 ``measured = rigid + rotor + coulomb sign(w) + viscous w + offset``, coulomb, viscous >= 0.
 
-`robot_energy.check.search` names the cause that lowers the unexplained torque most.
+`robot_energy.check.torque` names the cause that lowers the unexplained torque most.
 """
 
 from __future__ import annotations
@@ -31,6 +31,10 @@ SCALES = {
     "line instead of phase current, or the reverse": (3.0**0.5, 3.0**-0.5),
     "percent or thousandths of another unit": (10.0, 0.1, 100.0, 0.01, 1000.0, 0.001),
 }
+RATIOS = (2.0, 0.5, 3.0, 1 / 3, 4.0, 0.25)
+MIN_MOVE = 0.05  # rad of range, below which a joint does not show its zero
+MAX_FACTOR = 3.0  # of measured over body torque, for a meaning of the effort that fits
+MOTION = ("position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True)
@@ -87,19 +91,13 @@ def attempt(evidence: Evidence, like: Trial | None = None) -> Trial:
     Args:
         evidence: The recording, thinned.
         like: A trial whose torque of the bodies is used, if the motion is the same.
-
-    Returns:
-        The trial.
     """
-    same = like is not None and all(
-        getattr(evidence, name) is getattr(like.evidence, name)
-        for name in ("position", "velocity", "acceleration", "robot")
-    )
-    if like is not None and same:
+    if like is not None and all(
+        getattr(evidence, name) is getattr(like.evidence, name) for name in (*MOTION, "robot")
+    ):
         joint, moving = like.joint, like.moving
     else:
-        motion = (evidence.position, evidence.velocity, evidence.acceleration)
-        joint = evidence.robot.joint_torque(*map(np.ascontiguousarray, motion))
+        joint = evidence.robot.joint_torque(*evidence.motion)
         moving = evidence.moving
     rigid = _rigid_motor_torque(evidence, joint)
     speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
@@ -145,15 +143,54 @@ def _unexplained(measured: Float, rigid: Float, speed: Float, rows: NDArray[np.b
     return max(left - max(gains), 0.0) / (len(target) * total)
 
 
-def torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
-    """The recorded torque is ``factor`` times what it should be.
+def candidates(trial: Trial) -> list[Cause]:
+    """Return the causes worth a trial with a recording.
 
     Args:
-        name: Of the cause.
-        joints: Indices in model order.
-        factor: Recorded over true torque. [-]
-        least_gain: In cost, for it to be named. [-]
+        trial: The recording as it is now.
     """
+    evidence = trial.evidence
+    count = len(evidence.names)
+    known = [j for j in range(count) if np.isfinite(trial.unexplained[j])]
+    everything = tuple(range(count))
+    found = [_torque_factor("torque_sign", everything, -1.0, 0.3)]
+    if count > 1:
+        found += [_torque_factor("torque_sign", (j,), -1.0, 0.3) for j in known]
+    found += [_joint_sign(j) for j in known]
+    for factors in SCALES.values():
+        least = 0.15 * len(known)
+        found += [_torque_factor("torque_scale", everything, factor, least) for factor in factors]
+    found += [_gear_ratio(j, factor) for j in known for factor in RATIOS]
+    found += [_effort_meaning(evidence, meaning) for meaning in _meanings(evidence)]
+    found += [_joint_order(i, j) for i in known for j in known if i < j]
+    prismatic = evidence.robot.limits.prismatic
+    found += [  # neighbours that count from a home pose
+        zero_offset((j, j + 1), value)
+        for j in everything[:-1]
+        for value in (-np.pi / 2, np.pi / 2)
+        if not prismatic[j] and not prismatic[j + 1]
+    ]
+    for j in everything:
+        if not prismatic[j] and np.ptp(evidence.position[:, j]) > MIN_MOVE:
+            found += _best_offset(evidence, j)
+    return found
+
+
+def _meanings(evidence: Evidence) -> list[EffortMeaning]:
+    """Other meanings of the effort that give it the size of the body torque, which it lacks."""
+    factors = evidence.remarks.effort_factors
+    stated, _ = factors.get(evidence.effort, (1.0, 1.0))
+    if 1 / MAX_FACTOR < abs(stated) < MAX_FACTOR:
+        return []
+    return [
+        meaning
+        for meaning, (factor, _) in factors.items()
+        if meaning is not evidence.effort and 1 / MAX_FACTOR < abs(factor) < MAX_FACTOR
+    ]
+
+
+def _torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
+    """The recorded torque is ``factor`` times what it should be."""
 
     def correct(evidence: Evidence) -> Evidence:
         torque = evidence.motor_torque.copy()
@@ -163,13 +200,8 @@ def torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain:
     return Cause(name, joints, factor, correct, least_gain)
 
 
-def gear_ratio(joint: int, factor: float) -> Cause:
-    """The gear ratio of a joint in the model is ``factor`` times the true one.
-
-    Args:
-        joint: Index in model order.
-        factor: Ratio of the model over the true one. [-]
-    """
+def _gear_ratio(joint: int, factor: float) -> Cause:
+    """The gear ratio of a joint in the model is ``factor`` times the true one."""
 
     def correct(evidence: Evidence) -> Evidence:
         transmission = evidence.drivetrain.transmission.copy()
@@ -184,13 +216,8 @@ def gear_ratio(joint: int, factor: float) -> Cause:
     return Cause("gear_ratio", (joint,), factor, correct, 0.85 + 0.1 * abs(np.log(factor)))
 
 
-def effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
-    """The effort means something else than was stated.
-
-    Args:
-        evidence: The recording, whose stated meaning is doubted.
-        meaning: What it would be instead.
-    """
+def _effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
+    """The effort means something else than was stated."""
     stated, joints = evidence.effort, range(len(evidence.names))
 
     def correct(evidence: Evidence) -> Evidence:
@@ -207,37 +234,21 @@ def effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
     return Cause("effort_meaning", tuple(joints), factor, correct, 0.3, choice=str(meaning))
 
 
-def joint_sign(joint: int) -> Cause:
-    """Position, velocity and acceleration of a joint have the wrong sign.
-
-    Args:
-        joint: Index in model order.
-
-    Returns:
-        The cause.
-    """
+def _joint_sign(joint: int) -> Cause:
+    """Position, velocity and acceleration of a joint have the wrong sign."""
 
     def correct(evidence: Evidence) -> Evidence:
         changed: dict[str, Float] = {}
-        for key in ("position", "velocity", "acceleration"):
-            values = getattr(evidence, key).copy()
-            values[:, joint] *= -1.0
-            changed[key] = values
+        for key in MOTION:
+            changed[key] = getattr(evidence, key).copy()
+            changed[key][:, joint] *= -1.0
         return replace(evidence, **changed)
 
     return Cause("joint_sign", (joint,), -1.0, correct, 0.4)
 
 
-def joint_order(first: int, second: int) -> Cause:
-    """Two joints have each other's position, velocity and torque.
-
-    Args:
-        first: Index in model order.
-        second: Index in model order.
-
-    Returns:
-        The cause.
-    """
+def _joint_order(first: int, second: int) -> Cause:
+    """Two joints have each other's position, velocity and torque."""
 
     def correct(evidence: Evidence) -> Evidence:
         order = list(range(evidence.position.shape[1]))
@@ -245,9 +256,7 @@ def joint_order(first: int, second: int) -> Cause:
         unit = _motor_torque_of_effort(evidence)  # each effort was taken for the other joint's
         return replace(
             evidence,
-            position=evidence.position[:, order],
-            velocity=evidence.velocity[:, order],
-            acceleration=evidence.acceleration[:, order],
+            **{key: getattr(evidence, key)[:, order] for key in MOTION},
             motor_torque=evidence.motor_torque[:, order] * (unit / unit[order]),
         )
 
@@ -264,76 +273,41 @@ def _motor_torque_of_effort(evidence: Evidence) -> Float:
     return np.array([constant.value for constant in constants if constant is not None])
 
 
-def offset(joint: int, value: float) -> Cause:
-    """The zero of a joint is off by ``value``.
+def zero_offset(joints: tuple[int, ...], value: float) -> Cause:
+    """The zero of a joint is off by ``value``; that of a second one by ``-value``.
 
     Args:
-        joint: Index in model order.
-        value: Recorded less true position. [rad]
-
-    Returns:
-        The cause.
+        joints: Indices in model order, one or two.
+        value: Recorded less true position of the first. [rad]
     """
 
     def correct(evidence: Evidence) -> Evidence:
         position = evidence.position.copy()
-        position[:, joint] -= value
+        for joint, sign in zip(joints, (1.0, -1.0), strict=False):
+            position[:, joint] -= sign * value
         return replace(evidence, position=position)
 
-    return Cause("zero_offset", (joint,), value, correct, 0.25)
+    return Cause("zero_offset", joints, value, correct, 0.25 if len(joints) == 1 else 1.0)
 
 
-def home_pose(first: int, second: int, value: float) -> Cause:
-    """Two neighbours count from a home pose: their zeros are off, in opposite directions.
-
-    Args:
-        first: Index in model order.
-        second: Index in model order.
-        value: Offset of the first; that of the second is its negative. [rad]
-
-    Returns:
-        The cause.
-    """
-
-    def correct(evidence: Evidence) -> Evidence:
-        position = evidence.position.copy()
-        position[:, first] -= value
-        position[:, second] += value
-        return replace(evidence, position=position)
-
-    return Cause("zero_offset", (first, second), value, correct, 1.0)
-
-
-def best_offset(evidence: Evidence, joint: int) -> Cause | None:
-    """The zero offset of a joint that lowers the cost most; None if none does.
-
-    Args:
-        evidence: The recording.
-        joint: Index in model order.
-    """
+def _best_offset(evidence: Evidence, joint: int) -> list[Cause]:
+    """The zero offset of a joint that lowers the cost most; empty if none does."""
     from scipy.optimize import minimize_scalar
 
-    step = max(1, len(evidence.stamp_ns) // 500)
-    few = _rows(evidence, slice(None, None, step))
+    few = evidence.rows(slice(None, None, max(1, len(evidence.stamp_ns) // 500)))
     base = attempt(few).cost()
 
     def cost(value: float) -> float:
-        return attempt(offset(joint, float(value)).correct(few)).cost()
+        return attempt(zero_offset((joint,), float(value)).correct(few)).cost()
 
     costs = np.array([cost(value) for value in OFFSETS])
     place = int(np.argmin(costs))
     if costs[place] > base - 0.1:
-        return None
+        return []
     low = OFFSETS[place] - 0.5 * abs(OFFSETS[place])
     high = OFFSETS[place] + 0.5 * abs(OFFSETS[place])
     found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 2e-3})
-    return offset(joint, float(found.x))
-
-
-def _rows(evidence: Evidence, rows: slice) -> Evidence:
-    names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
-             "temperature_degc")  # fmt: skip
-    return replace(evidence, **{name: getattr(evidence, name)[rows] for name in names})
+    return [zero_offset((joint,), float(found.x))]
 
 
 def scale_words(factor: float) -> str:

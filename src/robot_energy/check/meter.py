@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -28,14 +28,11 @@ MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take aw
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
-    """Compare the meter with the predicted power at its place.
+    """Return findings on the meter against the predicted power, and why there cannot be any.
 
     Args:
         evidence: The recording.
         wrong: Causes found so far.
-
-    Returns:
-        The findings, and why there are none where the check cannot be made.
     """
     if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
@@ -155,7 +152,7 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
     ]  # fmt: skip
 
 
-def _balance(evidence: Evidence, measured: Float, predicted: Float) -> list[Finding]:
+def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[Finding]:
     """Whether the meter shows less than the shafts take, or far more than the model explains."""
     mean, expected = float(measured.mean()), float(predicted.mean())
     shaft = evidence.shaft_power
@@ -164,24 +161,19 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> list[Find
         known = shaft[:, np.isfinite(shaft).any(axis=0)]
         taken = float(np.nanmean(known, axis=0).sum())
     if taken > 1.1 * mean and taken > 5.0:
-        return [
-            Finding(
-                "shafts_exceed_meter", ERROR, ("meter",),
-                f"the shafts take {taken:.0f} W on average by the recorded torque, more than the "
-                f"{mean:.0f} W of the meter",
-                taken / mean if mean else float("inf"), float("nan"),
-                "check the scale of the torque, the unit of the meter, and its place",
-            )
-        ]  # fmt: skip
-    if mean > MAX_EXCESS * expected > 0.0:
-        return [
-            Finding(
-                "meter_exceeds", WARNING, ("meter",),
-                f"the meter reads {mean:.0f} W on average, {mean / expected:.2g} times the "
-                f"{expected:.0f} W that shafts, friction and losses of the model explain",
-                mean / expected, float("nan"),
-                "identify the constant losses (robot-energy identify cabinet), or look for another "
-                "load on the meter",
-            )
-        ]  # fmt: skip
-    return []
+        yield Finding(
+            "shafts_exceed_meter", ERROR, ("meter",),
+            f"the shafts take {taken:.0f} W on average by the recorded torque, more than the "
+            f"{mean:.0f} W of the meter",
+            taken / mean if mean else float("inf"), float("nan"),
+            "check the scale of the torque, the unit of the meter, and its place",
+        )  # fmt: skip
+    elif mean > MAX_EXCESS * expected > 0.0:
+        yield Finding(
+            "meter_exceeds", WARNING, ("meter",),
+            f"the meter reads {mean:.0f} W on average, {mean / expected:.2g} times the "
+            f"{expected:.0f} W that shafts, friction and losses of the model explain",
+            mean / expected, float("nan"),
+            "identify the constant losses (robot-energy identify cabinet), or look for another "
+            "load on the meter",
+        )  # fmt: skip

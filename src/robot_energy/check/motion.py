@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +10,12 @@ import numpy as np
 from robot_energy.bag_replay import LONGER_WINDOW
 from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.check import remedies
-from robot_energy.check.evidence import Evidence, rest_noise
+from robot_energy.check.evidence import Evidence, velocity_noise
 from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO, FAR
 
+UNKNOWN = (float("nan"), float("nan"))  # evidence and certainty
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
@@ -41,17 +42,12 @@ UNITS = {False: _Unit("degrees", DEGREES, 0.2), True: _Unit("millimetres", 1e3, 
 """By whether a joint is prismatic."""
 
 
-def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
-    """Compare velocity with the change of position, and both with the limits.
+def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
+    """Return findings on velocities, positions and limits, and why there cannot be any.
 
     Args:
         evidence: The recording.
-        wrong: Causes found so far; not used.
-
-    Returns:
-        The findings, and why there are none where the check cannot be made.
     """
-    del wrong
     if len(evidence.stamp_ns) < MIN_SAMPLES:
         return [], f"{len(evidence.stamp_ns)} samples with a full derivative window"
     joints = range(len(evidence.names))
@@ -66,55 +62,47 @@ def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
         )
     ]
     if not any(finding.severity == ERROR for finding in findings):
-        findings += _torque_limits(evidence)
+        # joints that would need more torque than the robot has
+        findings += [
+            Finding("torque_limit", WARNING, (name,), sentence, *UNKNOWN, LONGER_WINDOW)
+            for name, sentence in evidence.beyond_torque.items()
+        ]
     return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
 
 
-def _held(evidence: Evidence) -> list[Finding]:
+def _held(evidence: Evidence) -> Iterator[Finding]:
     """Velocities of all joints that stay the same together and then step, while positions move."""
     if evidence.derived or evidence.remarks.repeating:
-        return []
+        return
     moved = (np.diff(evidence.position, axis=0) != 0).any(axis=1)
     moved &= np.diff(evidence.segment) == 0
     stepped = (np.diff(evidence.velocity, axis=0) != 0).any(axis=1)
     steps = np.flatnonzero(moved & stepped)
     held = np.diff(steps)[moved[steps[1:] - 1]] if len(steps) > 1 else np.empty(0)
     if len(steps) < MIN_STEPS or np.count_nonzero(held > 1) < MIN_HELD * len(steps):
-        return []
+        return
     time = float(np.median(held)) * float(np.median(np.diff(evidence.stamp_ns))) * NANOSECOND
-    return [
-        Finding(
-            "velocity_held", WARNING, (),
-            f"velocities stay the same for {1e3 * time:.0f} ms and then step, while positions move "
-            "on: their slope, and so the acceleration, is a staircase",
-            time, float("nan"),
-            *remedies.no_velocity(),
-        )
-    ]  # fmt: skip
+    yield Finding(
+        "velocity_held", WARNING, (),
+        f"velocities stay the same for {1e3 * time:.0f} ms and then step, while positions move "
+        "on: their slope, and so the acceleration, is a staircase",
+        time, float("nan"),
+        *remedies.no_velocity(),
+    )  # fmt: skip
 
 
-def _torque_limits(evidence: Evidence) -> list[Finding]:
-    """Joints that would need more torque than the robot has."""
-    return [
-        Finding(
-            "torque_limit", WARNING, (name,), sentence, float("nan"), float("nan"), LONGER_WINDOW
-        )
-        for name, sentence in evidence.beyond_torque.items()
-    ]
-
-
-def _degrees_unseen(evidence: Evidence) -> list[Finding]:
+def _degrees_unseen(evidence: Evidence) -> Iterator[Finding]:
     """Say so if positions in degrees would not leave the limits either."""
     limits, position = evidence.robot.limits, evidence.position
     bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
     turning = bounded & ~np.asarray(limits.prismatic)
     if not turning.any():
-        return []
+        return
     limit = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[turning]
     if np.any(np.max(np.abs(DEGREES * position[:, turning]), axis=0) > FAR * limit):
-        return []
+        return
     why = "in degrees they would lie inside the limits of the URDF as well"
-    return [unjudged("degrees", (), "whether positions are in radians", why)]
+    yield unjudged("degrees", (), "whether positions are in radians", why)
 
 
 def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
@@ -129,65 +117,50 @@ def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
     return change, 0.5 * (velocity[1:] + velocity[:-1])[same]
 
 
-def _slope(evidence: Evidence, joint: int) -> list[Finding]:
+def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
     if evidence.derived:
-        return []
+        return
     name, position = evidence.names[joint], evidence.position[:, joint]
     away = position - position[0]
     travel = float(np.ptp(shortest(away) if evidence.robot.limits.wraps[joint] else away))
     change, velocity = _change(evidence, joint)
     if travel > MIN_TRAVEL and not velocity.any():
-        return [
-            Finding(
-                "velocity_zero", ERROR, (name,),
-                f"{ALWAYS_ZERO.format(name)} by {travel:.3g} {evidence.robot.limits.unit(joint)}",
-                travel, float("nan"),
-                *remedies.no_velocity(),
-            )
-        ]  # fmt: skip
+        yield Finding(
+            "velocity_zero", ERROR, (name,),
+            f"{ALWAYS_ZERO.format(name)} by {travel:.3g} {evidence.robot.limits.unit(joint)}",
+            travel, float("nan"),
+            *remedies.no_velocity(),
+        )  # fmt: skip
     if len(change) < MIN_SAMPLES or not change.std() > 1e-3 or not velocity.std() > 1e-4:
-        return []
+        return
     correlation = float(np.corrcoef(change, velocity)[0, 1])
     slope = float(velocity @ change / (change @ change))
     if correlation < -MIN_FIT:
-        return [
-            Finding(
-                "velocity_sign", ERROR, (name,),
-                f"the velocity of {name} has the opposite sign of the change of its position "
-                f"(correlation {correlation:.2f})",
-                correlation, correlation**2,
-                *remedies.corrected(evidence, ("velocity",), (joint,), sign=-1.0),
-            )
-        ]  # fmt: skip
-    if correlation < MIN_FIT and not evidence.remarks.repeating:
-        return [
-            Finding(
-                "velocity_unrelated", WARNING, (name,),
-                f"the velocity of {name} does not follow its position "
-                f"(correlation {correlation:.2f})",
-                correlation, 1.0 - correlation**2,
-                *remedies.no_velocity(),
-            )
-        ]  # fmt: skip
-    if abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
-        degrees = min((DEGREES, 1.0 / DEGREES), key=lambda value: abs(np.log(slope / value)))
-        unit = abs(np.log(slope / degrees)) < NEAR
-        return [
-            Finding(
-                "velocity_scale", ERROR, (name,),
-                f"the velocity of {name} is {slope:.3g} times the change of its position"
-                + (": one of them is in degrees" if unit else ""),
-                slope, correlation**2,
-                *remedies.corrected(evidence, ("velocity",), (joint,), scale=1.0 / _exact(slope)),
-            )
-        ]  # fmt: skip
-    return []
-
-
-def _exact(slope: float) -> float:
-    """The factor of degrees where one is near, else the slope itself."""
-    factors = [factor for factor in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / factor)) < NEAR]
-    return factors[0] if factors else slope
+        yield Finding(
+            "velocity_sign", ERROR, (name,),
+            f"the velocity of {name} has the opposite sign of the change of its position "
+            f"(correlation {correlation:.2f})",
+            correlation, correlation**2,
+            *remedies.corrected(evidence, ("velocity",), (joint,), sign=-1.0),
+        )  # fmt: skip
+    elif correlation < MIN_FIT and not evidence.remarks.repeating:
+        yield Finding(
+            "velocity_unrelated", WARNING, (name,),
+            f"the velocity of {name} does not follow its position "
+            f"(correlation {correlation:.2f})",
+            correlation, 1.0 - correlation**2,
+            *remedies.no_velocity(),
+        )  # fmt: skip
+    elif abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
+        degrees = [unit for unit in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / unit)) < NEAR]
+        scale = 1.0 / (degrees[0] if degrees else slope)
+        yield Finding(
+            "velocity_scale", ERROR, (name,),
+            f"the velocity of {name} is {slope:.3g} times the change of its position"
+            + (": one of them is in degrees" if degrees else ""),
+            slope, correlation**2,
+            *remedies.corrected(evidence, ("velocity",), (joint,), scale=scale),
+        )  # fmt: skip
 
 
 def _unit(evidence: Evidence, joint: int) -> _Unit:
@@ -217,23 +190,23 @@ def _in_other_unit(evidence: Evidence, joint: int) -> bool:
     return bool(within) and most > FAR * max(abs(low), abs(high))
 
 
-def _recorded(evidence: Evidence, joint: int) -> str:
-    """Where the positions of a joint lie, and its limits, in words."""
+def _beyond_limits(evidence: Evidence, joint: int, beyond: float) -> str:
+    """How much of the positions of a joint lies outside its limits, and where, in words."""
     limits, position = evidence.robot.limits, evidence.position[:, joint]
     return (
-        f"outside the limits of the URDF ({limits.lower[joint]:.3g} to {limits.upper[joint]:.3g} "
+        f"{100 * beyond:.0f} % of the positions of {evidence.names[joint]} lie outside the limits "
+        f"of the URDF ({limits.lower[joint]:.3g} to {limits.upper[joint]:.3g} "
         f"{limits.unit(joint)}; recorded {position.min():.3g} to {position.max():.3g})"
     )
 
 
 def _travels(evidence: Evidence, joint: int) -> bool:
     """Whether a joint moves far between its limits as it is, and hardly in another unit."""
-    limits = evidence.robot.limits
-    travel = float(np.ptp(evidence.position[:, joint]))
+    limits, travel = evidence.robot.limits, float(np.ptp(evidence.position[:, joint]))
     return travel > MIN_SHARE * float(limits.upper[joint] - limits.lower[joint])
 
 
-def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> list[Finding]:
+def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> Iterator[Finding]:
     """Name the unit, and correct all joints of its kind: most drivers state them alike."""
     unit, beyond = _unit(evidence, joint), _outside(evidence, joint)
     kinds = {_unit(evidence, one) for one, is_foreign in enumerate(foreign) if is_foreign}
@@ -247,53 +220,40 @@ def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> list[Find
     slope = float(velocity @ change / (change @ change)) if change.any() else 1.0
     sound = slope > 0 and abs(np.log(slope * unit.factor)) < NEAR  # the velocity is in SI
     quantities = ("position",) if sound else ("position", "velocity")
-    return [
-        Finding(
-            unit.name, ERROR, (evidence.names[joint],),
-            f"{100 * beyond:.0f} % of the positions of {evidence.names[joint]} lie "
-            f"{_recorded(evidence, joint)}, and inside them as {unit.name}",
-            beyond, beyond,
-            *remedies.corrected(evidence, quantities, joints, scale=scales),
-        )
-    ]  # fmt: skip
+    yield Finding(
+        unit.name, ERROR, (evidence.names[joint],),
+        f"{_beyond_limits(evidence, joint, beyond)}, and inside them as {unit.name}",
+        beyond, beyond,
+        *remedies.corrected(evidence, quantities, joints, scale=scales),
+    )  # fmt: skip
 
 
-def _limits(evidence: Evidence, joint: int) -> list[Finding]:
-    beyond = _outside(evidence, joint)
-    if not beyond:
-        return []
-    return [
-        Finding(
+def _limits(evidence: Evidence, joint: int) -> Iterator[Finding]:
+    if beyond := _outside(evidence, joint):
+        yield Finding(
             "position_limit", WARNING, (evidence.names[joint],),
-            f"{100 * beyond:.0f} % of the positions of {evidence.names[joint]} lie "
-            f"{_recorded(evidence, joint)}",
-            beyond, beyond,
+            _beyond_limits(evidence, joint, beyond), beyond, beyond,
             "check the zero and the sign of the joint, or the limits of the URDF",
-        )
-    ]  # fmt: skip
+        )  # fmt: skip
 
 
-def _rest(evidence: Evidence) -> list[Finding]:
+def _rest(evidence: Evidence) -> Iterator[Finding]:
     """Joints whose noise at rest exceeds the model's standstill velocity."""
-    noise = rest_noise(evidence)
+    noise = velocity_noise(evidence.stamp_ns, evidence.velocity)
     rested = evidence.durations @ (np.abs(evidence.velocity) < 4.0 * noise) >= MIN_REST
     noise = np.where(rested, noise, np.nan)
-    noisy = [
-        (name, float(value), joint.standstill_velocity)
+    noisy = {
+        name: float(value)
         for name, value, joint in zip(evidence.names, noise, evidence.model.joints, strict=True)
         if np.isfinite(value) and 0.5 * joint.standstill_velocity < value < 0.02
-    ]
+    }
     if not noisy:
-        return []
-    worst = max(value for _, value, _ in noisy)
-    suggested = float(f"{4.0 * worst:.1g}")
-    names = ", ".join(name for name, _, _ in noisy)
-    return [
-        Finding(
-            "standstill_velocity", WARNING, tuple(name for name, _, _ in noisy),
-            f"at rest the velocity of {names} still varies by up to {1e3 * worst:.2g} mrad/s, "
-            f"near or above standstill_velocity: rest is hardly found",
-            worst, float("nan"),
-            *remedies.standstill(tuple(name for name, _, _ in noisy), suggested),
-        )
-    ]  # fmt: skip
+        return
+    names, worst = tuple(noisy), max(noisy.values())
+    yield Finding(
+        "standstill_velocity", WARNING, names,
+        f"at rest the velocity of {', '.join(names)} still varies by up to "
+        f"{1e3 * worst:.2g} mrad/s, near or above standstill_velocity: rest is hardly found",
+        worst, float("nan"),
+        *remedies.standstill(names, float(f"{4.0 * worst:.1g}")),
+    )  # fmt: skip

@@ -49,14 +49,11 @@ class PayloadFit:
 
 
 def payload_cause(trial: Trial, fit: PayloadFit) -> list[Cause]:
-    """Return a mass at the last link as a cause, if the torque shows one for certain.
+    """Return a mass at the last link as the one cause, if the torque shows it for certain.
 
     Args:
         trial: A recording.
         fit: Of the mass.
-
-    Returns:
-        One cause, or none. [kg]
     """
     robot = trial.evidence.robot
     largest = MAX_SHARE * (robot.moving_mass - robot.payload_mass) + robot.payload_mass
@@ -71,30 +68,21 @@ def payload_cause(trial: Trial, fit: PayloadFit) -> list[Cause]:
 
 
 def fitted_payload(trial: Trial) -> PayloadFit:
-    """Fit a mass at the last link.
+    """Return a fit of a mass at the last link; 0, of unknown deviation, where no joint shows one.
 
     Args:
         trial: A recording.
-
-    Returns:
-        The mass; 0 with an unknown deviation where no joint shows one.
     """
     from scipy.optimize import lsq_linear
 
-    evidence = trial.evidence
-    count, unknown = (
-        len(evidence.names),
-        PayloadFit(0.0, float("nan"), np.zeros(3), np.zeros_like(trial.rigid)),
-    )
-    motor = _motor_regressor(evidence)
+    evidence, count = trial.evidence, len(trial.evidence.names)
+    unknown = PayloadFit(0.0, float("nan"), np.zeros(3), np.zeros_like(trial.rigid))
+    inverse = evidence.drivetrain.motor_torque_from_joint(np.eye(count))
+    # motor torque per unit of each inertial parameter, shape (N, n, 10 n)
+    motor = np.einsum("nji,jk->nki", evidence.robot.torque_regressor(*evidence.motion), inverse)
     parameters = evidence.robot.link_parameters
-    links = np.stack(
-        [
-            motor[:, :, 10 * k : 10 * k + 10] @ parameters[10 * k : 10 * k + 10]
-            for k in range(count)
-        ],
-        axis=2,
-    )
+    own_parts = [slice(10 * k, 10 * k + 10) for k in range(count)]
+    links = np.stack([motor[:, :, own] @ parameters[own] for own in own_parts], axis=2)
     centres = np.stack([motor[:, :, 10 * k + axis] for k in range(count) for axis in (1, 2, 3)], 2)
     body = motor[:, :, 10 * (count - 1) :]
     speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
@@ -128,7 +116,8 @@ def fitted_payload(trial: Trial) -> PayloadFit:
         for j in parts
     }
     noise = {j: np.sqrt((trial.unexplained[j] + FLOOR) * size[j]) for j in parts}
-    share = np.sqrt(_independent(evidence) / len(evidence.stamp_ns))
+    independent = max(float(evidence.durations.sum()) / CORRELATION_TIME, 1.0)  # samples
+    share = np.sqrt(independent / len(evidence.stamp_ns))
     known = np.flatnonzero(np.isfinite(prior))
     ridge = np.zeros((len(known), width))
     ridge[np.arange(len(known)), known], none = 1.0 / prior[known], np.zeros(len(known))
@@ -149,18 +138,3 @@ def fitted_payload(trial: Trial) -> PayloadFit:
         for j, (block, rest) in parts.items():
             noise[j] = np.sqrt(float(np.var(rest - block @ values)) + FLOOR * size[j])
     return PayloadFit(float(values[0]), std, values[1:4], np.asarray(body @ values[:10]))
-
-
-def _motor_regressor(evidence: Evidence) -> Float:
-    """Motor torque per unit of each inertial parameter, shape (N, n, 10 n)."""
-    regressor = evidence.robot.torque_regressor(
-        *(np.ascontiguousarray(values) for values in
-          (evidence.position, evidence.velocity, evidence.acceleration))
-    )  # fmt: skip
-    inverse = evidence.drivetrain.motor_torque_from_joint(np.eye(regressor.shape[1]))
-    return np.asarray(np.einsum("nji,jk->nki", regressor, inverse))
-
-
-def _independent(evidence: Evidence) -> float:
-    """How many samples count as independent ones."""
-    return max(float(evidence.durations.sum()) / CORRELATION_TIME, 1.0)

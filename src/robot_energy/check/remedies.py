@@ -43,8 +43,7 @@ def corrected(
         sign=tuple(sign if joint in joints else 1.0 for joint in each),
         scale=tuple(float(f"{factors.get(joint, 1.0):.6g}") for joint in each),
     )
-    lines = [_present(evidence, one).followed_by(other).line(one) for one in quantities]
-    return _below_joint_states(", ".join(lines))
+    return _joint_states(evidence, other, *quantities)
 
 
 def zero(evidence: Evidence, joints: tuple[int, ...], value: float) -> Remedy:
@@ -58,18 +57,16 @@ def zero(evidence: Evidence, joints: tuple[int, ...], value: float) -> Remedy:
     found = [0.0] * len(evidence.names)
     for joint, sign in zip(joints, (-1.0, 1.0), strict=False):
         found[joint] = round(sign * value, 4)
-    other = JointCorrection(zero=tuple(found))
-    return _below_joint_states(_present(evidence, "position").followed_by(other).line("position"))
+    return _joint_states(evidence, JointCorrection(zero=tuple(found)), "position")
 
 
-def _present(evidence: Evidence, quantity: str) -> JointCorrection:
-    """What the recording was read with."""
-    present: JointCorrection = getattr(evidence.inputs.joint_states, quantity)
-    return present
-
-
-def _below_joint_states(line: str) -> Remedy:
-    return f"joint_states: {{{line}}}", PARAMETERS
+def _joint_states(evidence: Evidence, other: JointCorrection, *quantities: str) -> Remedy:
+    """The line that adds a correction to those that the recording was read with."""
+    lines: list[str] = []
+    for one in quantities:
+        present: JointCorrection = getattr(evidence.inputs.joint_states, one)
+        lines.append(present.followed_by(other).line(one))
+    return f"joint_states: {{{', '.join(lines)}}}", PARAMETERS
 
 
 def no_velocity() -> Remedy:

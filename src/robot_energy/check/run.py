@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.check.coverage import check_excitation, check_temperatures
-from robot_energy.check.evidence import Evidence, Remarks, gather
+import numpy as np
+
+from robot_energy.bag_replay import replay
+from robot_energy.blocks import EffortMeaning, MeterBlock, PowerBlock, TorqueBlock
+from robot_energy.check.evidence import Evidence, Remarks, evidence_of, remarks_of
 from robot_energy.check.finding import (
     ERROR,
+    NOTE,
     PARAMETERS,
     SEVERITIES,
     WARNING,
@@ -22,25 +26,23 @@ from robot_energy.check.torque import check_torque
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output, Settings
 
+MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
+MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction
+MIN_MOVING = 10.0  # s of motion of a joint
+MIN_REST = 1.0  # s of rest, for the constant losses
 MAX_REFUSED = 0.05  # share of the joint states
 
-Check = Callable[[Evidence, Sequence[str]], tuple[list[Finding], str]]
-CHECKS: dict[str, Check] = {
-    "positions and velocities": check_motion,
-    "torque": check_torque,
-    "power meter": check_meter,
-    "temperatures": check_temperatures,
-    "excitation": check_excitation,
-}
+Check = Callable[[Evidence], tuple[list[Finding], str]]
 MOTION_CAUSES = (
     "degrees",
     "millimetres",
     "velocity_sign",
     "velocity_scale",
     "velocity_zero",
-)  # that spoil all torques
-AFTERWARDS: dict[Check, tuple[str, ...]] = {check_torque: MOTION_CAUSES, check_meter: MOTION_CAUSES}
+)  # that spoil all torques, and with them the prediction for the meter
+AFTERWARDS = ("torque", "power meter")
 
 
 def check(
@@ -49,7 +51,7 @@ def check(
     effort: EffortMeaning = EffortMeaning.NONE,
     inputs: Inputs | None = None,
 ) -> CheckResult:
-    """Say whether a recording fits a model, and what is wrong if it does not.
+    """Return whether a recording fits a model, and what is wrong if not, errors first.
 
     Args:
         path: MCAP file or rosbag2 folder.
@@ -57,13 +59,29 @@ def check(
         effort: What the effort in the joint states means.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
 
-    Returns:
-        The findings, errors first.
-
     Raises:
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
-    findings, done, skipped = findings_of(gather(path, model, effort, inputs))
+    outputs: list[Output] = []
+    # Without a stated meaning the effort is read as well, to say which meaning would fit.
+    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
+    settings = Settings(effort=read_as, power_period=None)
+    if inputs is not None:
+        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
+    result = replay(path, model, None, settings, inputs=inputs, on_output=outputs.append)
+    power = [part.power for part in outputs if part.power is not None]
+    meter = [part.meter for part in outputs if part.meter is not None]
+    evidence = evidence_of(
+        model,
+        effort,
+        TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None]),
+        PowerBlock.concatenate(power) if power else None,
+        MeterBlock.concatenate(meter) if meter else None,
+        remarks_of(result),
+        inputs,
+        result.pipeline.torque.robot.payload,
+    )
+    findings, done, skipped = findings_of(evidence)
     return CheckResult(
         str(path), f"{model.robot.type}, id {model.model_id}", findings, done, skipped
     )
@@ -72,13 +90,10 @@ def check(
 def findings_of(
     evidence: Evidence,
 ) -> tuple[tuple[Finding, ...], tuple[str, ...], dict[str, str]]:
-    """Make all checks, of a recording or of what a live monitor saw.
+    """Return findings, errors first; the checks made; those not made, with what they lack.
 
     Args:
         evidence: What was seen.
-
-    Returns:
-        The findings, errors first; the checks made; those not made, with what they lack.
     """
     findings = [
         Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
@@ -86,19 +101,26 @@ def findings_of(
     ] + _stream(evidence.remarks)
     done: list[str] = []
     skipped: dict[str, str] = {}
-    for name, one in CHECKS.items():
-        wrong = [entry.cause for entry in findings if entry.severity == ERROR]
-        mended = next((cause for cause in wrong if cause in AFTERWARDS.get(one, ())), None)
-        if mended is not None:
-            skipped[name] = f"mend {mended} first"
+    wrong: list[str] = []
+    checks: dict[str, Check] = {
+        "positions and velocities": check_motion,
+        "torque": check_torque,
+        "power meter": lambda evidence: check_meter(evidence, wrong),
+        "temperatures": _temperatures,
+        "excitation": _excitation,
+    }
+    for name, one in checks.items():
+        spoilt = [cause for cause in wrong if cause in MOTION_CAUSES]
+        if spoilt and name in AFTERWARDS:
+            skipped[name] = f"mend {spoilt[0]} first"
             continue
-        found, why = one(evidence, wrong)
+        found, why = one(evidence)
         findings += found
+        wrong += [entry.cause for entry in found if entry.severity == ERROR]
         if why:
             skipped[name] = why
         else:
             done.append(name)
-    wrong = [entry.cause for entry in findings if entry.severity == ERROR]
     findings += _refused(evidence.remarks, wrong)
     findings.sort(key=lambda entry: SEVERITIES.index(entry.severity))
     return tuple(findings), tuple(done), skipped
@@ -125,3 +147,98 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
                 f"{100 * share:.1f} % of the joint states were refused: {reasons}",
                 share, float("nan"), REFUSED.get(first, NO_REASON)[1])
     ]  # fmt: skip
+
+
+def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
+    """Which joints lack a sound temperature, and why that cannot be told."""
+    remarks = evidence.remarks
+    if remarks.temperatures is None:
+        return [], "the recording has no motor temperatures"
+    findings = [
+        Finding("temperature", WARNING, ("temperature",), note, float("nan"), float("nan"))
+        for note in remarks.temperatures
+    ]
+    if remarks.stuck:
+        findings.append(
+            Finding(
+                "temperature_stuck", WARNING, remarks.stuck,
+                f"the motor temperature of {', '.join(remarks.stuck)} stands still although the "
+                "losses must have warmed it",
+                float(len(remarks.stuck)), float("nan"), "check these sensors",
+            )
+        )  # fmt: skip
+    without = [
+        name
+        for name, degc in zip(evidence.names, evidence.temperature_degc.T, strict=True)
+        if not np.isfinite(degc).any()
+    ]
+    if without:
+        findings.append(
+            Finding(
+                "temperature_missing", WARNING, tuple(without),
+                f"no motor temperature of {', '.join(without)}: friction is taken at "
+                f"{evidence.model.temperature.fallback_degc:g} degC",
+                float(len(without)), float("nan"), "add their source to temperature_sources",
+            )
+        )  # fmt: skip
+    return findings, ""
+
+
+def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
+    """What cannot be identified from the recording, as notes: that is no mistake."""
+    if len(evidence.stamp_ns) < 2:
+        return [], "too few samples"
+    period = float(np.median(np.diff(evidence.stamp_ns))) * 1e-9
+    moving = evidence.moving
+    findings: list[Finding] = []
+
+    def note(cause: str, joints: list[str], sentence: str, remedy: str) -> None:
+        findings.append(
+            Finding(cause, NOTE, tuple(joints), sentence, float(len(joints)), float("nan"), remedy)
+        )
+
+    if evidence.effort is EffortMeaning.NONE or not np.isfinite(evidence.motor_torque).any():
+        note(
+            "no_torque", [], "no measured torque: friction and bodies cannot be identified",
+            "record the effort, and state its meaning with --effort",
+        )  # fmt: skip
+    short, slow, cold = list[str](), list[str](), list[str]()
+    for j, name in enumerate(evidence.names):
+        rows = moving[:, j]
+        if rows.sum() * period < MIN_MOVING:
+            short.append(name)
+            continue
+        speed = np.abs(evidence.velocity[rows, j])
+        if np.quantile(speed, 0.95) < MIN_SPEED_RATIO * np.quantile(speed, 0.1):
+            slow.append(name)
+        degc = evidence.temperature_degc[:, j]
+        if not np.isfinite(degc).any() or np.nanmax(degc) - np.nanmin(degc) < MIN_RANGE_DEGC:
+            cold.append(name)
+    for cause, joints, what, remedy in (
+        (
+            "too_little_motion", short,
+            f"less than {MIN_MOVING:.0f} s of motion, so that friction cannot be identified",
+            "record longer motions of these joints",
+        ),
+        (
+            "one_speed", slow,
+            "nearly one speed, so that Coulomb and viscous friction cannot be separated",
+            "record slow and fast motions",
+        ),
+        (
+            "one_temperature", cold,
+            f"less than {MIN_RANGE_DEGC:.0f} degC between coldest and warmest, so that no "
+            "temperature law can be identified",
+            "add recordings cold and warm",
+        ),
+    ):  # fmt: skip
+        if joints:
+            note(cause, joints, f"{what}: {', '.join(joints)}", remedy)
+    rest = float((~moving.any(axis=1)).sum() * period)
+    if evidence.meter is not None and rest < MIN_REST:
+        note(
+            "no_rest", [],
+            f"{rest:.1f} s of rest, so that the constant losses cannot be identified",
+            "record a few seconds of rest",
+        )  # fmt: skip
+    return findings, ""

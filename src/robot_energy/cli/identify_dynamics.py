@@ -150,8 +150,8 @@ def _bags(args: Namespace) -> Read:
 
 def _settings(args: Namespace) -> DynamicsSettings:
     from robot_energy.identify.data.observations import Filters
-    from robot_energy.identify.dynamics.columns import standard_columns
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings
+    from robot_energy.identify.dynamics.torque_model import standard_columns
 
     return DynamicsSettings(
         columns=standard_columns(args.smooth, args.stribeck),

@@ -29,7 +29,7 @@ from robot_energy.fleet.hour_sums import HourSums
 from robot_energy.fleet.joint_sums import JointSums
 from robot_energy.fleet.meter_errors import MeterErrors
 from robot_energy.freed_memory import keep_freed_memory
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report

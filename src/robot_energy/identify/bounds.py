@@ -35,11 +35,7 @@ def is_at_bound(figure: Figure) -> bool:
 
 
 def not_identified(figure: Figure) -> str:
-    """Return why a figure that a fit left behind is not identified; empty if it is.
-
-    Args:
-        figure: Of a model file.
-    """
+    """Return why a fitted figure is not identified, or nothing; argument as in `is_at_bound`."""
     if is_at_bound(figure):
         return "at its bound"
     return "no information" if figure.source.startswith(NO_INFORMATION) else ""

@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.check.evidence import Evidence, Remarks, remarks_of
-from robot_energy.check.evidence import evidence_of as evidence_in
+from robot_energy.check.evidence import BY_SAMPLE, Evidence, Remarks, evidence_of, remarks_of
 from robot_energy.check.finding import ERROR, Finding
 from robot_energy.check.meter import check_meter
 from robot_energy.check.torque import check_torque
@@ -43,22 +42,13 @@ def bodies_known(model: RobotModel) -> bool:
     Args:
         model: With tags for its URDF.
     """
-    return _mass_tag(model) != "assumed"
+    return model.urdf.tags.get("masses", "assumed") != "assumed"
 
 
-def _mass_tag(model: RobotModel) -> str:
-    return model.urdf.tags.get("masses", "assumed")
-
-
-def evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
-    """Return what the checks need of a recording.
-
-    Args:
-        recording: Run with a model.
-        effort: What its effort means.
-    """
+def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
+    """What the checks need of a recording."""
     remarks = Remarks() if recording.replay is None else remarks_of(recording.replay)
-    return evidence_in(
+    return evidence_of(
         recording.model, effort, recording.torque, recording.power, recording.meter, remarks
     )
 
@@ -71,7 +61,7 @@ def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
         effort: What its effort means.
     """
     return replace(
-        evidence_of(recording, effort).thinned(), supply=None, shaft_power=None, meter=None
+        _evidence_of(recording, effort).thinned(), supply=None, shaft_power=None, meter=None
     )
 
 
@@ -104,16 +94,10 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
     )
 
 
-def torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
-    """Return the causes that make the torque of several recordings differ from the model's.
-
-    Args:
-        parts: Of one model; few samples of each are enough.
-    """
-    names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
-             "temperature_degc")  # fmt: skip
+def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
+    """The causes that make the torque of recordings of one model differ from the model's."""
     thin = [part.thinned(len(parts)) for part in parts]
-    joined = {name: np.concatenate([getattr(part, name) for part in thin]) for name in names}
+    joined = {name: np.concatenate([getattr(part, name) for part in thin]) for name in BY_SAMPLE}
     found, _ = check_torque(replace(thin[0], **joined))
     return tuple(finding for finding in found if finding.severity == ERROR)
 
@@ -134,10 +118,10 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
     require_some(parts)
     if not bodies_known(parts[0].model):
         return ()
-    found = torque_causes(parts)
+    found = _torque_causes(parts)
     _refuse(
         [finding for finding in found if finding.cause in MISTAKES],
-        f"torque of the bodies in the model, whose masses are {_mass_tag(parts[0].model)}",
+        f"torque of the bodies in the model, whose masses are {parts[0].model.urdf.tags['masses']}",
         MASSES_ASSUMED,
     )
     return tuple(_sentence(finding) for finding in found)
@@ -151,7 +135,7 @@ def notes_of_test(parts: Sequence[Evidence]) -> tuple[str, ...]:
     """
     if not parts or not bodies_known(parts[0].model):
         return ()
-    return tuple(f"in the test: {_sentence(finding)}" for finding in torque_causes(parts))
+    return tuple(f"in the test: {_sentence(finding)}" for finding in _torque_causes(parts))
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:
@@ -166,7 +150,7 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
     """
     for recording in recordings:
         if recording.meter is not None:
-            found, _ = check_meter(evidence_of(recording, effort))
+            found, _ = check_meter(_evidence_of(recording, effort))
             _refuse(
                 [finding for finding in found if finding.cause in METER_MISTAKES],
                 "power positive into the robot, in the unit of its parameters",
@@ -190,7 +174,7 @@ def cause_named(parts: Callable[[], Sequence[Evidence]]) -> Generator[None]:
         yield
     except ImplausibleIdentificationError as error:
         known = [part for part in parts() if np.isfinite(part.motor_torque).any()]
-        found = torque_causes(known) if known else ()
+        found = _torque_causes(known) if known else ()
         if not found:
             raise
         causes = "; ".join(_sentence(finding) for finding in found)

@@ -12,18 +12,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import EffortMeaning, Float
+from robot_energy.blocks import EffortMeaning, Float, TorqueBlock
 from robot_energy.errors import ImplausibleIdentificationError
 from robot_energy.identify.cabinet.cabinet import CabinetFit
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.data.rest import still_joints
+from robot_energy.identify.data.recordings import Recording, still_joints
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.drives.total_sums import Sums
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit
-from robot_energy.identify.stats.cross_validation import EnergyScore
+from robot_energy.identify.stats.cross_validation import EnergyScore, rms_of
 from robot_energy.identify.stats.regression import qr_r
 from robot_energy.model.drive_models import DRIVE_MODELS
 
@@ -105,17 +104,7 @@ def _explained(columns: Float, target: Float) -> float:
     return 1.0 - left**2 / total if total > 0.0 else 0.0
 
 
-def refuse_opposite(found: Mapping[str, float], joints: int, remedy: str = TURN) -> None:
-    """Refuse torque of the wrong sign.
-
-    Args:
-        found: From `opposite_joints`. [-]
-        joints: How many the robot has.
-        remedy: With ``{joints}`` in it.
-
-    Raises:
-        ImplausibleIdentificationError: If there is such a joint.
-    """
+def _refuse_opposite(found: Mapping[str, float], joints: int, remedy: str = TURN) -> None:
     if not found:
         return
     which = "all joints" if len(found) == joints else ", ".join(found)
@@ -138,25 +127,22 @@ def check_signs(recordings: Sequence[Recording], effort: EffortMeaning | None = 
     Raises:
         ImplausibleIdentificationError: Naming the joints.
     """
-    measured = np.concatenate([part.torque.motor_torque_measured for part in recordings])
-    rigid = np.concatenate([part.torque.motor_torque_rigid for part in recordings])
-    speed = np.concatenate([part.torque.motor_velocity for part in recordings])
+    model, torque = recordings[0].model, TorqueBlock.concatenate([p.torque for p in recordings])
+    measured, rigid = torque.motor_torque_measured, torque.motor_torque_rigid
     sound = np.concatenate([part.sound for part in recordings])
-    model = recordings[0].model
     moving = ~np.concatenate([still_joints(part) for part in recordings])
     usable = moving & sound[:, None] & np.isfinite(measured) & np.isfinite(rigid)
-    found = opposite_joints(model.joint_names, measured, rigid, speed, usable)
-    key = REMEDIES.get(effort, TURN) if effort is not None else TURN
-    refuse_opposite(found, len(model.joints), key)
+    found = opposite_joints(model.joint_names, measured, rigid, torque.motor_velocity, usable)
+    remedy = TURN if effort is None else REMEDIES.get(effort, TURN)
+    _refuse_opposite(found, len(model.joints), remedy)
 
 
-def check_dynamics(result: Dynamics, held_out: TorqueError, remedy: str = TURN) -> None:
+def check_dynamics(result: Dynamics, held_out: TorqueError) -> None:
     """Refuse dynamics that no robot has.
 
     Args:
         result: The identification.
         held_out: Torque error of its model file on what it has not seen.
-        remedy: What turns the sign of a torque, with ``{joints}`` in it.
 
     Raises:
         ImplausibleIdentificationError: Saying what is wrong with them.
@@ -167,7 +153,7 @@ def check_dynamics(result: Dynamics, held_out: TorqueError, remedy: str = TURN) 
     found = opposite_joints(
         result.model.joint_names, rows.joint_torque, bodies, rows.motion.joint_velocity, usable
     )
-    refuse_opposite(found, robot.n_joints, remedy)
+    _refuse_opposite(found, robot.n_joints)
     if not held_out.total < MAX_HELD_OUT:
         raise ImplausibleIdentificationError(
             f"the identified dynamics are {100 * held_out.total:.0f} % off the torque that their "
@@ -175,14 +161,8 @@ def check_dynamics(result: Dynamics, held_out: TorqueError, remedy: str = TURN) 
             "a fit that predicts torque",
             "check signs and sizes of the gear ratios, joint order and zero positions",
         )
-    _refuse_negative_columns(result)
-    _refuse_mass(result, robot.link_parameters.ravel())
-
-
-def _refuse_negative_columns(result: Dynamics) -> None:
     labels = result.exported_base.labels
     values, std = result.exported.values, result.exported.std
-    rows = result.observations
     bad: list[str] = []
     for column, owner, name in result.torque_model.extra:
         if column.kind not in ("viscous", "coulomb") or name not in labels:
@@ -190,10 +170,11 @@ def _refuse_negative_columns(result: Dynamics) -> None:
         used = rows.used[:, owner]
         part = rows.regressor[used, owner, rows.names.index(name)]
         place = labels.index(name)
-        share = abs(values[place]) * _rms(part) / _rms(rows.joint_torque[used, owner])
+        share = abs(values[place]) * rms_of(part) / rms_of(rows.joint_torque[used, owner])
         if _negative(float(values[place]), float(std[place])) and share > MIN_NEGATIVE_SHARE:
             bad.append(f"{name} {values[place]:.3g} +- {std[place]:.1g} {column.unit}")
     _refuse_negative(bad)
+    _refuse_mass(result, robot.link_parameters.ravel())
 
 
 def check_friction(fits: Sequence[FrictionFit]) -> None:
@@ -245,7 +226,7 @@ def _refuse_mass(result: Dynamics, given: Float) -> None:
     total = float(before.sum())
     # torque tells masses only in sums, and what it does not tell stays as in the URDF: so the
     # torque of all bodies is compared
-    ratio = _rms((regressor @ found)[rows.used]) / _rms((regressor @ given)[rows.used])
+    ratio = rms_of((regressor @ found)[rows.used]) / rms_of((regressor @ given)[rows.used])
     if not 1.0 / MAX_BODY_FACTOR < ratio < MAX_BODY_FACTOR:
         raise ImplausibleIdentificationError(
             f"the identified bodies take {ratio:.2g} times the torque that those of the URDF "
@@ -332,7 +313,7 @@ def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
         ImplausibleIdentificationError: Saying so.
     """
     score = scores.get("identified")
-    size = _rms(data.measured)
+    size = rms_of(data.measured)
     if score is not None and not score.rms < MAX_HELD_OUT * size:
         raise ImplausibleIdentificationError(
             f"the identified losses are {score.rms:.3g} W off the readings that their fit has not "
@@ -359,7 +340,3 @@ def check_cabinet(fit: CabinetFit) -> None:
                 "constant losses above 0",
                 "turn the sign of the meter (meter.sign: load_negative) or check its place",
             )
-
-
-def _rms(values: Float) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

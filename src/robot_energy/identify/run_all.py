@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import (
@@ -23,27 +24,33 @@ from robot_energy.errors import (
     ModelFileError,
     NotIdentifiableError,
 )
+from robot_energy.identify.cabinet.cabinet import fit_cabinet
 from robot_energy.identify.cabinet.dc_link import Voltages
-from robot_energy.identify.cabinet.meter_delay import meter_delay_of, meter_time_constant_of
-from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
+from robot_energy.identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.drives.delays import meter_lags
+from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.provenance import identified_from
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import (
     STEPS,
     SUBJECTS,
+    MadeStep,
     Step,
     Subject,
+    cabinet_step,
     capacitor_step,
+    drives_step,
     friction_step,
 )
-from robot_energy.identify.turns import in_turns
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 
 SUPPLY: tuple[Subject, ...] = ("cabinet", "drives", "capacitor")  # what the meter tells
 Progress = Callable[[str, float], None]
+MAX_TURNS = 4  # of cabinet and drives, each found with what the other found
+MAX_MOVE, MIN_MOVE = 0.2, 0.1  # of a deviation, W: a constant that moves by less has settled
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ def identify_everything(
     strict: bool = True,
     share_shape: bool = False,
 ) -> FullIdentification:
-    """Identify what the bags allow.
+    """Return every subject with what the bags tell of it, or why nothing.
 
     Args:
         bags: Of one robot, at least one.
@@ -105,9 +112,6 @@ def identify_everything(
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
         strict: Whether a step that comes out implausible ends it all; else it is left out.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
-
-    Returns:
-        Every subject with what was found or why not.
 
     Raises:
         RobotEnergyError: If bags or model cannot be used at all, or a step is implausible.
@@ -125,40 +129,86 @@ def identify_everything(
             progress(subject, number / len(order))
         if subject in SUPPLY and subject not in skip and not in_time:
             in_time = True
-            low_pass = meter_time_constant_of(*powers_of(bags, now))
-            if low_pass is not None:
-                bags = [replace(bag, meter_time_constant=low_pass.applied) for bag in bags]
-            delay = meter_delay_of(*powers_of(bags, now))
-            if delay is not None:
-                bags = [replace(bag, meter_delay=delay.applied) for bag in bags]
+            low_pass, delay = _meter_lags(bags, now)
+            undone: list[Bag] = [bag.with_meter_undone(low_pass, delay) for bag in bags]
+            bags = undone
         if subject in skip:
             step = Step(subject, None, "left out, as asked", now)
         elif effort_refused and subject in ("dynamics", "friction"):
             step = Step(subject, None, effort_refused, now)
         else:
+            found = [part.found for part in steps if part.taken]
+            drives = next((one for one in found if isinstance(one, DrivesFound)), None)
+            make: dict[Subject, MadeStep] = {
+                **STEPS,
+                "friction": partial(friction_step, share=share_shape),
+                "capacitor": partial(capacitor_step, voltages=voltages, drives=drives),
+            }
             try:
-                if subject == "capacitor":
-                    found = [part.found for part in steps if part.taken]
-                    drives = next((one for one in found if isinstance(one, DrivesFound)), None)
-                    step = capacitor_step(bags, now, source, voltages, drives)
-                elif subject == "friction":
-                    step = friction_step(bags, now, source, share_shape)
-                else:
-                    step = STEPS[subject](bags, now, source)
+                step = make[subject](bags, now, source)
             except (NotIdentifiableError, ImplausibleIdentificationError) as error:
                 if strict and isinstance(error, ImplausibleIdentificationError):
                     raise
                 step = Step(subject, None, str(error), now)
         steps.append(step)
-        now = step.model
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
             if cabinet.subject == "cabinet" and cabinet.taken:
                 steps[-2:] = in_turns(cabinet, step, bags, base, source)
-                now = steps[-1].model
-        elif subject == "friction":
+        now = steps[-1].model
+        if subject == "friction":
             base = now
     return FullIdentification(model, tuple(steps), delay, share_shape, low_pass)
+
+
+def _meter_lags(bags: Sequence[Bag], model: RobotModel) -> tuple[Delay | None, Delay | None]:
+    """Low pass and delay of the meters, by the torque of the model."""
+
+    def read(constant: float) -> DriveData:
+        undone = [replace(bag, meter_time_constant=constant) for bag in bags]
+        return drive_data(*powers_of(undone, model), measured_torque=False)
+
+    return meter_lags(read)
+
+
+def in_turns(
+    cabinet: Step, drives: Step, bags: Sequence[Bag], model: RobotModel, source: str
+) -> tuple[Step, Step]:
+    """Return cabinet and drives behind one meter, each found with the other, until they agree.
+
+    What the drives take at rest and while braking decides which readings show the constants,
+    and the constants which readings show the drives. In the end the model of the drives has both.
+
+    Args:
+        cabinet: Found with the drives of ``model``.
+        drives: Found with that cabinet.
+        bags: Of the fit.
+        model: As the steps before left it.
+        source: Where the data come from.
+    """
+    times = 1
+    while times <= MAX_TURNS:
+        times += 1
+        before = drives.model.cabinet
+        try:
+            fit = fit_cabinet(read_all(bags, drives.model))
+            again = cabinet_step(model, fit, source)
+            new = drives_step(bags, again.model, source)
+        except (NotIdentifiableError, ImplausibleIdentificationError) as error:
+            note = f"cabinet and drives were not found again, each with the other: {error}"
+            return cabinet, replace(drives, notes=(*drives.notes, note))
+        if not new.taken:
+            return cabinet, drives
+        cabinet, drives = again, new
+        after = drives.model.cabinet
+        pairs = ((before.loss_grid, after.loss_grid), (before.loss_dc, after.loss_dc))
+        if all(
+            abs(now.value - old.value) <= max(MAX_MOVE * (now.std or 0.0), MIN_MOVE)
+            for old, now in pairs
+        ):
+            break
+    note = f"cabinet and drives were found {times} times, each with the other"
+    return cabinet, replace(drives, notes=(*drives.notes, note))
 
 
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:

@@ -231,13 +231,9 @@ def _at_one_temperature(
 
 
 def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bool = False) -> Step:
-    """Return the friction over temperature of every axis.
+    """Return the friction over temperature of every axis; arguments as in `drives_step`.
 
-    Args:
-        bags: Of the fit.
-        model: As the steps before left it.
-        source: Where the data come from.
-        share: Whether axes of too small a range borrow the temperature shape of others.
+    With ``share`` axes of too small a range borrow the temperature shape of others.
 
     Raises:
         NotIdentifiableError: If no axis shows its friction, or the dynamics already gave it.
@@ -382,7 +378,8 @@ def _thermal(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     return Step("thermal", found, "", with_networks(model, fits, ambient), (note,))
 
 
-STEPS: dict[Subject, Callable[[Sequence[Bag], RobotModel, str], Step]] = {
+MadeStep = Callable[[Sequence[Bag], RobotModel, str], Step]
+STEPS: dict[Subject, MadeStep] = {
     "dynamics": _dynamics,
     "friction": friction_step,
     "cabinet": _cabinet,

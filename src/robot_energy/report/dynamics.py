@@ -9,10 +9,10 @@ import numpy as np
 
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.dynamics_model import friction_at_joints
-from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut
+from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
 from robot_energy.identify.dynamics.sufficiency import temperature_remark
 from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.dynamics.work import share_off
+from robot_energy.identify.stats.cross_validation import FOLDS
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import (
     NOTHING,
@@ -90,8 +90,7 @@ def dynamics_document(
     }
     _torque_errors(
         page,
-        "torque error (norm of error / norm of torque); held out: "
-        f"{settings.folds} contiguous blocks",
+        f"torque error (norm of error / norm of torque); held out: {FOLDS} contiguous blocks",
         list(errors),
         list(errors.values()),
         result.model.joint_names,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.blocks import NANOSECOND, Int, MeterBlock, MeterLocation, MeterMeaning
 
 LOADS = ("pump", "extruder")
 STEP = 1e-3  # s, of the integral of the power
@@ -49,7 +49,7 @@ def auxiliary_loads(
     begin: float = 0.0,
     used: Mapping[str, float] | None = None,
 ) -> dict[str, LoadRecord]:
-    """Return what pump and extruder do during a run of the rig, or during a part of it.
+    """Return what ``pump`` and ``extruder`` do during a run of the rig, or during a part of it.
 
     Args:
         start_ns: Of the run. [ns]
@@ -57,9 +57,6 @@ def auxiliary_loads(
         seed: Of the gain errors of their meters.
         begin: Where the part begins. [s]
         used: True energy of each load before. [J]
-
-    Returns:
-        By the names of the loads, ``pump`` and ``extruder``.
     """
     time = begin + np.arange(round(duration / STEP) + 1) * STEP
     runs = (time >= PUMP_STARTS) & ((time - PUMP_STARTS) % PUMP_PERIOD < PUMP_RUNS)
@@ -77,7 +74,14 @@ def auxiliary_loads(
         at = np.arange(0, len(time), round(1.0 / (rate * STEP)))
         stamp = start_ns + np.rint(time[at] / NANOSECOND).astype(np.int64)
         counted = energy[at] * gain[place]
-        readings = _means(stamp, counted) if name == "pump" else _counter(stamp, counted)
+        none, grid = np.full(len(stamp), np.nan), MeterLocation.GRID
+        if name == "pump":
+            interval = np.diff(stamp) * NANOSECOND
+            power, kind = np.diff(counted) / interval, MeterMeaning.MEAN_OVER_INTERVAL
+            readings = MeterBlock(stamp[1:], power, none[1:], interval, kind, grid)
+        else:
+            steps = COUNTER_STEP * np.floor(counted / COUNTER_STEP)
+            readings = MeterBlock(stamp, none, steps, none, MeterMeaning.CUMULATIVE, grid)
         change = np.concatenate([[0], np.flatnonzero(np.diff(states[name])) + 1])
         changed = start_ns + np.rint(time[change] / NANOSECOND).astype(np.int64)
         found[name] = LoadRecord(readings, changed, states[name][change], float(energy[-1]))
@@ -136,22 +140,3 @@ def _cut(load: LoadRecord, stamp_ns: int, later: bool) -> LoadRecord:
     return LoadRecord(
         load.readings[readings], load.changed_ns[changes], load.state[changes], load.energy
     )
-
-
-def _means(stamp: Int, counted: Float) -> MeterBlock:
-    interval = np.diff(stamp) * NANOSECOND
-    none = np.full(len(interval), np.nan)
-    return MeterBlock(
-        stamp[1:],
-        np.diff(counted) / interval,
-        none,
-        interval,
-        MeterMeaning.MEAN_OVER_INTERVAL,
-        MeterLocation.GRID,
-    )
-
-
-def _counter(stamp: Int, counted: Float) -> MeterBlock:
-    none = np.full(len(stamp), np.nan)
-    steps = COUNTER_STEP * np.floor(counted / COUNTER_STEP)
-    return MeterBlock(stamp, none, steps, none, MeterMeaning.CUMULATIVE, MeterLocation.GRID)

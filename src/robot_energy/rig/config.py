@@ -19,6 +19,7 @@ HARD = (
     "temperature_error",
 )
 """Effects that no model file has a term for; the identification undoes the low pass of a meter."""
+POSITIVE = ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate")
 
 
 @dataclass(frozen=True)
@@ -68,26 +69,10 @@ class Sensors:
     temperature_offset: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value > 0")
-        for name in (
-            "velocity_noise",
-            "torque_noise",
-            "torque_constant_error",
-            "stamp_jitter",
-            "temperature_noise",
-            "meter_class",
-            "meter_noise",
-            "drive_power_class",
-            "drive_power_noise",
-            "velocity_filter",
-            "meter_filter",
-            "temperature_lag",
-            "temperature_offset",
-        ):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value >= 0")
+        for name, value in self.__dict__.items():
+            low = "> 0" if name in POSITIVE else ">= 0"
+            if not (0 <= value < float("inf") and (value > 0 or name not in POSITIVE)):
+                raise RigError(f"the sensors' {name} is {value}", f"a value {low}")
         if self.meter_meaning is MeterMeaning.UNKNOWN:
             raise RigError("the meter's meaning is UNKNOWN", "a known meaning")
 
@@ -188,14 +173,7 @@ class RigConfig:
         return self._switched(effects, on=False)
 
     def having(self, *effects: str) -> RigConfig:
-        """Return a copy with the named effects on.
-
-        Args:
-            effects: Names of switches.
-
-        Raises:
-            RigError: If there is no such switch.
-        """
+        """Return a copy with the named effects on; arguments as in `RigConfig.without`."""
         return self._switched(effects, on=True)
 
     def _switched(self, effects: tuple[str, ...], *, on: bool) -> RigConfig:

@@ -53,13 +53,10 @@ class Lubricant:
         return cold + slope * log10(KELVIN + 40), slope
 
     def viscosity(self, gear_temperature_degc: Float | float) -> Float:
-        """Return the kinematic viscosity.
+        """Return the kinematic viscosity, same shape. [mm^2/s]
 
         Args:
             gear_temperature_degc: Oil, any shape; limited to -40 to 200 degC. [degC]
-
-        Returns:
-            Same shape. [mm^2/s]
         """
         a, b = self.constants
         degc = np.clip(np.asarray(gear_temperature_degc), MIN_DEGC, MAX_DEGC)
@@ -70,9 +67,7 @@ class Lubricant:
 
         The square root stands between churning (nu) and Coulomb-like contact (1): oil
         thins 12 to 15 times from 20 to 80 degC while measured friction falls 3 to 4 times.
-
-        Args:
-            gear_temperature_degc: Temperature of the oil, any shape. [degC]
+        Argument as in `Lubricant.viscosity`.
         """
         return np.sqrt(self.viscosity(gear_temperature_degc) / self.viscosity_40)
 

@@ -107,13 +107,10 @@ class RigOutput:
 
     @classmethod
     def concatenate(cls, outputs: Sequence[RigOutput]) -> RigOutput:
-        """Join outputs in the order given.
+        """Return one output with all samples and readings, in the order given.
 
         Args:
             outputs: At least one.
-
-        Returns:
-            One output with all their samples and readings.
 
         Raises:
             ShapeError: If there is nothing to join.

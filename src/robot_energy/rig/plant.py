@@ -1,4 +1,11 @@
-"""Friction and drives of the plant. Only presliding friction has a state."""
+"""Friction, drives and temperatures of the plant.
+
+Only presliding friction and temperatures have a state. The thermal network of each axis is motor
+-> gear and structure -> ambient,
+``C_m dT_m/dt = P_m - G_m (T_m - T_g)`` and
+``C_g dT_g/dt = P_g + G_m (T_m - T_g) - G_a (T_g - T_ambient)``, solved exactly for heat
+that is constant over a step, so that any step length is stable.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float
+from robot_energy.errors import RigError
 from robot_energy.rig.config import RigConfig
 from robot_energy.rig.profile import PlantProfile
 
 REFERENCE_DEGC = 20.0  # of resistances and torque constants
 OIL_DEGC = 60.0  # of the oil while its temperature is switched off
 COULOMB_DEGC = 40.0  # of the gear, at which the Coulomb friction of the profile holds
+MAX_SHARE = 0.1  # of the fastest thermal time constant in one step
 MIN_COULOMB_SHARE = 0.4  # of it, however warm the gear is
 
 
@@ -62,29 +71,21 @@ class PlantFriction:
         self._follows_oil = config.lubricant_temperature
 
     def viscous(self, gear_temperature_degc: Float) -> Float:
-        """Return the viscous coefficient.
+        """Return the viscous coefficient, motor side, shape (n,). [N m s/rad]
 
         Args:
             gear_temperature_degc: Temperature of the oil, shape (n,). [degC]
-
-        Returns:
-            Motor side, shape (n,). [N m s/rad]
         """
-        degc = (
-            gear_temperature_degc
-            if self._follows_oil
-            else np.full(self._profile.n_joints, OIL_DEGC)
-        )
         factor = [
-            float(oil.friction_factor(value))
-            for oil, value in zip(self._profile.lubricant, degc.tolist(), strict=True)
+            float(oil.friction_factor(degc if self._follows_oil else OIL_DEGC))
+            for oil, degc in zip(self._profile.lubricant, gear_temperature_degc, strict=True)
         ]
         return self._profile.viscous_40 * np.asarray(factor)
 
     def torque(
         self, motor_velocity: Float, motor_torque_rigid: Float, gear_temperature_degc: Float
     ) -> Float:
-        """Return what the drive must add against friction, of consecutive samples.
+        """Return what the drive must add against friction, motor side, shape (N, n). [N m]
 
         Without presliding there is none at standstill.
 
@@ -92,9 +93,6 @@ class PlantFriction:
             motor_velocity: Shape (N, n). [rad/s]
             motor_torque_rigid: The load, shape (N, n). [N m]
             gear_temperature_degc: Shape (n,). [degC]
-
-        Returns:
-            Motor side, with the sign of the velocity, shape (N, n). [N m]
         """
         speed = np.abs(motor_velocity)
         dry = self._profile.coulomb + self._load * np.abs(motor_torque_rigid)
@@ -152,9 +150,6 @@ class PlantDrives:
             motor_velocity: Shape (N, n). [rad/s]
             motor_torque: At the shaft, shape (N, n). [N m]
             motor_temperature_degc: Winding and magnets, shape (n,). [degC]
-
-        Returns:
-            The flows.
         """
         warmer = motor_temperature_degc - REFERENCE_DEGC
         drag = self._hysteresis * np.sign(motor_velocity) + self._eddy * motor_velocity
@@ -168,3 +163,83 @@ class PlantDrives:
             inverter_loss=self._linear * magnitude + self._square * square,
             measured_motor_torque=current * self._constant,
         )
+
+
+def longest_step(profile: PlantProfile) -> float:
+    """Return the longest step over which heat and friction may be held. [s]
+
+    Args:
+        profile: The plant.
+    """
+    rate = np.linalg.eigvals(_matrix(profile))
+    return MAX_SHARE / float(np.abs(rate).max())
+
+
+def _matrix(profile: PlantProfile) -> Float:
+    """Rates of both nodes of every axis, shape (n, 2, 2). [1/s]"""
+    inner, outer = profile.motor_conductance, profile.gear_conductance
+    matrix = np.empty((profile.n_joints, 2, 2))
+    matrix[:, 0, 0] = -inner / profile.motor_capacity
+    matrix[:, 0, 1] = inner / profile.motor_capacity
+    matrix[:, 1, 0] = inner / profile.gear_capacity
+    matrix[:, 1, 1] = -(inner + outer) / profile.gear_capacity
+    return matrix
+
+
+class ThermalNetwork:
+    """Two nodes per axis, stepped at a fixed interval.
+
+    Args:
+        profile: Capacities and conductances.
+        step: Length of a step in thermal time. [s]
+        motor_temperature_degc: At the start, shape (n,). [degC]
+        gear_temperature_degc: At the start, shape (n,). [degC]
+        ambient_degc: [degC]
+
+    Attributes:
+        motor_temperature_degc: Now, shape (n,). [degC]
+        gear_temperature_degc: Now, shape (n,). [degC]
+        ambient_degc: Now. [degC]
+
+    Raises:
+        RigError: If a step is long against the fastest time constant, so that friction
+            could not follow.
+    """
+
+    def __init__(
+        self,
+        profile: PlantProfile,
+        step: float,
+        motor_temperature_degc: Float,
+        gear_temperature_degc: Float,
+        ambient_degc: float,
+    ) -> None:
+        self.motor_temperature_degc = motor_temperature_degc.copy()
+        self.gear_temperature_degc = gear_temperature_degc.copy()
+        self.ambient_degc = ambient_degc
+        self._inner, self._outer = profile.motor_conductance, profile.gear_conductance
+        if step > longest_step(profile):
+            raise RigError(
+                f"one step of the temperatures is {step:.3g} s of thermal time",
+                f"at most {longest_step(profile):.3g} s, a tenth of the fastest time constant",
+                "reduce thermal_speedup",
+            )
+        rate, shape = np.linalg.eig(_matrix(profile))
+        self._transition = (shape * np.exp(rate * step)[:, None, :]) @ np.linalg.inv(shape)
+
+    def step(self, motor_heat: Float, gear_heat: Float) -> None:
+        """Advance by one step.
+
+        Args:
+            motor_heat: Mean over the step, shape (n,). [W]
+            gear_heat: Mean over the step, shape (n,). [W]
+        """
+        gear = self.ambient_degc + (motor_heat + gear_heat) / self._outer
+        motor = gear + motor_heat / self._inner
+        above_motor = self.motor_temperature_degc - motor
+        above_gear = self.gear_temperature_degc - gear
+        now = self._transition
+        self.motor_temperature_degc = (
+            motor + now[:, 0, 0] * above_motor + (now[:, 0, 1] * above_gear)
+        )
+        self.gear_temperature_degc = gear + now[:, 1, 0] * above_motor + (now[:, 1, 1] * above_gear)

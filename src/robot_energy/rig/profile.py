@@ -24,6 +24,8 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.lubricant import OILS, Lubricant
 
+JERK_TIME = 0.05  # s over which acceleration builds up
+
 
 @dataclass(frozen=True)
 class SupplyProfile:
@@ -216,56 +218,31 @@ class PlantProfile:
             )
         return Robot.from_model(model), Drivetrain.from_model(model)
 
-    def motion_limits(self, robot: Robot, jerk_time: float = 0.05) -> MotionLimits:
+    def motion_limits(self, robot: Robot) -> MotionLimits:
         """Return limits for programs of this robot; joints without end stay within +-pi.
 
         Args:
             robot: Its rigid bodies, for positions and speeds.
-            jerk_time: Time over which acceleration builds up. [s]
 
         Raises:
             MotionError: If the URDF lacks limits.
         """
-        limits = MotionLimits.of_robot(robot, self.acceleration, jerk_time)
+        limits = MotionLimits.of_robot(robot, self.acceleration, JERK_TIME)
         turn = np.where(robot.limits.wraps, np.pi, np.inf)
         return replace(
             limits, lower=np.maximum(limits.lower, -turn), upper=np.minimum(limits.upper, turn)
         )
 
 
-def calibrated_viscous(
-    lubricant: Lubricant, cold: float, hot: float, cold_degc: float = 20.0, hot_degc: float = 60.0
-) -> float:
-    """Return the coefficient at 40 degC whose curve passes two targets equally closely.
-
-    Only the scale is free, the oil fixes the shape; the ratio to the target is then ``r``
-    at one temperature and ``1/r`` at the other.
-
-    Args:
-        lubricant: The oil.
-        cold: Target at ``cold_degc``, motor side. [N m s/rad]
-        hot: Target at ``hot_degc``, motor side. [N m s/rad]
-        cold_degc: Gear temperature. [degC]
-        hot_degc: Gear temperature. [degC]
-
-    Returns:
-        viscous_40, motor side. [N m s/rad]
-    """
-    factor = lubricant.friction_factor(np.array([cold_degc, hot_degc]))
-    return float(np.sqrt(cold * hot / (factor[0] * factor[1])))
-
-
 def load_profile(name: str) -> PlantProfile:
     """Return a plant of this package.
 
     In its file a figure is one value or one per axis, and viscous friction has targets at 20
-    and 60 degC, which `calibrated_viscous` meets.
+    and 60 degC. Only its scale is free, the oil fixes its shape; so the curve passes both equally
+    closely: the ratio to the target is ``r`` at one temperature and ``1/r`` at the other.
 
     Args:
         name: Name of the shipped model whose bodies it has, such as ``kr16``.
-
-    Returns:
-        The plant.
 
     Raises:
         RigError: If there is no such plant, or a figure makes no sense.
@@ -281,6 +258,6 @@ def load_profile(name: str) -> PlantProfile:
         key: np.array(np.broadcast_to(value, len(oils)), dtype=np.float64)
         for key, value in data.items()
     }
-    targets = zip(oils, figures.pop("viscous_20"), figures.pop("viscous_60"), strict=True)
-    viscous = np.array([calibrated_viscous(oil, cold, hot) for oil, cold, hot in targets])
+    cold, hot = np.array([oil.friction_factor(np.array([20.0, 60.0])) for oil in oils]).T
+    viscous = np.sqrt(figures.pop("viscous_20") * figures.pop("viscous_60") / (cold * hot))
     return PlantProfile(body=body, lubricant=oils, viscous_40=viscous, supply=supply, **figures)

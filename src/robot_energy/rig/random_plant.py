@@ -22,7 +22,7 @@ SPREAD = 0.4  # of the log-normal draws
 
 
 def random_profile(body: str, seed: int) -> PlantProfile:
-    """Draw a plant for the bodies of a model.
+    """Return a plant drawn for the bodies of a model, motor side.
 
     The scale is the rated motor torque (a third of the effort limit of the URDF over the gear
     ratio) and the motor speed at the velocity limit; their product is the rated power.
@@ -30,9 +30,6 @@ def random_profile(body: str, seed: int) -> PlantProfile:
     Args:
         body: Name of a shipped model, or path of a model file.
         seed: The same seed gives the same plant.
-
-    Returns:
-        The plant, motor side.
 
     Raises:
         ModelFileError: If there is no such model.

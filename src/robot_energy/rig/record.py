@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from operator import itemgetter
@@ -98,7 +98,7 @@ class RigEncoder:
         """Return sensor_msgs/JointState messages, shape (N, size).
 
         Args:
-            block: N samples.
+            block: N samples or readings.
         """
         return self._joints.encode(
             {
@@ -113,8 +113,7 @@ class RigEncoder:
     def drive_power(self, block: RigJoints) -> NDArray[np.uint8]:
         """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size).
 
-        Args:
-            block: N samples.
+        Argument as in `RigEncoder.joint_states`.
         """
         nothing = np.empty((len(block), 0), dtype=np.uint32)
         columns = {"layout.dim.size": nothing, "layout.dim.stride": nothing}
@@ -123,22 +122,15 @@ class RigEncoder:
     def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
         """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size).
 
-        Args:
-            block: N readings.
+        Argument as in `RigEncoder.joint_states`.
         """
-        return self._temperatures.encode(
-            {
-                **stamp_columns(block.stamp_ns),
-                "temperature_degc": block.motor_temperature_degc,
-            },
-            len(block),
-        )
+        degc = {"temperature_degc": block.motor_temperature_degc}
+        return self._temperatures.encode(stamp_columns(block.stamp_ns) | degc, len(block))
 
     def meter(self, block: MeterBlock) -> NDArray[np.uint8]:
         """Return ros2_energy_msgs/PowerReading messages, shape (N, size).
 
-        Args:
-            block: N readings.
+        Argument as in `RigEncoder.joint_states`.
         """
         return self._meter.encode(
             {
@@ -199,7 +191,7 @@ def record(
     drive_power: bool = False,
     auxiliary: bool = False,
 ) -> RigRecording:
-    """Run a rig and write its topics to a bag.
+    """Return the account of a run of a rig, whose topics are written to a bag.
 
     ``/joint_states`` (sensor_msgs/JointState, effort = motor torque),
     ``/motor_temperatures`` (ros2_energy_msgs/MotorTemperatures) and ``/power_meter``
@@ -216,9 +208,6 @@ def record(
         auxiliary: Record a pump and an extruder as well (`rig.auxiliary`): meters on
             ``/auxiliary/NAME/power`` (PowerReading), states on ``/auxiliary/NAME/state``
             (std_msgs/UInt8).
-
-    Returns:
-        What was written.
 
     Raises:
         RigError: If the duration makes no sense.
@@ -237,17 +226,19 @@ def record(
     counts = dict.fromkeys(types, 0)
     energy, peak, end = 0.0, 0.0, first.truth
     waiting: list[Message] = []
-    for topic, time_ns, rows in load_messages(encoder, loads):
-        waiting += [(t, topic, r.tobytes()) for t, r in zip(time_ns.tolist(), rows, strict=True)]
-        counts[topic] += len(rows)
+
+    def wait(messages: Iterable[tuple[str, Int, NDArray[np.uint8]]]) -> None:
+        for topic, time_ns, rows in messages:
+            times = time_ns.tolist()
+            waiting.extend((t, topic, row.tobytes()) for t, row in zip(times, rows, strict=True))
+            counts[topic] += len(rows)
+
+    wait(load_messages(encoder, loads))
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         for topic, kind in types.items():
             bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES else []))
         for output in chain([first], pieces):
-            for topic, time_ns, rows in _messages(encoder, output, drive_power):
-                times = time_ns.tolist()
-                waiting += [(t, topic, row.tobytes()) for t, row in zip(times, rows, strict=True)]
-                counts[topic] += len(rows)
+            wait(_messages(encoder, output, drive_power))
             end = output.truth
             energy += float(end.grid_power.sum()) * rig.period
             peak = max(peak, float(end.grid_power.max()))

@@ -18,8 +18,10 @@ from robot_energy.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.rig.config import RigConfig
+from robot_energy.rig.output import RigJoints, Truth
 
 TURN = 2.0 * np.pi  # rad
 JITTER_SPREAD = 3.0  # standard deviations at which the jitter is cut
@@ -64,13 +66,10 @@ class LowPass:
         self._last: Float | None = None
 
     def step(self, values: Float) -> Float:
-        """Return the filtered samples.
+        """Return the filtered samples, same shape and unit.
 
         Args:
             values: Shape (N,) or (N, n). [any unit]
-
-        Returns:
-            Same shape and unit.
         """
         from scipy.signal import lfilter  # heavy to import, for hard effects only
 
@@ -113,12 +112,38 @@ class JointSensors:
         lag = LowPass(config.sensors.velocity_filter, period_ns * NANOSECOND)
         self._velocity_filter = lag if config.velocity_filter else None
 
-    def stamp(self, stamp_ns: Int) -> Int:
-        """Return the stamps that the driver writes, strictly increasing, shape (N,). [ns]
+    def read(self, truth: Truth, motors: Trajectory, motor_torque: Float) -> RigJoints:
+        """Return what is reported of consecutive samples.
 
         Args:
-            stamp_ns: True instants, shape (N,). [ns]
+            truth: The samples.
+            motors: Motion that the encoders see, joint side.
+            motor_torque: From currents and name plates, before noise, shape (N, n). [N m]
         """
+        sensors, on = self._config.sensors, self._config
+        velocity, torque = motors.joint_velocity, motor_torque * self._torque_gain
+        power = truth.drive_power
+        if self._velocity_filter:
+            velocity = self._velocity_filter.step(velocity)
+        if on.velocity_noise:
+            noise = self._velocity.standard_normal(velocity.shape)
+            noise *= sensors.velocity_noise
+            velocity = velocity + self._drivetrain.joint_velocity_from_motor(noise)
+        if on.torque_noise:
+            torque = torque + self._torque.standard_normal(torque.shape) * sensors.torque_noise
+        if on.drive_power_error:
+            noise = self._drive.standard_normal(power.shape)
+            power = power * self._drive_gain + noise * sensors.drive_power_noise
+        return RigJoints(
+            stamp_ns=self._stamps(truth.stamp_ns),
+            joint_position=self._positions(motors.joint_position),
+            joint_velocity=velocity,
+            measured_motor_torque=torque,
+            measured_drive_power=power,
+        )
+
+    def _stamps(self, stamp_ns: Int) -> Int:
+        """The stamps that the driver writes, strictly increasing, shape (N,). [ns]"""
         sigma = self._config.sensors.stamp_jitter / NANOSECOND
         if not self._config.stamp_jitter or sigma == 0:
             return stamp_ns
@@ -126,54 +151,13 @@ class JointSensors:
         error = np.clip(sigma * self._stamp.standard_normal(len(stamp_ns)), -bound, bound)
         return stamp_ns + np.rint(error).astype(np.int64)
 
-    def position(self, joint_position: Float) -> Float:
-        """Return positions in steps of the encoders, joint side, shape (N, n). [rad]
-
-        Args:
-            joint_position: True positions, shape (N, n). [rad]
-        """
+    def _positions(self, joint_position: Float) -> Float:
+        """Positions in steps of the encoders, joint side, shape (N, n). [rad]"""
         if not self._config.encoder:
             return joint_position
         step = TURN / self._config.sensors.encoder_counts
         motor = self._drivetrain.motor_velocity_from_joint(joint_position)
         return self._drivetrain.joint_velocity_from_motor(np.rint(motor / step) * step)
-
-    def velocity(self, joint_velocity: Float) -> Float:
-        """Return noisy velocities, joint side, shape (N, n). [rad/s]
-
-        Args:
-            joint_velocity: True velocities, shape (N, n). [rad/s]
-        """
-        if self._velocity_filter:
-            joint_velocity = self._velocity_filter.step(joint_velocity)
-        if not self._config.velocity_noise:
-            return joint_velocity
-        noise = self._velocity.standard_normal(joint_velocity.shape)
-        noise *= self._config.sensors.velocity_noise
-        return joint_velocity + self._drivetrain.joint_velocity_from_motor(noise)
-
-    def torque(self, measured_motor_torque: Float) -> Float:
-        """Return noisy torques, motor side, shape (N, n). [N m]
-
-        Args:
-            measured_motor_torque: Before noise, shape (N, n). [N m]
-        """
-        measured_motor_torque = measured_motor_torque * self._torque_gain
-        if not self._config.torque_noise:
-            return measured_motor_torque
-        noise = self._torque.standard_normal(measured_motor_torque.shape)
-        return measured_motor_torque + noise * self._config.sensors.torque_noise
-
-    def drive_power(self, drive_power: Float) -> Float:
-        """Return the electrical input that the drives report, shape (N, n). [W]
-
-        Args:
-            drive_power: True input, shape (N, n). [W]
-        """
-        if not self._config.drive_power_error:
-            return drive_power
-        noise = self._drive.standard_normal(drive_power.shape)
-        return drive_power * self._drive_gain + noise * self._config.sensors.drive_power_noise
 
 
 class TemperatureSensor:
@@ -205,16 +189,13 @@ class TemperatureSensor:
     def read(
         self, begin_ns: int, end_ns: int, begin_degc: Float, end_degc: Float
     ) -> TemperatureBlock:
-        """Return the readings in ``[begin, end)``.
+        """Return the readings in ``[begin, end)``, possibly none.
 
         Args:
             begin_ns: Since the start. [ns]
             end_ns: Since the start. [ns]
             begin_degc: Motor temperatures at ``begin``, shape (n,). [degC]
             end_degc: And at ``end``, straight between, shape (n,). [degC]
-
-        Returns:
-            A block, possibly empty.
         """
         last = -(-end_ns // self._period_ns)  # first reading at or after the end
         since = np.arange(self._next, max(last, self._next), dtype=np.int64) * self._period_ns
@@ -263,23 +244,18 @@ class GridMeter:
         self._last = 0.0  # J at the last reading
 
     def read(self, first: int, grid_power: Float) -> MeterBlock:
-        """Take the true power of consecutive samples and return the readings they complete.
+        """Return the readings that consecutive samples of the true power complete.
 
         Args:
             first: Index of the first sample.
             grid_power: Shape (N,). [W]
-
-        Returns:
-            A block, possibly empty.
         """
         if self._filter:
             grid_power = self._filter.step(grid_power)
         samples = first + np.arange(len(grid_power) + 1) - 0.5
         edge = samples * self._sample_ns  # ns since the start
-        energy = (
-            np.concatenate([[0.0], np.cumsum(grid_power * (self._sample_ns * NANOSECOND))])
-            + self._energy
-        )
+        drawn = np.cumsum(grid_power * (self._sample_ns * NANOSECOND))
+        energy = np.concatenate([[0.0], drawn]) + self._energy
         self._energy = float(energy[-1])
         stop = int(edge[-1] // self._period_ns) + 1
         index = np.arange(self._next, max(stop, self._next), dtype=np.int64)
@@ -305,11 +281,5 @@ class GridMeter:
                 power = used / interval
             noise = 1.0 + self._noise * self._random.standard_normal(len(since))
             power = power * self.gain * noise
-        return MeterBlock(
-            stamp_ns=since + self._start_ns,
-            power=power,
-            energy=energy,
-            interval=interval,
-            meaning=self._meaning,
-            location=MeterLocation.GRID,
-        )
+        stamp_ns = since + self._start_ns
+        return MeterBlock(stamp_ns, power, energy, interval, self._meaning, MeterLocation.GRID)

@@ -62,13 +62,10 @@ class Supply:
         self._braking = False
 
     def step(self, bus_power: Float) -> SupplyFlows:
-        """Take the drives' demand.
+        """Return the flows that the drives' demand makes.
 
         Args:
             bus_power: Sum of the drive inputs, shape (N,). [W]
-
-        Returns:
-            The flows.
         """
         demand = bus_power + self._supply.loss_dc
         brake = np.zeros_like(demand)

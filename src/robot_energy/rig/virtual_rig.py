@@ -32,11 +32,16 @@ from robot_energy.motion import JointMotion, Trajectory
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.config import RigConfig
 from robot_energy.rig.output import RigJoints, RigOutput, Truth
-from robot_energy.rig.plant import DriveFlows, PlantDrives, PlantFriction
+from robot_energy.rig.plant import (
+    DriveFlows,
+    PlantDrives,
+    PlantFriction,
+    ThermalNetwork,
+    longest_step,
+)
 from robot_energy.rig.profile import HardEffects, PlantProfile
 from robot_energy.rig.sensors import GridMeter, JointSensors, TemperatureSensor
 from robot_energy.rig.supply import Supply
-from robot_energy.rig.thermal import ThermalNetwork, longest_step
 
 BLOCK = 1.0  # s of samples computed at once, at most
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001
@@ -146,28 +151,22 @@ class VirtualRig:
             self._friction.wear = np.array(wear, dtype=np.float64)
 
     def step_until(self, stamp_ns: int) -> RigOutput | None:
-        """Return the samples up to an instant, as a live rig does at every tick.
+        """Return what became due up to an instant, as at every tick of a live rig; None if nothing.
 
         Args:
             stamp_ns: The last sample is at or before it. [ns]
-
-        Returns:
-            What became due, or None if no sample did.
         """
         due = (stamp_ns - self.stamp_ns) // self._period_ns + 1
         return self.step(due) if due > 0 else None
 
     def step(self, n_samples: int) -> RigOutput:
-        """Run the rig.
+        """Return the next samples and the readings due by then.
 
         Temperatures and meter readings come with the first step whose last sample is not
         before their stamp.
 
         Args:
             n_samples: How many samples, >= 1.
-
-        Returns:
-            The samples and the readings due by then.
 
         Raises:
             RigError: If ``n_samples`` is not positive.
@@ -209,7 +208,10 @@ class VirtualRig:
         truth, drives, encoders = self._plant(since_ns)
         motor_before = self._thermal.motor_temperature_degc
         if self._warming:
-            self._heat(truth)
+            friction = truth.friction_power.mean(axis=0)
+            motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
+            share = self.profile.friction_to_motor
+            self._thermal.step(motor + share * friction, (1.0 - share) * friction)
         self._readings = _joined(self._readings, self._meter.read(first, truth.grid_power))
         temperatures = self._thermometer.read(
             first * self._period_ns,
@@ -218,15 +220,8 @@ class VirtualRig:
             self._thermal.motor_temperature_degc,
         )
         self._temperatures = _joined(self._temperatures, temperatures)
-        sensors = self._joint_sensors
-        joints = RigJoints(
-            stamp_ns=sensors.stamp(truth.stamp_ns),
-            joint_position=sensors.position(encoders.joint_position),
-            joint_velocity=sensors.velocity(encoders.joint_velocity),
-            measured_motor_torque=sensors.torque(drives.measured_motor_torque),
-            measured_drive_power=sensors.drive_power(truth.drive_power),
-        )
-        return joints, truth
+        measured = drives.measured_motor_torque
+        return self._joint_sensors.read(truth, encoders, measured), truth
 
     def _plant(self, since_ns: Int) -> tuple[Truth, DriveFlows, Trajectory]:
         time: Float = since_ns.astype(np.float64) * NANOSECOND
@@ -266,11 +261,7 @@ class VirtualRig:
             inverter_loss=drives.inverter_loss,
             loss_dc=np.full(rows, self.profile.supply.loss_dc),
             loss_grid=np.full(rows, self.profile.supply.loss_grid + fan),
-            rectifier_loss=supply.rectifier_loss,
-            brake_power=supply.brake_power,
-            capacitor_power=supply.capacitor_power,
-            bus_voltage=supply.bus_voltage,
-            grid_power=supply.grid_power + fan,
+            **{**supply.__dict__, "grid_power": supply.grid_power + fan},
         )
         return truth, drives, encoders
 
@@ -279,8 +270,11 @@ class VirtualRig:
         if self._compliance is None:
             return links
         before, after = (
-            self._robot.joint_torque(*self._links_at(np.maximum(time + step, 0.0)))
-            for step in (-DIFFERENCE, DIFFERENCE)
+            self._robot.joint_torque(at.joint_position, at.joint_velocity, at.joint_acceleration)
+            for at in (
+                self._program.sample(np.maximum(time + step, 0.0))
+                for step in (-DIFFERENCE, DIFFERENCE)
+            )
         )
         slope = (after - before) / (2.0 * DIFFERENCE)
         curvature = (after - 2.0 * joint_torque + before) / DIFFERENCE**2
@@ -289,16 +283,6 @@ class VirtualRig:
             links.joint_velocity + self._compliance * slope,
             links.joint_acceleration + self._compliance * curvature,
         )
-
-    def _links_at(self, time: Float) -> tuple[Float, Float, Float]:
-        motion = self._program.sample(time)
-        return motion.joint_position, motion.joint_velocity, motion.joint_acceleration
-
-    def _heat(self, truth: Truth) -> None:
-        friction = truth.friction_power.mean(axis=0)
-        motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
-        share = self.profile.friction_to_motor
-        self._thermal.step(motor + share * friction, (1.0 - share) * friction)
 
 
 class Fan:

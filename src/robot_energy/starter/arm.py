@@ -14,12 +14,7 @@ from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
 from robot_energy.physics.urdf.moving_joints import GRIPPER_MASS_SHARE, moving_joints
-from robot_energy.starter.priors import (
-    CLASSES,
-    MAX_COBOT_MASS,
-    MAX_COBOT_PEAK,
-    RobotClass,
-)
+from robot_energy.starter.priors import CLASSES, MAX_COBOT_MASS, MAX_COBOT_PEAK, RobotClass
 
 MAX_EFFORT_RATIO = 30.0
 """If all effort limits are equal and one exceeds the needed torque this often, none is a limit."""
@@ -83,15 +78,12 @@ class Arm:
 
 
 def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence[str] = ()) -> Arm:
-    """Choose the joints of a first model and find their limits.
+    """Return the joints of a first model, and their limits.
 
     Args:
         urdf_xml: Text of the URDF.
         class_name: A name of `CLASSES`; None: chosen by peak power and mass.
         joint_names: The joints to model; empty: all independent moving joints without grippers.
-
-    Returns:
-        The arm.
 
     Raises:
         RobotDescriptionError: If the URDF cannot be used, or nothing in it moves.
@@ -99,7 +91,8 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
     """
     root = parse(urdf_xml)
     names, left_out = _chosen(root, joint_names)
-    massless = _massless(root, names)
+    links = tuple({str(link.get("name")) for link in root.findall("link")})
+    massless = take_inventory(root, names, links).allowed_massless
     robot = Robot(urdf_xml, names, massless_links=massless)
     mass = moved_mass(root, names)
     if not sum(mass):
@@ -108,7 +101,7 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
             "a mass and an inertia for every body that moves",
             "use a URDF with inertials; many geometric ones have none",
         )
-    remarks = [*_mass_remarks(names, mass), *_wheel_remarks(names)]
+    remarks = _remarks(names, mass)
     ratios = _transmissions(root)
     guess = CLASSES[class_name or "cobot"]
     joints = _joints(robot, guess, ratios)
@@ -172,14 +165,8 @@ def _chosen(
     return tuple(chosen_names or moving), others
 
 
-def _massless(root: ET.Element, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Links of bodies that move without any mass, which a model must name."""
-    links = {str(link.get("name")) for link in root.findall("link")}
-    return take_inventory(root, names, tuple(links)).allowed_massless
-
-
-def _mass_remarks(names: Sequence[str], mass: Sequence[float]) -> list[str]:
-    """Say what looks like a placeholder among the masses."""
+def _remarks(names: Sequence[str], mass: Sequence[float]) -> list[str]:
+    """Say what looks like a placeholder among the masses, and what a model of wheels lacks."""
     remarks: list[str] = []
     if len(mass) > 2 and len({round(value, 6) for value in mass}) == 1:
         remarks.append(
@@ -191,18 +178,13 @@ def _mass_remarks(names: Sequence[str], mass: Sequence[float]) -> list[str]:
         for name, value in zip(names, mass, strict=True)
         if value == 0.0
     ]
-    return remarks
-
-
-def _wheel_remarks(names: Sequence[str]) -> list[str]:
-    """Say what a model of wheels lacks."""
     wheels = [name for name in names if any(word in name.lower() for word in WHEELS)]
-    if not wheels:
-        return []
-    return [
-        f"{', '.join(wheels)}: by the name a wheel; the model takes the base to stand still, so "
-        "the power of driving is missing; name the joints of the arm alone with --joints"
-    ]
+    if wheels:
+        remarks.append(
+            f"{', '.join(wheels)}: by the name a wheel; the model takes the base to stand still, "
+            "so the power of driving is missing; name the joints of the arm alone with --joints"
+        )
+    return remarks
 
 
 def _transmissions(root: ET.Element) -> dict[str, float]:
@@ -237,44 +219,35 @@ def _joints(robot: Robot, robot_class: RobotClass, ratios: dict[str, float]) -> 
     joints: list[ArmJoint] = []
     for row, name in enumerate(robot.joint_names):
         unit = "N" if limits.prismatic[row] else "N m"
-        speed_unit = f"{limits.unit(row)}/s"
-        effort, source = float(limits.effort[row]), "limit of the URDF"
+        effort, effort_source = float(given[row]), "limit of the URDF"
+        speed, speed_source = float(velocity[row]), "limit of the URDF"
         if not np.isfinite(effort) or placeholder:
-            source = f"no effort limit in the URDF; {needed[row]:.3g} {unit} taken"
+            effort_source = "no effort limit in the URDF"
             if placeholder:
-                source = (
+                effort_source = (
                     f"all joints have the effort limit {effort:.3g} {unit}, which looks like a "
-                    f"placeholder; {needed[row]:.3g} {unit} taken"
+                    "placeholder"
                 )
-            source += ", from gravity and acceleration"
-            effort = needed[row]
-        known = bool(np.isfinite(limits.velocity[row]))
+            effort = float(needed[row])
+            effort_source += f"; {effort:.3g} {unit} taken, from gravity and acceleration"
+        if not np.isfinite(limits.velocity[row]):
+            speed_source = f"no velocity limit in the URDF; {speed:.3g} {limits.unit(row)}/s taken"
         joints.append(
             ArmJoint(
-                name=name,
-                prismatic=bool(limits.prismatic[row]),
-                effort=float(effort),
-                effort_source=source,
-                velocity=float(velocity[row]),
-                velocity_source="limit of the URDF"
-                if known
-                else f"no velocity limit in the URDF; {velocity[row]:.3g} {speed_unit} taken",
-                gear_ratio=ratios.get(name),
+                name,
+                bool(limits.prismatic[row]),
+                effort,
+                effort_source,
+                speed,
+                speed_source,
+                ratios.get(name),
             )
         )
     return joints
 
 
 def _needed_effort(robot: Robot, acceleration: Float) -> Float:
-    """Largest torque of gravity over the joint ranges, plus that of an acceleration.
-
-    Args:
-        robot: The robot, n joints.
-        acceleration: Of each joint alone, shape (n,). [rad/s^2] or [m/s^2]
-
-    Returns:
-        Joint side, shape (n,), at least 0.1. [N m] or [N]
-    """
+    """Largest torque of gravity over the joint ranges, plus that of each acceleration alone."""
     limits = robot.limits
     position, gravity = gravity_torques(robot)
     zero = np.zeros_like(position)

@@ -40,14 +40,11 @@ class RobotText:
 
 
 def read_description(source: str | Path, arguments: Sequence[str] = ()) -> RobotText:
-    """Read a URDF, expand a xacro file, or take the robot description out of a bag.
+    """Return the text of a URDF, not checked yet: of a file, expanded from xacro, or in a bag.
 
     Args:
         source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
         arguments: Arguments of the xacro file, each ``name:=value``.
-
-    Returns:
-        The text; it has not been checked yet.
 
     Raises:
         RobotDescriptionError: If the file cannot be read or expanded.
@@ -127,17 +124,12 @@ def _from_bag(path: Path) -> RobotText:
             "one recorded robot description",
             "give the URDF or xacro file of the robot instead",
         )
-    xml = str(_first(bag, topics[0]).data)
-    return RobotText(xml, f"{topics[0]} of {path.name}", None, _recorded_joints(bag))
-
-
-def _recorded_joints(bag: BagReader) -> tuple[str, ...]:
-    """Joints that the first joint states of each topic name; empty if the bag has none."""
-    names: dict[str, None] = {}
+    names: dict[str, None] = {}  # in the first joint states of each topic
     for topic, info in bag.topics.items():
         if info.msgtype == _JOINT_STATE and info.encoding == "cdr" and info.message_count != 0:
             names.update(dict.fromkeys(str(name) for name in _first(bag, topic).name))
-    return tuple(names)
+    xml = str(_first(bag, topics[0]).data)
+    return RobotText(xml, f"{topics[0]} of {path.name}", None, tuple(names))
 
 
 def _first(bag: BagReader, topic: str) -> Any:

@@ -17,23 +17,16 @@ HOT = f"{SHAPE_A:g} of the viscous friction at 20 degC"
 
 
 def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
-    """Write the model file of an arm that nobody has measured.
+    """Return the model file, as YAML, of an arm that nobody has measured.
 
     Args:
         arm: From `robot_energy.starter.arm.read_arm`.
         description: Its URDF.
         folder: Folder of the model file, at which the path of the URDF begins.
-
-    Returns:
-        YAML that `robot_energy.model.load` accepts.
     """
-    parts = [
-        _head(arm, description),
-        _urdf(arm, description, Path(folder)),
-        "joints:\n" + "".join(_joint(joint, arm.robot_class) for joint in arm.joints),
-        _electrical(arm),
-    ]
-    return "\n".join(parts)
+    joints = "".join(_joint(joint, arm.robot_class) for joint in arm.joints)
+    urdf = _urdf(arm, description, Path(folder))
+    return "\n".join([_head(arm, description), urdf, f"joints:\n{joints}", _electrical(arm)])
 
 
 def _number(value: float) -> str:
@@ -118,17 +111,19 @@ def _joint(joint: ArmJoint, robot: RobotClass) -> str:
     viscous = robot.viscous.value * torque / speed
     of_limit = "of the torque limit, motor side"
     of_power = "of peak power"
+    rotor = f"full torque speeds the rotor up in {robot.rotor.value:g} s"
+    cold = f"{100 * robot.viscous.value:.3g} % of the torque limit at full speed and 20 degC"
     return (
         f"  - name: {_quoted(joint.name)}  # {limits}\n"
         f"    gear_ratio: {_figure(ratio, spread, source)}\n"
         f"    rotor_inertia:  # kg m^2, motor side\n"
-        f"      {_figure(robot.rotor.value * torque / speed, robot.rotor.spread, _rotor(robot))}\n"
+        f"      {_figure(robot.rotor.value * torque / speed, robot.rotor.spread, rotor)}\n"
         f"    friction:  # motor side\n"
         f"      coulomb: {_share(robot.coulomb, torque, of_limit)}  # N m\n"
         f"      viscous:  # a + b exp(-T / c), N m s/rad, T in degC\n"
         f"        law: exponential\n"
         f"        a: {_figure(SHAPE_A * viscous, robot.viscous.spread, HOT)}\n"
-        f"        b: {_figure(SHAPE_B * viscous, robot.viscous.spread, _viscous(robot))}\n"
+        f"        b: {_figure(SHAPE_B * viscous, robot.viscous.spread, cold)}\n"
         f"        c: {_figure(SHAPE_C, 0.2, 'shape of an ABB robot, Bittencourt, recalled')}\n"
         f"        fitted_degc: [{robot.fitted_degc[0]}, {robot.fitted_degc[1]}]\n"
         f"        std: {_number(viscous * robot.viscous.spread)}\n"
@@ -142,48 +137,30 @@ def _joint(joint: ArmJoint, robot: RobotClass) -> str:
 
 def _usual_ratio(joint: ArmJoint, robot: RobotClass) -> tuple[float, float, str]:
     """Gear ratio of the class, its spread and its source."""
-    share = robot.gear_ratio
+    usual, fastest = robot.gear_ratio, robot.max_motor_velocity
     if joint.prismatic:
-        return (
-            (robot.max_motor_velocity or 300.0) / joint.velocity,
-            share.spread,
-            "motor at its usual speed limit",
-        )
-    if robot.max_motor_velocity is None:
-        return share.value, share.spread, f"usual of the class {robot.name}"
-    return (
-        min(max(robot.max_motor_velocity / joint.velocity, 30.0), 300.0),
-        share.spread,
-        f"motor at {robot.max_motor_velocity:.0f} rad/s at full joint speed",
-    )
-
-
-def _rotor(robot: RobotClass) -> str:
-    return f"full torque speeds the rotor up in {robot.rotor.value:g} s"
-
-
-def _viscous(robot: RobotClass) -> str:
-    return f"{100 * robot.viscous.value:.3g} % of the torque limit at full speed and 20 degC"
+        return (fastest or 300.0) / joint.velocity, usual.spread, "motor at its usual speed limit"
+    if fastest is None:
+        return usual.value, usual.spread, f"usual of the class {robot.name}"
+    ratio = min(max(fastest / joint.velocity, 30.0), 300.0)
+    return ratio, usual.spread, f"motor at {fastest:.0f} rad/s at full joint speed"
 
 
 def _electrical(arm: Arm) -> str:
     robot, peak = arm.robot_class, arm.peak_power
     grid = _loss(robot.loss_grid, robot.loss_grid_share, peak)
     dc = _loss(robot.loss_dc, robot.loss_dc_share, peak)
-    return "\n".join(
-        [
-            "drive: loss_model  # shaft power plus the losses above",
-            "cabinet:  # W",
-            f"  loss_grid: {grid}  # controller, fans, supply",
-            f"  loss_dc: {dc}  # electronics and released brakes",
-            "temperature:",
-            "  fallback_degc: 30.0  # taken while no motor temperature is known",
-            "  stale_after: 60.0  # s",
-            "payload: []  # bodies fixed to links; see the reference of the model file",
-            "provenance:",
-            f'  notes: "First model, class {robot.name}: nothing was measured."',
-            "",
-        ]
+    return (
+        "drive: loss_model  # shaft power plus the losses above\n"
+        "cabinet:  # W\n"
+        f"  loss_grid: {grid}  # controller, fans, supply\n"
+        f"  loss_dc: {dc}  # electronics and released brakes\n"
+        "temperature:\n"
+        "  fallback_degc: 30.0  # taken while no motor temperature is known\n"
+        "  stale_after: 60.0  # s\n"
+        "payload: []  # bodies fixed to links; see the reference of the model file\n"
+        "provenance:\n"
+        f'  notes: "First model, class {robot.name}: nothing was measured."\n'
     )
 
 

@@ -53,7 +53,7 @@ class EnergyBand:
 def half_width(
     rest: Float | float, temperature: Float | float, scale: Float | float = Z90
 ) -> Float:
-    """Return half the width of a band.
+    """Return half the width of a band, same shape and unit.
 
     Readings of the meter at known temperatures may show that the figures are better known than
     they say. They do not show that an unknown temperature is: that part is never made narrower.
@@ -62,23 +62,17 @@ def half_width(
         rest: Standard deviation of all but the temperature, any shape (...). [W] or [J]
         temperature: Standard deviation from the temperature, same shape. [W] or [J]
         scale: Half width over standard deviation, one value or same shape. [-]
-
-    Returns:
-        Same shape and unit.
     """
     return np.hypot(scale * np.asarray(rest), np.maximum(scale, Z90) * np.asarray(temperature))
 
 
 def scores(error: Float, rest: Float, temperature: Float) -> Float:
-    """Return the scale with which a band would just hold each error, see `half_width`.
+    """Return the scale with which a band would just hold each error, shape (N,). [-]
 
     Args:
         error: Without sign, shape (N,). [W] or [J]
         rest: As for `half_width`, > 0, shape (N,). [W] or [J]
         temperature: As for `half_width`, shape (N,). [W] or [J]
-
-    Returns:
-        Shape (N,). [-]
     """
     plain = error / np.hypot(rest, temperature)
     beyond = np.maximum(error**2 - (Z90 * temperature) ** 2, 0.0)
@@ -86,28 +80,22 @@ def scores(error: Float, rest: Float, temperature: Float) -> Float:
 
 
 def power_std(deviation: Float) -> Float:
-    """Return the standard deviation of the mean power of short periods from the grid.
+    """Return the standard deviation of the mean power of short periods from the grid, (W,). [W]
 
     Args:
         deviation: Means of the deviations, shape (W, K). [W]
-
-    Returns:
-        Shape (W,). [W]
     """
     rest = np.hypot(deviation[:, BUS], deviation[:, LOSS_GRID])
     return np.hypot(rest, deviation[:, TEMPERATURE])
 
 
 def energy_variances(deviation: Float) -> Float:
-    """Return the variance of an energy that each figure alone causes.
+    """Return the variance of an energy by each figure alone, by `names_of`, shape (K - 1,). [J^2]
 
     The errors of figures grow with time, what no figure explains with its root.
 
     Args:
         deviation: Integrals of the deviations, shape (K,). [J]
-
-    Returns:
-        In the order of `robot_energy.uncertainty.deviation.names_of`, shape (K - 1,). [J^2]
     """
     columns = [*_SYSTEMATIC, LOSS_GRID, TEMPERATURE, FORM]
     random = max(float(deviation[_RANDOM]), 0.0)
@@ -115,13 +103,10 @@ def energy_variances(deviation: Float) -> Float:
 
 
 def figures_of(deviation: Float) -> Float:
-    """Return the columns of the figures: all but temperature, form, and what no figure explains.
+    """Return the columns of the figures, shape (K - 4,): all but temperature, form and random.
 
     Args:
         deviation: Deviations or their integrals, shape (K,). [W] or [J]
-
-    Returns:
-        Shape (K - 4,), same unit.
     """
     return np.concatenate([deviation[[*_SYSTEMATIC, LOSS_GRID]], deviation[_FIRST:]])
 
@@ -129,7 +114,7 @@ def figures_of(deviation: Float) -> Float:
 def energy_parts(
     deviation: Float, at_bus: bool = False, systematic: bool = False
 ) -> tuple[float, float]:
-    """Return the standard deviation of an energy in two parts, without that of the model's form.
+    """Return deviations of an energy by all but temperature and form, and by the temperature. [J]
 
     What the form leaves out a meter shows, and without one it is added.
 
@@ -137,16 +122,9 @@ def energy_parts(
         deviation: Integrals of the deviations, shape (K,). [J]
         at_bus: Whether the energy is that of the DC bus.
         systematic: Whether to leave out what no figure explains.
-
-    Returns:
-        All but the temperature, and the temperature. [J]
     """
     variances = energy_variances(deviation)
-    place = len(_SYSTEMATIC)
-    left_out = float(variances[place + 1] + variances[place + 2]) + (
-        float(variances[place]) if at_bus else 0.0
-    )
-    if systematic:
-        left_out += float(variances[place + 3])
+    grid, temperature, form, random = variances[len(_SYSTEMATIC) :][:4].tolist()
+    left_out = (temperature + form) + (grid if at_bus else 0.0) + (random if systematic else 0.0)
     rest = math.sqrt(max(float(variances.sum()) - left_out, 0.0))
     return rest, float(abs(deviation[TEMPERATURE]))

@@ -32,11 +32,7 @@ from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.uncertainty.priors import (
-    MISSING_LOSS,
-    figure_std,
-    relative_std,
-)
+from robot_energy.uncertainty.priors import MISSING_LOSS, figure_std, relative_std
 
 CABINET_DEVIATIONS = (
     "bodies", "payload", "loss_dc", "loss_grid", "temperature", "form", "random", "bus",
@@ -92,8 +88,7 @@ class PowerDeviation:
             self._drive = kind.deviation(entries)
         elif not kind.lossless:
             tag = least_known([tag_of(entry) for entry in entries])
-            share = relative_std("drive", tag)
-            self._drive = partial(_share_of_loss, share=share)
+            self._drive = partial(_share_of_loss, share=relative_std("drive", tag))
         cabinet = model.cabinet
         self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         self._loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
@@ -220,16 +215,16 @@ def _in_order(table: Float) -> Float:
     return total
 
 
+def _loss_stds(entries: list[LossDrive]) -> dict[str, Float]:
+    return {
+        name: np.asarray([figure_std(getattr(entry, name), name) for entry in entries])
+        for name in ("constant", "linear", "quadratic", "copper")
+    }
+
+
 def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
     """Deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC."""
-    names = ("constant", "linear", "quadratic", "copper")
-    constant, linear, quadratic, copper = (
-        np.asarray([figure_std(getattr(entry, name), name) for entry in entries]) for name in names
-    )
-
-    return partial(
-        _loss_deviation, constant=constant, linear=linear, quadratic=quadratic, copper=copper
-    )
+    return partial(_loss_deviation, **_loss_stds(entries))
 
 
 def _loss_deviation(
@@ -254,8 +249,7 @@ def _share_of_loss(speed: Float, torque: Float, loss: Float, *, share: float) ->
 
 def _loss_figures(entries: list[LossDrive]) -> LossDeviations:
     """The four terms of `_loss_model`, each for itself."""
-    names = ("constant", "linear", "quadratic", "copper")
-    stds = [np.asarray([figure_std(getattr(e, name), name) for e in entries]) for name in names]
+    stds = _loss_stds(entries).values()
 
     def deviations(speed: Float, torque: Float) -> Float:
         of_one = np.ones_like(speed), speed, speed**2, torque**2
@@ -268,16 +262,13 @@ DRIVE_MODELS.complete("loss_model", deviation=_loss_model, loss_deviations=_loss
 
 
 def payload_shares(model: RobotModel) -> Float:
-    """Return the share of the payload in the rigid motor torque, over random motions.
+    """Return the share of the payload in the rigid motor torque, 0 to 1, shape (n,); 0 without.
 
     ``c_i = sum(tau_p tau) / sum(tau^2)`` of joint i, with the torque ``tau_p`` that the payload
     adds to ``tau``; half of each of 200 motions is gravity at rest.
 
     Args:
         model: The robot's model.
-
-    Returns:
-        0 to 1, shape (n,); 0 without a payload.
     """
     names = model.joint_names
     if not sum(body.mass for body in model.payload):

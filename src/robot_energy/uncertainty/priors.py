@@ -42,14 +42,11 @@ def relative_std(quantity: str, tag: Tag) -> float:
 
 
 def figure_std(figure: Figure, quantity: str) -> float:
-    """Return the standard deviation of a figure: its own, or that of its prior.
+    """Return the standard deviation of a figure, in its unit: its own, or that of its prior.
 
     Args:
         figure: Of a model file.
         quantity: A key of `SPREAD`.
-
-    Returns:
-        In the unit of the figure.
     """
     if figure.std is not None:
         return figure.std

@@ -16,7 +16,7 @@ from robot_energy.identify.drives.all_drives import TotalFound
 from robot_energy.identify.drives.losses import fit_losses
 from robot_energy.identify.drives.total_power import _entry, fit_structure, with_total
 from robot_energy.identify.drives.total_sums import Sums
-from robot_energy.identify.dynamics.columns import Estimate
+from robot_energy.identify.dynamics.torque_model import Estimate
 from robot_energy.identify.friction.friction import fit_friction
 from robot_energy.identify.friction.laws import fit_law
 from robot_energy.identify.friction.samples import FrictionData

@@ -14,7 +14,7 @@ import drive_reports
 from plants import PROGRAM, two_link_profile
 from robot_energy.bag_replay import Progress, replay
 from robot_energy.blocks import EffortMeaning, Phase
-from robot_energy.identify.data.bags import Bag, facts
+from robot_energy.identify.data.bags import Bag, facts, folds_of
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.all_drives import DrivesFound
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower, drive_topics
@@ -25,7 +25,6 @@ from robot_energy.identify.run_all import (
     usable_effort,
     with_provenance,
 )
-from robot_energy.identify.stats.bag_folds import folds_of
 from robot_energy.identify.stats.held_out_energy import GIVEN, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model import RobotModel, load

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_energy.identify.run_all import identify_everything
-from robot_energy.identify.turns import in_turns
+from robot_energy.identify.run_all import identify_everything, in_turns
 from robot_energy.physics.friction import viscous_law
 from robot_energy_papers import interval_coverage as study
 from robot_energy_papers.interval_coverage import Judged, coverages, disjoint

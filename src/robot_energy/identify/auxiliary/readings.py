@@ -91,31 +91,19 @@ class StateReadings:
         return StateReadings(*(each[rows] for each in self.__dict__.values()))
 
 
-@dataclass(frozen=True)
-class LoadRecording:
-    """What a bag holds of the loads.
-
-    Attributes:
-        pieces: Curve of each load's meter, by its name; none for a load without.
-        changes: Of its states.
-    """
-
-    pieces: Mapping[str, CoveredPieces]
-    changes: Mapping[str, StateChanges]
+LoadRecording = Mapping[str, tuple[CoveredPieces, StateChanges]]
+"""What a bag holds of the loads, by their names: curve of the meter, none without; changes."""
 
 
 def read_loads(
     path: str | Path, loads: Sequence[AuxiliaryLoad], inputs: Inputs | None
 ) -> LoadRecording:
-    """Read meters and states of loads.
+    """Return the curves of the meters of loads and the changes of their states, by their names.
 
     Args:
         path: MCAP file or rosbag2 folder.
         loads: Of the model file.
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-
-    Returns:
-        Curves of the meters and changes of the states, by the names of the loads.
 
     Raises:
         BagError: If the bag cannot be read.
@@ -126,21 +114,21 @@ def read_loads(
     readers = {name: LoadIngest(each, bag.typestore) for name, each in topics.items()}
     blocks: dict[tuple[str, int], list[MeterBlock]] = {}
     wanted = sorted({topic for each in topics.values() for topic in each.topics})
-    for part in bag.parts(wanted) if wanted else ():
+    for part in (*(bag.parts(wanted) if wanted else ()), None):
         for name, reader in readers.items():
-            for place, block in enumerate(reader.step(part)):
+            read = reader.flush() if part is None else reader.step(part)
+            for place, block in enumerate(read):
                 if block is not None:
                     blocks.setdefault((name, place), []).append(block)
-    for name, reader in readers.items():
-        for place, block in enumerate(reader.flush()):
-            if block is not None:
-                blocks.setdefault((name, place), []).append(block)
     whole = {key: MeterBlock.concatenate(found) for key, found in blocks.items()}
     gap = 2.0 if inputs is None else inputs.meter_max_gap
-    return LoadRecording(
-        {load.name: _pieces(topics[load.name], whole.get((load.name, 0)), gap) for load in loads},
-        {load.name: StateChanges.of(load, whole.get((load.name, 1))) for load in loads},
-    )
+    return {
+        load.name: (
+            _pieces(topics[load.name], whole.get((load.name, 0)), gap),
+            StateChanges.of(load, whole.get((load.name, 1))),
+        )
+        for load in loads
+    }
 
 
 def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings:
@@ -150,7 +138,7 @@ def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings
         recording: What a bag holds.
         load: The load.
     """
-    pieces, changes = recording.pieces[load.name], recording.changes[load.name]
+    pieces, changes = recording[load.name]
     row = changes.inside(pieces)
     used = np.flatnonzero(row >= 0)
     kept = pieces[used]
@@ -179,24 +167,24 @@ def outlet_readings(
         )
     pieces = readings_inside(recording, holding(recording), SETTLED, BEFORE_MOTION)
     power, shown = pieces.mean_power, pieces.mean_power
-    stamp = recording.power.stamp_ns
-    row = np.clip(np.searchsorted(stamp, (pieces.start_ns + pieces.end_ns) // 2), 0, len(stamp) - 1)
+    stamp, middle = recording.power.stamp_ns, (pieces.start_ns + pieces.end_ns) // 2
+    row = np.clip(np.searchsorted(stamp, middle), 0, len(stamp) - 1)
     power = power - recording.power.grid_power[row]
     known = np.isfinite(power)
     rows: list[Int] = []
     states: list[Int] = []
     for load in loads:
+        curve, changes = held[load.name]
         if load.metered:
-            own, inside = held.pieces[load.name].index(pieces.start_ns, pieces.end_ns)
+            own, inside = curve.index(pieces.start_ns, pieces.end_ns)
             known &= inside
-            if len(held.pieces[load.name]):
-                middle = (pieces.start_ns + pieces.end_ns) // 2
-                power = power - held.pieces[load.name].value(own, middle)
+            if len(curve):
+                power = power - curve.value(own, middle)
             continue
-        change = held.changes[load.name].inside(pieces)
+        change = changes.inside(pieces)
         known &= change >= 0
         rows.append(change)
-        states.append(held.changes[load.name].state[change])
+        states.append(changes.state[change])
     if not rows:
         raise NotIdentifiableError(
             "every auxiliary load has a meter of its own", "a load without one"

@@ -15,12 +15,12 @@ from robot_energy.identify.stats.regression import Fit, regress
 from robot_energy.identify.stats.systematic import METER, total, with_systematic
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.model.figure import PositiveFigure
 
 MIN_READINGS = 5  # of a state
 CHUNKS = 8  # that the readings of a state are cut into where it was in force fewer times
 TRAIN_SHARE = 0.6  # of the only recording; the rest is the test
 OWN, OUTLET = "own meter", "meter of the outlet"
+Tried = tuple[Float, Float, Float, Float]  # measured, new and before [W], time [s], shape (N,)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class LoadsFit:
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:
-    """Identify the states of a load from its own meter.
+    """Return powers of the states of a load from its own meter, and how they do held out.
 
     The power of a state is its energy over its time.
 
@@ -103,9 +103,6 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
         load: The load.
         parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
-
-    Returns:
-        Powers of its states, and how they do on what the fit has not seen.
 
     Raises:
         NotIdentifiableError: If no state has enough readings.
@@ -119,20 +116,16 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
         )
     before = np.array([figure.value for figure in load.states.values()])
     powers = before.copy()
-    errors: list[tuple[Float, Float, Float]] = []  # measured, new, before: energies
-    weights: list[Float] = []
+    tried: list[Tried] = []
     for train, test in _folds(parts):
         found, _ = _states(load, train, gain)
         powers[:] = before
         for one in found:
             powers[load.state_names.index(one.state)] = one.power
-        for part in test:
-            number = part.state[:, 0]
-            errors.append((part.power, powers[number], before[number]))
-            weights.append(part.duration)
-    held = _held_out(errors, weights, len(parts))
-    used = held is None or held.rms < held.rms_before or load_is_assumed(load)
-    return LoadsFit((load.name,), OWN, states, held, used, notes)
+        number = test.state[:, 0]
+        tried.append((test.power, powers[number], before[number], test.duration))
+    held = _held_out(tried, len(parts))
+    return LoadsFit((load.name,), OWN, states, held, _taken(held, [load]), notes)
 
 
 def fit_outlet(
@@ -158,35 +151,19 @@ def fit_outlet(
     fit, columns = _regressed(loads, parts, gain)
     states: list[StateFit] = []
     whole = np.concatenate([part.state for part in parts])
-    time = np.concatenate([part.duration for part in parts])
-    visit = _visits(parts)
-    for place, (load, number) in enumerate(columns):
-        entry = loads[load]
-        names, figures = entry.state_names, list(entry.states.values())
-        own = whole[:, load] == number
-        first = figures[_reference(whole[:, load])].value
-        parts_of = fit.parts_of(len(parts) + place)
-        states.append(
-            StateFit(
-                entry.name,
-                names[number],
-                first + float(fit.values[len(parts) + place]),
-                _known(total(parts_of)),
-                parts_of,
-                int(own.sum()),
-                len(np.unique(visit[own])),
-                float(time[own].sum()),
-                figures[number].value,
-            )
-        )
+    for place, (load, number) in enumerate(columns, len(parts)):
+        entry, rows = loads[load], np.flatnonzero(whole[:, load] == number)
+        first = list(entry.states.values())[_reference(whole[:, load])].value
+        power = first + float(fit.values[place])
+        states.append(_state_fit(entry, number, power, fit.parts_of(place), parts, rows))
     notes = tuple(
         f"a meter of the outlet shows differences alone: {load.name} "
         f"{load.state_names[_reference(whole[:, place])]} keeps the power of the model"
         for place, load in enumerate(loads)
     )
     held = _outlet_held_out(loads, parts, gain)
-    used = held is None or held.rms < held.rms_before or any(map(load_is_assumed, loads))
-    return LoadsFit(tuple(load.name for load in loads), OUTLET, tuple(states), held, used, notes)
+    names, taken = tuple(load.name for load in loads), _taken(held, loads)
+    return LoadsFit(names, OUTLET, tuple(states), held, taken, notes)
 
 
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
@@ -199,28 +176,25 @@ def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> Rob
     """
     found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
 
-    def figure(load: str, name: str, old: PositiveFigure) -> PositiveFigure:
-        one = found.get((load, name))
-        return old if one is None else identified(one.power, one.std, source)
+    loads: list[AuxiliaryLoad] = []
+    for load in model.auxiliary or ():
+        states = {
+            name: old
+            if (one := found.get((load.name, name))) is None
+            else identified(one.power, one.std, source)
+            for name, old in load.states.items()
+        }
+        loads.append(load.model_copy(update={"states": states}))
+    return model.changed(auxiliary=tuple(loads))
 
-    loads = tuple(
-        load.model_copy(
-            update={
-                "states": {name: figure(load.name, name, old) for name, old in load.states.items()}
-            }
-        )
-        for load in model.auxiliary or ()
+
+def _taken(held: HeldOutStates | None, loads: Sequence[AuxiliaryLoad]) -> bool:
+    """Whether new figures replace the given ones: better, untried, or instead of mere guesses."""
+    return (
+        held is None
+        or held.rms < held.rms_before
+        or any(all(each.tag == "assumed" for each in load.states.values()) for load in loads)
     )
-    return model.changed(auxiliary=loads)
-
-
-def load_is_assumed(load: AuxiliaryLoad) -> bool:
-    """Whether no power of a load was ever measured.
-
-    Args:
-        load: Of the model file.
-    """
-    return all(figure.tag == "assumed" for figure in load.states.values())
 
 
 def _states(
@@ -232,7 +206,7 @@ def _states(
     state, visit = np.concatenate([part.state[:, 0] for part in parts]), _visits(parts)
     found: list[StateFit] = []
     missing: list[str] = []
-    for number, (name, figure) in enumerate(load.states.items()):
+    for number, name in enumerate(load.state_names):
         rows = np.flatnonzero(state == number)
         if len(rows) < MIN_READINGS:
             missing.append(name)
@@ -242,28 +216,35 @@ def _states(
         target, columns = power[rows] * root, root[:, None]
         fit = regress(columns, target, _chunks(visit[rows], visits), (name,), "ols", load.name)
         parts_of = with_systematic(fit, columns, {METER: [gain * target]}).parts_of(0)
-        found.append(
-            StateFit(
-                load.name,
-                name,
-                float(fit.values[0]),
-                _known(total(parts_of)),
-                parts_of,
-                len(rows),
-                visits,
-                float(time[rows].sum()),
-                figure.value,
-            )
-        )
-    notes = (
-        (
-            f"{load.name} keeps its power in {', '.join(missing)}: fewer than {MIN_READINGS} "
-            "readings lie inside",
-        )
-        if missing
-        else ()
+        found.append(_state_fit(load, number, float(fit.values[0]), parts_of, parts, rows))
+    if not missing:
+        return tuple(found), ()
+    return tuple(found), (
+        f"{load.name} keeps its power in {', '.join(missing)}: fewer than {MIN_READINGS} "
+        "readings lie inside",
     )
-    return tuple(found), notes
+
+
+def _state_fit(
+    load: AuxiliaryLoad,
+    number: int,
+    power: float,
+    deviations: dict[str, float],
+    parts: Sequence[StateReadings],
+    rows: Int,
+) -> StateFit:
+    time, std = np.concatenate([part.duration for part in parts])[rows], total(deviations)
+    return StateFit(
+        load.name,
+        load.state_names[number],
+        power,
+        std if np.isfinite(std) else None,
+        deviations,
+        len(rows),
+        len(np.unique(_visits(parts)[rows])),
+        float(time.sum()),
+        list(load.states.values())[number].value,
+    )
 
 
 def _regressed(
@@ -301,50 +282,38 @@ def _outlet_held_out(
     loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
 ) -> HeldOutStates | None:
     """Held-out differences from the mean, since the constant of a recording is not predicted."""
-    errors: list[tuple[Float, Float, Float]] = []
-    weights: list[Float] = []
+    tried: list[Tried] = []
     for train, test in _folds(parts):
         try:
             fit, columns = _regressed(loads, train, gain)
         except NotIdentifiableError:
             return None
-        for part in test:
-            new, before = np.zeros((2, len(part)))
-            for place, (load, number) in enumerate(columns):
-                rows = part.state[:, load] == number
-                figures = list(loads[load].states.values())
-                reference = _reference(np.concatenate([each.state[:, load] for each in train]))
-                new[rows] += fit.values[len(train) + place]
-                before[rows] += figures[number].value - figures[reference].value
-            rest = part.power - np.average(part.power, weights=part.duration)
-            errors.append(
-                (
-                    rest,
-                    new - np.average(new, weights=part.duration),
-                    before - np.average(before, weights=part.duration),
-                )
-            )
-            weights.append(part.duration)
-    return _held_out(errors, weights, len(parts))
+        new, before = np.zeros((2, len(test)))
+        for place, (load, number) in enumerate(columns, len(train)):
+            rows = test.state[:, load] == number
+            figures = list(loads[load].states.values())
+            reference = _reference(np.concatenate([each.state[:, load] for each in train]))
+            new[rows] += fit.values[place]
+            before[rows] += figures[number].value - figures[reference].value
+        rest, new, before = (
+            each - np.average(each, weights=test.duration) for each in (test.power, new, before)
+        )
+        tried.append((rest, new, before, test.duration))
+    return _held_out(tried, len(parts))
 
 
-def _folds(
-    parts: Sequence[StateReadings],
-) -> list[tuple[list[StateReadings], list[StateReadings]]]:
+def _folds(parts: Sequence[StateReadings]) -> list[tuple[list[StateReadings], StateReadings]]:
     """What to fit from and what to predict: each recording from the others, or the end of one."""
     if len(parts) > 1:
-        return [([*parts[:place], *parts[place + 1 :]], [part]) for place, part in enumerate(parts)]
+        return [([*parts[:place], *parts[place + 1 :]], part) for place, part in enumerate(parts)]
     cut = int(TRAIN_SHARE * len(parts[0]))
-    return [([parts[0][slice(0, cut)]], [parts[0][slice(cut, None)]])]
+    return [([parts[0][slice(0, cut)]], parts[0][slice(cut, None)])]
 
 
-def _held_out(
-    errors: Sequence[tuple[Float, Float, Float]], weights: Sequence[Float], recordings: int
-) -> HeldOutStates | None:
-    if not errors or not sum(map(len, weights)):
+def _held_out(tried: Sequence[Tried], recordings: int) -> HeldOutStates | None:
+    if not sum(len(time) for *_, time in tried):
         return None
-    measured, new, before = (np.concatenate([each[place] for each in errors]) for place in range(3))
-    time = np.concatenate(weights)
+    measured, new, before, time = (np.concatenate(each) for each in zip(*tried, strict=True))
     energy = float(measured @ time)
 
     def rms(predicted: Float) -> float:
@@ -385,7 +354,3 @@ def _chunks(visit: Int, visits: int) -> Int:
 
 def _reference(state: Int) -> int:
     return int(state.min())
-
-
-def _known(std: float) -> float | None:
-    return std if np.isfinite(std) else None

@@ -4,7 +4,7 @@ While nothing moves (HOLD) the grid delivers ``P_l,grid + P_l,DC`` and what the 
 take at rest. While the drives feed back more than the DC side uses (GENERATING) it
 delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first tells
 the sum and the second splits it. Rest is found from the noise of the velocities
-(`robot_energy.identify.data.rest`), braking through the model, and only readings that lie
+(`robot_energy.identify.data.recordings`), braking through the model, and only readings that lie
 inside one whole phase count.
 """
 
@@ -16,15 +16,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation, Phase
+from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified, only_the_sum
-from robot_energy.identify.cabinet.level import Level
-from robot_energy.identify.data.recordings import Recording, with_meter
-from robot_energy.identify.data.rest import rest_of, still_joints, window
+from robot_energy.identify.data.recordings import (
+    Recording,
+    rest_of,
+    still_joints,
+    window,
+    with_meter,
+)
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import sums
-from robot_energy.identify.stats.regression import student
+from robot_energy.identify.stats.regression import SCATTER, student
 from robot_energy.identify.stats.systematic import DRIVE_POWER, METER, SMALL, total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -39,6 +43,71 @@ CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as g
 EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
 MIN_READINGS = 5
 STORED = 0.05  # of the constant losses: what the DC link may give without being named
+
+
+@dataclass(frozen=True)
+class Level:
+    """Mean power of one phase.
+
+    Attributes:
+        power: Less what the drives take in it. [W]
+        std: Standard deviation of the mean, over events, without constant errors. [W]
+        readings: Number of readings.
+        events: Number of separate phases they come from.
+        spread: Greatest difference between events, such as of holding poses. [W]
+        moves: By one standard deviation of each constant error, by cause. [W]
+    """
+
+    power: float
+    std: float
+    readings: int
+    events: int
+    spread: float
+    moves: dict[str, float] = field(default_factory=dict[str, float])
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Its deviations by cause. [W]"""
+        return {SCATTER: self.std, **{cause: abs(move) for cause, move in self.moves.items()}}
+
+    def less(self, other: Level) -> dict[str, float]:
+        """Return the deviations of the difference; constant errors are common to both. [W]
+
+        Args:
+            other: What is taken off.
+        """
+        causes = {**self.moves, **other.moves}
+        moves = {
+            cause: abs(self.moves.get(cause, 0.0) - other.moves.get(cause, 0.0)) for cause in causes
+        }
+        return {SCATTER: float(np.hypot(self.std, other.std)), **moves}
+
+    def joined(self, other: Level) -> Level:
+        """Return the mean of two levels of the same power, weighted by their inverse variances.
+
+        Where they differ by more than their scatter, the deviation is enlarged by the root of
+        chi squared, of one degree of freedom (R. T. Birge, The calculation of errors by the
+        method of least squares, Phys. Rev. 40, 1932).
+
+        Args:
+            other: The other level.
+        """
+        both, apart = self.std**2 + other.std**2, abs(self.power - other.power)
+        own = other.std**2 / both if both > 0.0 else 0.5  # the weight of this one
+        rest = 1.0 - own
+        std = max(np.sqrt(rest) * other.std, np.sqrt(own * rest) * apart)
+        moves = {
+            cause: own * self.moves.get(cause, 0.0) + rest * other.moves.get(cause, 0.0)
+            for cause in {**self.moves, **other.moves}
+        }
+        return Level(
+            own * self.power + rest * other.power,
+            float(std),
+            self.readings + other.readings,
+            self.events + other.events,
+            max(self.spread, other.spread, apart),
+            moves,
+        )
 
 
 @dataclass(frozen=True)
@@ -69,29 +138,17 @@ class CabinetFit:
     parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
 
 
-@dataclass(frozen=True)
-class Beside:
-    """What the meter shows beside drives whose power is measured.
-
-    Attributes:
-        level: Power of all that is constant.
-        notes: What it rests on, one sentence each.
-    """
-
-    level: Level
-    notes: tuple[str, ...]
+Beside = tuple[Level, tuple[str, ...]]
+"""What the meter shows beside drives whose power is measured, and what that rests on."""
 
 
 def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -> CabinetFit:
-    """Identify the constant losses.
+    """Return the constant losses and what they rest on.
 
     Args:
         recordings: Run with one model, with a power meter.
         beside: Power of the meter less the measured power of all drives, from
             `beside_drives`; where there is such, it is taken instead of HOLD.
-
-    Returns:
-        The losses and what they rest on.
 
     Raises:
         NotIdentifiableError: If there is no meter, or the robot neither stands still nor
@@ -106,10 +163,6 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
     location = locations.pop()
     cabinet = metered[0].model.cabinet
     resting = [holding(part) for part in metered]
-    held = [
-        readings_inside(part, rest, SETTLED, BEFORE_MOTION)
-        for part, rest in zip(metered, resting, strict=True)
-    ]
     seen = "; ".join(
         f"{part.path.name}: {rest_of(part.power.stamp_ns, rest)}"
         for part, rest in zip(metered, resting, strict=True)
@@ -119,9 +172,9 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         f"after a motion to {BEFORE_MOTION * NANOSECOND:g} s before the next ({seen})"
     )
     if beside is not None:
-        hold: Level | None = beside.level
+        hold: Level | None = beside[0]
     else:
-        rested = [_less_drives(*entry) for entry in zip(metered, held, strict=True)]
+        rested = [_at_rest(*entry) for entry in zip(metered, resting, strict=True)]
         hold = _level(rested, metered[0].sensors.std.meter)
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
@@ -134,7 +187,7 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
             "record at least ten seconds of rest with active drives, and fast motions",
         )
     fit = _split(location, hold, generating, metered[0].model, why)
-    return fit if beside is None else replace(fit, notes=(*beside.notes, *fit.notes))
+    return fit if beside is None else replace(fit, notes=(*beside[1], *fit.notes))
 
 
 def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
@@ -177,7 +230,7 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
         METER: float(np.median(rest + sensors.meter * pieces.measured)) - power,
         DRIVE_POWER: float(np.median(other)) - power,
     }
-    return Beside(Level(power, std, len(pieces), len(blocks), spread, moves), tuple(notes))
+    return Level(power, std, len(pieces), len(blocks), spread, moves), tuple(notes)
 
 
 def _split(
@@ -258,8 +311,7 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     if fit.loss_grid is not None and fit.loss_grid_std is None and fit.hold is not None:
         known = f"{fit.hold.power:.4g} +- {total(fit.parts['sum']):.2g} W"
         update["loss_grid"] = only_the_sum(fit.loss_grid, f"both sides, {known}", source)
-    cabinet = model.cabinet.model_copy(update=update)
-    return model.changed(cabinet=cabinet)
+    return model.changed(cabinet=model.cabinet.model_copy(update=update))
 
 
 def holding(recording: Recording) -> NDArray[np.bool_]:
@@ -299,11 +351,10 @@ def readings_inside(
     meter = recording.meter
     if meter is None:
         return CoveredPieces.empty()
-    pieces = recording.limits.pieces(meter)
     stamp = recording.power.stamp_ns
     outside = np.concatenate([[0], np.cumsum(~phase)])
     kept = CoveredPieces.empty()
-    for part in pieces:
+    for part in recording.limits.pieces(meter):
         first = np.searchsorted(stamp, part.start_ns - after, side="left")
         last = np.searchsorted(stamp, part.end_ns + before, side="right")
         inside = (first > 0) & (last < len(stamp)) & (last > first)
@@ -312,8 +363,9 @@ def readings_inside(
     return kept
 
 
-def _less_drives(recording: Recording, pieces: CoveredPieces) -> tuple[CoveredPieces, Float]:
-    """Power of the pieces without what the model says the drives take at rest. [W]"""
+def _at_rest(recording: Recording, rest: NDArray[np.bool_]) -> tuple[CoveredPieces, Float]:
+    """Pieces inside rest, and their power less what the model says the drives take. [W]"""
+    pieces = readings_inside(recording, rest, SETTLED, BEFORE_MOTION)
     middle = (pieces.start_ns + pieces.end_ns) // 2
     row = np.searchsorted(recording.power.stamp_ns, middle)
     row = np.minimum(row, len(recording.power) - 1)
@@ -328,7 +380,8 @@ def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level |
         if not len(pieces):
             continue
         readings += len(pieces)
-        means += _event_means(pieces.start_ns, pieces.end_ns, power)
+        apart = pieces.start_ns[1:] - pieces.end_ns[:-1] > EVENT_GAP
+        means += [float(part.mean()) for part in np.split(power, np.flatnonzero(apart) + 1)]
     if readings < MIN_READINGS:
         return None
     values = np.asarray(means)
@@ -344,8 +397,3 @@ def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level |
 def _of_mean(values: Float) -> float:
     """Deviation of the mean of some values."""
     return float(values.std(ddof=1) / np.sqrt(len(values))) * student(len(values) - 1.0)
-
-
-def _event_means(start_ns: Int, end_ns: Int, power: Float) -> list[float]:
-    new = np.flatnonzero(start_ns[1:] - end_ns[:-1] > EVENT_GAP) + 1
-    return [float(part.mean()) for part in np.split(power, new)]

@@ -14,25 +14,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, MeterLocation
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.link_errors import by_cause, drive_errors, energy_changes
+from robot_energy.identify.cabinet.link_errors import energy_errors
 from robot_energy.identify.cabinet.link_readings import (
     MIN_FLOW,
     LinkReadings,
     best_energy,
-    braking_time,
-    energy_moves,
-    fed_at_once,
     readings_of,
     squared_error,
     tried,
-    use_of,
     with_energy,
 )
 from robot_energy.identify.data.recordings import Recording, with_meter
 from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.drives.drive_data import held_energy
 from robot_energy.identify.stats.cross_validation import (
     EnergyScore,
     Kind,
@@ -45,6 +43,7 @@ from robot_energy.identify.stats.systematic import total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
+from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.uncertainty.band import Z95
 
 NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
@@ -116,15 +115,12 @@ def fit_link(
     cabinet: Cabinet | None = None,
     drives: DrivesFound | None = None,
 ) -> LinkFit:
-    """Identify the energy.
+    """Return the energy with its interval, and what it is worth on held-out readings.
 
     Args:
         recordings: Run with one model, whose drives should be known already.
         cabinet: To begin with; None for that of the model.
         drives: Found in these recordings, for the deviation; None if they are given.
-
-    Returns:
-        The energy with its interval and what it is worth on held-out readings.
 
     Raises:
         NotIdentifiableError: If there is no meter at the grid, the supply feeds back to the
@@ -132,8 +128,24 @@ def fit_link(
     """
     metered = with_meter(recordings)
     cabinet = cabinet or recordings[0].model.cabinet
-    _require_grid_meter(metered, cabinet)
-    top = max(fed_at_once(part, cabinet.loss_dc.value) for part in metered)
+    if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
+        raise NotIdentifiableError(
+            "a meter that is not at the grid does not see what the DC link gives back",
+            "a meter at the grid",
+        )
+    if cabinet.regeneration_efficiency is not None:
+        raise NotIdentifiableError(
+            "the supply feeds braking energy back to the grid, so the DC link hardly stores any",
+            "a rectifier with a brake resistor",
+        )
+    top = max(  # the most energy that was fed back and not yet drawn again
+        float(
+            held_energy(
+                power.bus_power + cabinet.loss_dc.value, power.stamp_ns, power.segment
+            ).max()
+        )
+        for power in (part.power for part in metered)
+    )
     if top <= MIN_FLOW:
         raise NotIdentifiableError(
             "the drives never feed back more than the DC side uses",
@@ -154,15 +166,12 @@ def fit_link(
     energy, shift = best_energy(energies, squares.sum(axis=0))
     scatter, shift_std = _deviations(energies, squares)
     best = with_energy(cabinet, base, energy)
-    errors = drive_errors(drives, len(recordings[0].model.joints))
-    changes = [energy_changes(metered, error) for error in errors]
-    moves = energy_moves(metered, best, energies, data, changes)
-    parts = {SCATTER: scatter, **by_cause(errors, moves)}
+    parts = {SCATTER: scatter, **energy_errors(metered, best, energies, data, drives)}
     std = total(parts)
     half = Z95 * std
     spacing = float(np.median(data.duration))
-    events, emptying = use_of(metered, best)
-    braking = braking_time(metered, cabinet.loss_dc.value)
+    events, emptying = _use_of(metered, best)
+    braking = _braking_time(metered, cabinet.loss_dc.value)
     _require_told(energy, half, events, top, spacing, braking)
     kind, fold = recordings_or_blocks(data.recording, data.block)
     scores = _scores(metered, cabinet, given, energies, squares, data, fold)
@@ -191,7 +200,7 @@ def with_link(
     source: str,
     voltages: Voltages | None = None,
 ) -> tuple[RobotModel, str]:
-    """Return a model whose DC link stores the identified energy.
+    """Return a model whose DC link stores the energy, and what its voltages are, one sentence.
 
     Args:
         model: Any model of the same robot.
@@ -199,9 +208,6 @@ def with_link(
         source: Where the data come from.
         voltages: Rectified and of the chopper, where the user says them; else those of the
             model's capacitor, else those of 3 x 400 V mains, assumed. [V]
-
-    Returns:
-        The model, and what was taken for the voltages, one sentence.
     """
     before = model.cabinet.capacitor
     if voltages is not None:
@@ -235,19 +241,6 @@ def with_link(
         f"the energy of the DC link is identified; its {1e3 * fit.energy / half:.3g} mF follow "
         f"from {low.value:g} and {high.value:g} V, {origin}"
     )
-
-
-def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
-    if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
-        raise NotIdentifiableError(
-            "a meter that is not at the grid does not see what the DC link gives back",
-            "a meter at the grid",
-        )
-    if cabinet.regeneration_efficiency is not None:
-        raise NotIdentifiableError(
-            "the supply feeds braking energy back to the grid, so the DC link hardly stores any",
-            "a rectifier with a brake resistor",
-        )
 
 
 def _deviations(energies: Float, squares: Float) -> tuple[float, float]:
@@ -311,3 +304,36 @@ def _scores(
         return energy_score(predicted, run.measured, run.duration, fold, run.duration)
 
     return score(lambda _: 0), score(lambda k: k + 1)
+
+
+def _braking_time(metered: Sequence[Recording], loss_dc: float) -> float:
+    """Median time for which the drives feed back more than the DC side uses. [s]"""
+    times = [
+        (part.power.stamp_ns[last - 1] - part.power.stamp_ns[first]) * NANOSECOND
+        for part in metered
+        for first, last in _runs(part.power.bus_power + loss_dc < 0.0)
+    ]
+    return float(np.median([time for time in times if time > 0.0] or [0.0]))
+
+
+def _use_of(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
+    """How often a link was full, and the median time for which it holds energy. [s]"""
+    events, times = 0, [0.0]
+    for part in metered:
+        power = part.power
+        stamp, segment = power.stamp_ns, power.segment
+        flows = CabinetStage(cabinet).step(stamp, segment, power.bus_power)
+        step = np.diff(stamp, prepend=stamp[:1]) * NANOSECOND
+        stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
+        first = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))  # empty there
+        stored -= np.repeat(stored[first], np.diff(np.append(first, len(stored))))
+        holds = _runs(stored > MIN_FLOW)
+        full = np.concatenate([[0], np.cumsum(flows.brake_power > MIN_FLOW)])
+        events += sum(bool(full[last] > full[first]) for first, last in holds)
+        times += [(stamp[last - 1] - stamp[first]) * NANOSECOND for first, last in holds]
+    return events, float(np.median(times[1:] or times))
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

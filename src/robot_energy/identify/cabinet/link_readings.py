@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.drive_data import block_length, held_energy
+from robot_energy.identify.drives.drive_data import block_length
 from robot_energy.identify.drives.total_sums import joined, piece_means
 from robot_energy.identify.stats.lag import minimum
 from robot_energy.model.figure import PositiveFigure
@@ -54,34 +53,6 @@ class LinkReadings:
         return sums
 
 
-def rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
-    """Return a recording as if its model had another cabinet; what was compared stays out.
-
-    Args:
-        recording: Run with a model.
-        cabinet: The other one.
-    """
-    power = recording.power
-    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
-    return replace(
-        recording,
-        model=recording.model.model_copy(update={"cabinet": cabinet}),
-        power=replace(power, **flows.__dict__),
-        compared=(),
-    )
-
-
-def fed_at_once(part: Recording, loss_dc: float) -> float:
-    """Return the most energy that was fed back and not yet drawn again. [J]
-
-    Args:
-        part: A recording.
-        loss_dc: Constant of the DC side. [W]
-    """
-    power = part.power
-    return float(held_energy(power.bus_power + loss_dc, power.stamp_ns, power.segment).max())
-
-
 def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
     """Return a cabinet with another constant and another link.
 
@@ -105,16 +76,13 @@ def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
 def tried(
     metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
 ) -> tuple[Float, LinkReadings]:
-    """Try energies, closer and closer to the best, with a constant and a little more of it.
+    """Return energies (K,) [J], rising, closer and closer to the best, and the readings with each.
 
     Args:
         metered: Recordings with a meter.
         cabinet: All else stays as in it.
         base: Constant of the DC side. [W]
         top: Greatest energy to try. [J]
-
-    Returns:
-        Energies, rising, shape (K,) [J], and the readings with each of them.
     """
     data: LinkReadings | None = None
     energies, least = np.empty(0), max(MIN_SHARE * top, MIN_FLOW)
@@ -145,15 +113,12 @@ def readings_of(
     cabinets: Sequence[Cabinet],
     change: Sequence[Float] | None = None,
 ) -> LinkReadings:
-    """Run every cabinet, and take the means over the same time as each reading.
+    """Return the means of every cabinet that is run, over the same time as each reading.
 
     Args:
         metered: Recordings with a meter.
         cabinets: One after the other.
         change: Added to the power of the drives in each recording, shape (N,) each. [W]
-
-    Returns:
-        The readings, with one prediction for every cabinet.
     """
     parts: list[tuple[CoveredPieces, Float, Int]] = []
     for number, recording in enumerate(metered):
@@ -203,85 +168,3 @@ def best_energy(energies: Float, squares: Float) -> tuple[float, float]:
     error = squared_error(squares)
     shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
     return minimum(energies, error)[0], float(shift[np.argmin(error)])
-
-
-def energy_moves(
-    metered: Sequence[Recording],
-    cabinet: Cabinet,
-    energies: Float,
-    data: LinkReadings,
-    changes: Sequence[tuple[Sequence[Float], float]],
-) -> Float:
-    """Return by how much the best energy moves if the power of the drives or the meter is off.
-
-    Gauss-Newton about the best cabinet, its constant free: ``(dE, dc) = (D' D)^-1 D' (dm - dp)``
-    with D the slopes of the readings, dm the change of the readings and dp what the change of
-    the drives makes of their prediction.
-
-    Args:
-        metered: Recordings with a meter.
-        cabinet: The best one.
-        energies: Tried, rising, shape (K,). [J]
-        data: Readings with each of them.
-        changes: For each error, of the power of the drives by recording, shape (N,) each [W],
-            and of the gain of the meter [-].
-
-    Returns:
-        One for each error. [J]
-    """
-    size = 0.0 if cabinet.capacitor is None else cabinet.capacitor.swing
-    place = int(np.clip(np.searchsorted(energies, size), 1, len(energies) - 2))
-    low, high = place - 1, place + 1
-    slope = (data.predicted[:, high] - data.predicted[:, low]) / (energies[high] - energies[low])
-    root = np.sqrt(data.duration)
-    columns = np.stack([slope, data.slope[:, place]], axis=1) * root[:, None]
-    own = readings_of(metered, [cabinet]).predicted[:, 0]
-    moves: list[float] = []
-    for change, gain in changes:
-        shown = readings_of(metered, [cabinet], change).predicted[:, 0] - own
-        rest = gain * data.measured - shown
-        moves.append(float(np.linalg.lstsq(columns, root * rest, rcond=None)[0][0]))
-    return np.asarray(moves)
-
-
-def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:
-    """Return the median time for which the drives feed back more than the DC side uses. [s]
-
-    Args:
-        metered: Recordings.
-        loss_dc: Constant of the DC side. [W]
-    """
-    times = [
-        (part.power.stamp_ns[last - 1] - part.power.stamp_ns[first]) * NANOSECOND
-        for part in metered
-        for first, last in _runs(part.power.bus_power + loss_dc < 0.0)
-    ]
-    return float(np.median([time for time in times if time > 0.0] or [0.0]))
-
-
-def use_of(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
-    """Return how often a link was full, and the median time for which it holds energy. [s]
-
-    Args:
-        metered: Recordings.
-        cabinet: With the link.
-    """
-    events, times = 0, [0.0]
-    for part in metered:
-        power = part.power
-        stamp, segment = power.stamp_ns, power.segment
-        flows = CabinetStage(cabinet).step(stamp, segment, power.bus_power)
-        step = np.diff(stamp, prepend=stamp[:1]) * NANOSECOND
-        stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
-        first = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))  # empty there
-        stored -= np.repeat(stored[first], np.diff(np.append(first, len(stored))))
-        holds = _runs(stored > MIN_FLOW)
-        full = np.concatenate([[0], np.cumsum(flows.brake_power > MIN_FLOW)])
-        events += sum(bool(full[last] > full[first]) for first, last in holds)
-        times += [(stamp[last - 1] - stamp[first]) * NANOSECOND for first, last in holds]
-    return events, float(np.median(times[1:] or times))
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

@@ -8,16 +8,18 @@ changes nothing that matters: rest is told by readings half a second and more af
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy.identify.cabinet.link_readings import rebalanced
-from robot_energy.identify.cabinet.meter_delay import meter_delay_of, meter_time_constant_of
 from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.stats.lag import Delay
+from robot_energy.identify.drives.delays import meter_lags, with_meters_earlier
+from robot_energy.identify.drives.drive_data import DriveData, drive_data
+from robot_energy.identify.stats.lag import Delay, applied
 from robot_energy.model import RobotModel
+from robot_energy.model.schema import Cabinet
+from robot_energy.physics.cabinet import CabinetStage
 
 
 @dataclass(frozen=True)
@@ -46,42 +48,40 @@ class SupplyFound:
 def fit_supply(
     recordings: Sequence[Recording], source: str, voltages: Voltages | None = None
 ) -> SupplyFound:
-    """Identify constant losses and DC link.
+    """Return constant losses, DC link, and the model with both.
 
     Args:
         recordings: Run with one model.
         source: Where the data come from.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
 
-    Returns:
-        Constants, link and the model with both.
-
     Raises:
         NotIdentifiableError: If not even the constants are told.
     """
-    low_pass = meter_time_constant_of(recordings)
-    if low_pass is not None:
-        recordings = [part.with_meter_earlier(0.0, low_pass.applied) for part in recordings]
-    delay = meter_delay_of(recordings)
-    if delay is not None:
-        recordings = [part.with_meter_earlier(delay.applied) for part in recordings]
+
+    def read(constant: float) -> DriveData:
+        data = drive_data(recordings, [None] * len(recordings), measured_torque=False)
+        return with_meters_earlier(data, 0.0, constant)
+
+    low_pass, delay = meter_lags(read)
+    undone = applied(delay), applied(low_pass)
+    recordings = [part.with_meter_earlier(*undone) for part in recordings]
     given = recordings[0].model
     cabinet = fit_cabinet(recordings)
     model = with_cabinet(given, cabinet, source)
     link, reason = _link(recordings, model)
-    if link is None:
-        return SupplyFound(cabinet, None, reason, "", delay, low_pass, model)
-    # Judged after both rounds: before, readings at rest may still be too low.
-    linked, _ = with_link(model, link, source, voltages)
-    again = fit_cabinet([rebalanced(part, linked.cabinet) for part in recordings])
-    if again.loss_dc is not None or cabinet.loss_dc is None:  # enough rest is left
-        link, reason = _link(recordings, with_cabinet(given, again, source))
-        if link is not None and not reason:
-            cabinet, model = again, with_cabinet(given, again, source)
-    if link is None or reason:
-        return SupplyFound(cabinet, link, reason, "", delay, low_pass, model)
-    model, note = with_link(model, link, source, voltages)
-    return SupplyFound(cabinet, link, "", note, delay, low_pass, model)
+    note = ""
+    if link is not None:
+        # Judged after both rounds: before, readings at rest may still be too low.
+        linked, _ = with_link(model, link, source, voltages)
+        again = fit_cabinet([_rebalanced(part, linked.cabinet) for part in recordings])
+        if again.loss_dc is not None or cabinet.loss_dc is None:  # enough rest is left
+            link, reason = _link(recordings, with_cabinet(given, again, source))
+            if not reason:
+                cabinet, model = again, with_cabinet(given, again, source)
+    if link is not None and not reason:
+        model, note = with_link(model, link, source, voltages)
+    return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
 
 
 def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit | None, str]:
@@ -90,3 +90,15 @@ def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit |
     except NotIdentifiableError as error:
         return None, str(error)
     return link, link.reason
+
+
+def _rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
+    """A recording as if its model had another cabinet; what was compared stays out."""
+    power = recording.power
+    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
+    return replace(
+        recording,
+        model=recording.model.model_copy(update={"cabinet": cabinet}),
+        power=replace(power, **flows.__dict__),
+        compared=(),
+    )

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -18,13 +19,17 @@ from robot_energy.bag_replay import Progress
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
 from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
-from robot_energy.identify.provenance import sha256_of
+from robot_energy.identify.provenance import require_distinct, sha256_of
+from robot_energy.identify.stats.cross_validation import FOLDS
+from robot_energy.identify.stats.lag import Delay, applied
 from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 
 Span = tuple[int, int]  # [ns), from and to
 EVER: Span = (-(2**62), 2**62)
+HeldOutKind = Literal["test", "recordings", "blocks"]
+GUARD = 0.5  # s left out of the fit on both sides of a block
 VIRTUAL = "virtual rig"  # whose stamps are no dates
 YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are no dates
 
@@ -73,14 +78,7 @@ class Bag:
         return recording.with_meter_earlier(self.meter_delay, self.meter_time_constant)
 
     def read(self, model: RobotModel) -> list[Recording]:
-        """Return the stretches that count, read with a model, each as a recording of its own.
-
-        Args:
-            model: Of the robot.
-
-        Raises:
-            RobotEnergyError: If bag or model cannot be used.
-        """
+        """Return the stretches that count, each as a recording; argument as in `Bag.whole`."""
         recording = self.whole(model)
         if self.spans == (EVER,):
             return [recording]
@@ -104,6 +102,15 @@ class Bag:
         """
         first, last = span
         return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
+
+    def with_meter_undone(self, low_pass: Delay | None, delay: Delay | None) -> Bag:
+        """Return the bag with what its meter shows late undone when it is read.
+
+        Args:
+            low_pass: Time constant of a low pass.
+            delay: Behind the joint states.
+        """
+        return replace(self, meter_delay=applied(delay), meter_time_constant=applied(low_pass))
 
     def sha256(self) -> str:
         """First digits of the hash over the files with messages, in the order of their names."""
@@ -175,13 +182,10 @@ def facts(bag: Bag, recording: Recording) -> BagFacts:
 
 
 def temperature_ranges(recordings: Sequence[Recording]) -> Float:
-    """Return the lowest and highest temperature of each motor.
+    """Return lowest and highest temperature of each motor, NaN if unknown, shape (2, n). [degC]
 
     Args:
         recordings: Of one robot.
-
-    Returns:
-        Shape (2, n); NaN for a motor of which none is known. [degC]
     """
     parts = [part.power.motor_temperature_degc for part in recordings if len(part)]
     if not parts:
@@ -213,3 +217,52 @@ def powers_of(
     """
     read = [(part, bag.drive_power) for bag in bags for part in bag.read(model)]
     return [part for part, _ in read], [power for _, power in read]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """What is fitted together and what is tested on it.
+
+    Attributes:
+        train: Bags of the fit.
+        test: Bags, or stretches, that the fit does not see.
+    """
+
+    train: tuple[Bag, ...]
+    test: tuple[Bag, ...]
+
+
+def folds_of(
+    bags: Sequence[Bag], tests: Sequence[Bag], spans: Sequence[Span]
+) -> tuple[HeldOutKind, list[Fold]]:
+    """Decide what is held out.
+
+    Args:
+        bags: Of the fit.
+        tests: Bags for the test alone; may be empty.
+        spans: First and last stamp of each bag of the fit. [ns]
+
+    Returns:
+        ``test`` where there are such bags, ``recordings`` where there are several, else
+        ``blocks``; and the folds.
+
+    Raises:
+        BagError: If a test holds the messages of a bag of the fit.
+    """
+    if tests:
+        require_distinct([bag.path for bag in bags], [bag.path for bag in tests])
+        return "test", [Fold(tuple(bags), tuple(tests))]
+    if len(bags) > 1:
+        count = min(FOLDS, len(bags))  # neighbours, often alike in temperature, go apart
+        return "recordings", [
+            Fold(
+                tuple(bag for place, bag in enumerate(bags) if place % count != number),
+                tuple(bags[number::count]),
+            )
+            for number in range(count)
+        ]
+    start, end = spans[0]
+    edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
+    guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
+    blocks = [(start + edges[k], start + edges[k + 1]) for k in range(FOLDS)]
+    return "blocks", [Fold((bags[0].without(b, guard),), (bags[0].only(b),)) for b in blocks]

@@ -21,9 +21,6 @@ def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:
         mapping: With ``robot``: URDF and gear ratios.
         folders: Where the URDF may lie: the folder of the data, that of the mapping.
 
-    Returns:
-        The model before identification.
-
     Raises:
         LogFormatError: If the mapping names no URDF, or it cannot be read.
         ModelFileError: If the pieces do not make a model.
@@ -70,15 +67,12 @@ def _figure(value: float, source: str = "not identified") -> dict[str, object]:
 def read_channels(
     paths: Sequence[str | Path], mapping: LogMapping, model: RobotModel
 ) -> dict[str, list[Channels]]:
-    """Read positions of the joints and torques of the motors from a log.
+    """Return stretches without gaps of each recording of a log, by its name.
 
     Args:
         paths: Tables, each a recording; one folder, if the mapping names the files.
         mapping: What the columns mean.
         model: Drivetrain of the robot.
-
-    Returns:
-        Stretches without gaps of each recording, by its name.
 
     Raises:
         LogFormatError: If a file cannot be read, a row cannot be used, or the effort is no

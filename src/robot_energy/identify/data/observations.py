@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int
 from robot_energy.identify.data.signals import (
     Channels,
-    Motion,
     inside,
     later,
     low_pass,
@@ -24,6 +23,7 @@ from robot_energy.identify.data.signals import (
     standing,
 )
 from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.motion import Trajectory
 
 MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
 ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides
@@ -71,7 +71,7 @@ class Observations:
     compared: NDArray[np.bool_]
     segment: Int
     rate: float
-    motion: Motion
+    motion: Trajectory
     payload_torque: Float
 
     @property
@@ -97,12 +97,8 @@ class Observations:
         Args:
             keep: Places of these parameters, shape (K,).
         """
-        index = np.asarray(keep, dtype=np.int64)
-        return replace(
-            self,
-            names=tuple(self.names[int(column)] for column in keep),
-            regressor=np.ascontiguousarray(self.regressor[:, :, index]),
-        )
+        columns = np.ascontiguousarray(self.regressor[:, :, np.asarray(keep, dtype=np.int64)])
+        return replace(self, names=tuple(self.names[int(k)] for k in keep), regressor=columns)
 
     def with_names(self, names: Sequence[str]) -> Observations:
         """Return the observations with the parameters of these names only.
@@ -118,15 +114,12 @@ class Observations:
 def observe(
     channels: Sequence[Channels], torque_model: TorqueModel, filters: Filters
 ) -> Observations:
-    """Turn recorded channels into rows.
+    """Return the rows of recorded channels, in the order of the recording.
 
     Args:
         channels: Stretches of the recording without gaps, one rate for all.
         torque_model: Of the robot; its payload is known and taken off the torque.
         filters: How to filter.
-
-    Returns:
-        The rows, in the order of the recording.
 
     Raises:
         NotIdentifiableError: If a stretch is too short to be filtered.
@@ -134,15 +127,10 @@ def observe(
     parts = [_observe(part, number, torque_model, filters) for number, part in enumerate(channels)]
     if len(parts) == 1:
         return parts[0]
-    motions = [part.motion for part in parts]
     return replace(
         parts[0],
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_ROW},
-        motion=Motion(
-            np.concatenate([motion.joint_position for motion in motions]),
-            np.concatenate([motion.joint_velocity for motion in motions]),
-            np.concatenate([motion.joint_acceleration for motion in motions]),
-        ),
+        motion=Trajectory.concatenate([part.motion for part in parts]),
     )
 
 
@@ -155,10 +143,12 @@ def _observe(
     torque = low_pass(channels.motor_torque @ transmission, rate, cutoff)
     step = max(1, int(rate / (MOTION_PER_RATE * cutoff)))
     rate /= step
-    motion = _every(motion, step)
+    motion = motion[::step]
     regressor = torque_model.regressor(motion)
     payload = torque_model.payload_torque(motion, regressor)
-    regressor = _low_pass_columns(regressor, rate, filters.cutoff)
+    flat = regressor.reshape(len(regressor), -1)
+    active = flat.any(axis=0)  # about half of the columns are zero by structure
+    flat[:, active] = low_pass(flat[:, active], rate, filters.cutoff)
     payload = low_pass(payload, rate, filters.cutoff)
     torque = low_pass(torque[::step], rate, filters.cutoff) - payload
     used, compared = _usable(motion.joint_velocity, rate, transmission, filters)
@@ -172,25 +162,9 @@ def _observe(
         compared=compared[rows],
         segment=np.full(len(torque[rows]), number, dtype=np.int64),
         rate=rate / step,
-        motion=_every(motion, step),
+        motion=motion[rows],
         payload_torque=payload[rows],
     )
-
-
-def _every(motion: Motion, step: int) -> Motion:
-    return Motion(
-        motion.joint_position[::step],
-        motion.joint_velocity[::step],
-        motion.joint_acceleration[::step],
-    )
-
-
-def _low_pass_columns(regressor: Float, rate: float, cutoff: float) -> Float:
-    """Filter what is not zero by structure: about half of it."""
-    flat = regressor.reshape(len(regressor), -1)
-    active = flat.any(axis=0)
-    flat[:, active] = low_pass(flat[:, active], rate, cutoff)
-    return regressor
 
 
 def _usable(

@@ -2,6 +2,13 @@
 
 The same ingest, derivative, drivetrain and joining by stamp that run live make these
 arrays, so what is fitted is what runs.
+
+Which joints stand still is recognised by the noise of their velocity and not by a fixed threshold.
+The noise of a joint's velocity is its standard deviation about a straight line in windows of a
+quarter of a second, of which the lowest twentieth counts: rest, or motion at constant speed. A
+joint stands where its velocity is within four of these deviations of 0, and its mean over a
+tenth of a second within two; both limits are at least the ``standstill_velocity`` of the model.
+The first finds rest under noise, the second keeps a slow, steady motion apart from it.
 """
 
 from __future__ import annotations
@@ -19,11 +26,13 @@ from robot_energy.blocks import (
     DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
+    Float,
     Int,
     MeterBlock,
     PowerBlock,
     TorqueBlock,
 )
+from robot_energy.check.evidence import velocity_noise
 from robot_energy.errors import BagError, NotIdentifiableError
 from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
@@ -34,6 +43,10 @@ from robot_energy.pipeline import Output, Settings
 from robot_energy.replay_topics import Topics
 from robot_energy.timeline.pieces import Compared
 
+AROUND = 50_000_000  # ns to each side, over which the mean velocity is taken
+SAMPLE_DEVIATIONS = 4.0
+MEAN_DEVIATIONS = 2.0
+MAX_NOISE = 0.02  # rad/s: a recording without rest or steady motion shows no noise, but motion
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
@@ -109,8 +122,7 @@ class Recording:
         """
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
-        meter = without_low_pass(self.meter, time_constant)
-        meter = replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
+        meter = undone(self.meter, delay, time_constant)
         comparison = Comparison(**self.limits.__dict__)
         comparison.measure(meter)
         supply = self.power.supply
@@ -120,19 +132,21 @@ class Recording:
         return replace(self, meter=meter, compared=(compared,))
 
 
-def without_low_pass(meter: MeterBlock, constant: float) -> MeterBlock:
-    """Return readings with a low pass of the meter undone: ``x = y + T dy/dt``.
+def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock:
+    """Return readings with a delay and a low pass of the meter undone: ``x = y + T dy/dt``.
 
     The slope is that of the readings on both sides, which is exact for means over equal
     intervals of a power that is linear between their middles.
 
     Args:
-        meter: Readings; those of a counter stay as they are.
-        constant: Its time constant. [s]
+        meter: Readings; a counter has no low pass.
+        delay: By which they are late. [s]
+        constant: Time constant of the low pass. [s]
     """
+    earlier = replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
     known = np.flatnonzero(np.isfinite(meter.power))
     if constant == 0.0 or len(known) < 2:
-        return meter
+        return earlier
     seconds = (meter.stamp_ns[known] - meter.stamp_ns[0]) * NANOSECOND
     step = np.diff(seconds)
     edges = np.flatnonzero((step <= 0.0) | (step > APART * float(np.median(step)))) + 1
@@ -141,7 +155,7 @@ def without_low_pass(meter: MeterBlock, constant: float) -> MeterBlock:
         if len(rows) > 1:
             place = known[rows]
             power[place] += constant * np.gradient(power[place], seconds[rows])
-    return replace(meter, power=power)
+    return replace(earlier, power=power)
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
@@ -170,15 +184,12 @@ def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:
 def channels_of(
     recordings: Sequence[Recording], most: float = np.inf, rate: float | None = None
 ) -> list[Channels]:
-    """Cut the measured motor torque and position at gaps, on one uniform grid.
+    """Return stretches of motor torque and position between gaps, on one uniform grid.
 
     Args:
         recordings: Of one robot.
         most: Time to take from the start of each recording. [s]
         rate: Of the grid; None for that of the first recording. [Hz]
-
-    Returns:
-        The stretches of all recordings.
 
     Raises:
         NotIdentifiableError: If a recording has no stretch that is long enough.
@@ -255,3 +266,79 @@ def read_recording(
         MeterLimits(settings.meter_max_gap, max_power, wraps_at),
         result,
     )
+
+
+def still(stamp_ns: Int, velocity: Float, standstill: Float) -> NDArray[np.bool_]:
+    """Return where each joint stands, shape (N, n); False where the velocity is not finite.
+
+    Args:
+        stamp_ns: Rising, shape (N,). [ns]
+        velocity: Shape (N, n). [rad/s] or [m/s]
+        standstill: Of the model, shape (n,). [rad/s] or [m/s]
+    """
+    noise = np.minimum(np.nan_to_num(velocity_noise(stamp_ns, velocity)), MAX_NOISE)
+    known = np.isfinite(velocity)
+    total = np.zeros((len(velocity) + 1, velocity.shape[1]))
+    np.cumsum(np.where(known, velocity, 0.0), axis=0, out=total[1:])
+    first, last = window(stamp_ns)
+    mean = (total[last] - total[first]) / (last - first)[:, None]
+    near = np.abs(velocity) <= np.maximum(standstill, SAMPLE_DEVIATIONS * noise)
+    return known & near & (np.abs(mean) <= np.maximum(standstill, MEAN_DEVIATIONS * noise))
+
+
+def window(stamp_ns: Int) -> tuple[Int, Int]:
+    """Return the first sample of `AROUND` each one and the one behind the last, shape (N,).
+
+    Args:
+        stamp_ns: Rising, shape (N,). [ns]
+    """
+    first = np.searchsorted(stamp_ns, stamp_ns - AROUND, side="left")
+    last = np.searchsorted(stamp_ns, stamp_ns + AROUND, side="right")
+    return first, last
+
+
+def still_joints(recording: Recording) -> NDArray[np.bool_]:
+    """Return where each joint of a recording stands, shape (N, n).
+
+    Args:
+        recording: Run with a model.
+    """
+    block = recording.torque
+    standstill = np.array([joint.standstill_velocity for joint in recording.model.joints])
+    return still(block.stamp_ns, block.joint_velocity, standstill)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Stretches in which no joint moves.
+
+    Attributes:
+        total: Time of all of them. [s]
+        longest: [s]
+        count: How many.
+    """
+
+    total: float
+    longest: float
+    count: int
+
+    def __str__(self) -> str:
+        if not self.count:
+            return "no joint states at rest were found"
+        return (
+            f"the joints rest {self.total:.1f} s in all, {self.count} times, {self.longest:.1f} s "
+            "at the longest"
+        )
+
+
+def rest_of(stamp_ns: Int, resting: NDArray[np.bool_]) -> Rest:
+    """Return how long and how often a robot rests.
+
+    Args:
+        stamp_ns: Rising, shape (N,). [ns]
+        resting: Where no joint moves, shape (N,).
+    """
+    edges = np.flatnonzero(np.diff(resting.astype(np.int8), prepend=0, append=0))
+    starts, ends = edges[::2], edges[1::2] - 1
+    spans = (stamp_ns[ends] - stamp_ns[starts]) * NANOSECOND
+    return Rest(float(spans.sum()), float(spans.max(initial=0.0)), len(spans))

@@ -14,25 +14,12 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.errors import NotIdentifiableError, ShapeError
+from robot_energy.motion import Trajectory
 
 ORDER = 2  # of the filter; forward and backward make it 4
 MIN_SAMPLES = 20
+MIN_DURATION = 1.0  # s: shorter stretches are left out
 MEMORY = 1.5  # periods of the cut-off frequency after which a filter has forgotten its start
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Joint motion on a uniform grid.
-
-    Attributes:
-        joint_position: Shape (N, n). [rad] or [m]
-        joint_velocity: Shape (N, n). [rad/s] or [m/s]
-        joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    joint_acceleration: Float
 
 
 @dataclass(frozen=True)
@@ -59,15 +46,12 @@ class Channels:
 
 
 def low_pass(values: Float, rate: float, cutoff: float) -> Float:
-    """Filter forward and backward with a Butterworth filter: no delay at any frequency.
+    """Return values filtered forward and backward (Butterworth): no delay at any frequency.
 
     Args:
         values: Shape (N, ...), uniform in time. [any unit]
         rate: [Hz]
         cutoff: Where the filter, passed twice, halves the amplitude. [Hz]
-
-    Returns:
-        Same shape.
 
     Raises:
         NotIdentifiableError: If there are too few samples, or too few per second.
@@ -92,24 +76,21 @@ def low_pass(values: Float, rate: float, cutoff: float) -> Float:
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=memory))
 
 
-def motion_from_position(joint_position: Float, rate: float, cutoff: float) -> Motion:
-    """Filter positions and differentiate them twice by central differences.
+def motion_from_position(joint_position: Float, rate: float, cutoff: float) -> Trajectory:
+    """Return filtered positions and their first two central differences, at the same instants.
 
     Args:
         joint_position: Shape (N, n). [rad] or [m]
         rate: [Hz]
         cutoff: Of the zero-phase filter. [Hz]
-
-    Returns:
-        The motion at the same instants.
     """
     position = low_pass(joint_position, rate, cutoff)
     velocity = np.gradient(position, 1.0 / rate, axis=0)
-    return Motion(position, velocity, np.gradient(velocity, 1.0 / rate, axis=0))
+    return Trajectory(position, velocity, np.gradient(velocity, 1.0 / rate, axis=0))
 
 
 def later(values: Float, rate: float, delay: float) -> Float:
-    """Return a channel as it is a while later: undoes a delay of that length.
+    """Return a channel, same shape, as it is a while later: undoes a delay of that length.
 
     The delay need not be a whole number of samples. Beyond the end the last value stands;
     cut it off with `inside`.
@@ -118,9 +99,6 @@ def later(values: Float, rate: float, delay: float) -> Float:
         values: Shape (N, n), uniform in time, smooth. [any unit]
         rate: [Hz]
         delay: Result at t is the channel at t + delay; may be negative. [s]
-
-    Returns:
-        Same shape.
     """
     if delay == 0.0:
         return values
@@ -132,33 +110,26 @@ def later(values: Float, rate: float, delay: float) -> Float:
 
 
 def inside(count: int, margin: int) -> NDArray[np.bool_]:
-    """Mark the samples that are not within a margin of either end.
+    """Return a mask of the samples that are not within a margin of either end, shape (count,).
 
-    Used as one mask for all channels, so that both sides of an equation lose the same
-    rows at both ends.
+    One for all channels, so that both sides of an equation lose the same rows at both ends.
 
     Args:
         count: Number of samples.
         margin: How many to leave out at each end.
-
-    Returns:
-        Shape (count,).
     """
     row = np.arange(count)
     return (row >= margin) & (row < count - margin)
 
 
 def standing(speed: Float, threshold: float, window: int) -> NDArray[np.bool_]:
-    """Mark where something stands still for longer than a moment.
+    """Return where something stands still for longer than a moment, shape (N, n).
 
     Args:
         speed: Shape (N, n), any sign. [rad/s] or [m/s]
         threshold: Below it nothing moves; same unit. [rad/s] or [m/s]
         window: Samples around each one that must stand too, so that the instant of a
             reversal is no standstill.
-
-    Returns:
-        Shape (N, n).
     """
     from scipy.ndimage import maximum_filter1d
 
@@ -167,15 +138,12 @@ def standing(speed: Float, threshold: float, window: int) -> NDArray[np.bool_]:
 
 
 def uniform(stamp_ns: Int, values: Float, rate: float) -> Float:
-    """Put jittering samples on a uniform grid by linear interpolation.
+    """Return jittering samples on a uniform grid, by linear interpolation, shape (M, n).
 
     Args:
         stamp_ns: Strictly rising, without gaps, shape (N,). [ns]
         values: Shape (N, n). [any unit]
         rate: Of the grid, which starts at the first stamp. [Hz]
-
-    Returns:
-        Shape (M, n).
     """
     since = (stamp_ns - stamp_ns[0]) * NANOSECOND
     grid = np.arange(int(since[-1] * rate + 1e-9) + 1) / rate
@@ -189,9 +157,8 @@ def stretches(
     joint_position: Float,
     motor_torque: Float,
     rate: float | None = None,
-    least_duration: float = 1.0,
 ) -> list[Channels]:
-    """Cut a recording at its gaps and put every stretch on one uniform grid.
+    """Return the stretches between gaps that are long enough, all on one uniform grid.
 
     Args:
         stamp_ns: Shape (N,). [ns]
@@ -199,13 +166,9 @@ def stretches(
         joint_position: Shape (N, n). [rad] or [m]
         motor_torque: Shape (N, n). [N m]
         rate: Of the grid; default the median rate of the recording. [Hz]
-        least_duration: Shorter stretches are left out. [s]
-
-    Returns:
-        The stretches.
 
     Raises:
-        NotIdentifiableError: If no stretch is long enough.
+        NotIdentifiableError: If there is none.
     """
     cuts = np.flatnonzero(np.diff(segment) != 0) + 1
     parts = np.split(np.arange(len(stamp_ns)), cuts)
@@ -219,12 +182,12 @@ def stretches(
                 uniform(stamp_ns[rows], motor_torque[rows], grid),
             )
             for rows in parts
-            if (stamp_ns[rows[-1]] - stamp_ns[rows[0]]) * NANOSECOND >= least_duration
+            if (stamp_ns[rows[-1]] - stamp_ns[rows[0]]) * NANOSECOND >= MIN_DURATION
         ]
         if result:
             return result
     raise NotIdentifiableError(
-        f"the recording has no stretch of {least_duration:g} s without gaps",
+        f"the recording has no stretch of {MIN_DURATION:g} s without gaps",
         "continuous motion for several seconds",
         "record again at a steady rate",
     )

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
-from robot_energy.blocks import MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.meter_delay import (
-    estimate_meter_delay,
-    estimate_time_constant,
+from robot_energy.identify.drives.delays import (
+    estimate_power_delay,
+    meter_lags,
+    with_delay_undone,
     with_meters_earlier,
 )
 from robot_energy.identify.drives.drive_data import DriveData, location
-from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
 from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy.identify.drives.efficiency import CUTOFF
 from robot_energy.identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
 from robot_energy.identify.drives.total_sums import Sums, sums
 from robot_energy.identify.stats.cross_validation import EnergyScore
-from robot_energy.identify.stats.lag import Delay
+from robot_energy.identify.stats.lag import Delay, applied
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 
@@ -44,11 +44,6 @@ class TotalFound:
     delay: Delay | None = None
     low_pass: Delay | None = None
 
-    @property
-    def place(self) -> MeterLocation:
-        """Where the meter sits."""
-        return self.data.location
-
 
 @dataclass(frozen=True)
 class DrivesFound:
@@ -65,46 +60,40 @@ class DrivesFound:
     delay: Delay | None = None
 
     def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
-        """Return a model with these drives; each drive's own power comes before the meter.
+        """Return a model with these drives, and what was decided without data, one sentence each.
 
         Args:
             model: Any model of the same robot.
             source: Where the data come from.
-
-        Returns:
-            The model, and what was decided without data, one sentence each.
 
         Raises:
             NotIdentifiableError: If a drive was not identified and the model has none of it.
         """
         if self.drives is not None:
             changed = with_drives(model, self.drives, source)
-            return changed, unfitted(model, changed.drive)
+            return changed, _unfitted(model, changed.drive)
         if self.total is not None:
             changed, notes = with_total(
                 model,
                 self.total.fit,
-                self.total.place,
+                self.total.data.location,
                 source,
                 self.total.data.sensors.std.meter,
             )
-            return changed, [*unfitted(model, changed.drive), *notes]
+            return changed, [*_unfitted(model, changed.drive), *notes]
         return model, []
 
 
 def find_drives(
     data: DriveData, model: RobotModel | None, source: str = "", cutoff: float = CUTOFF
 ) -> DrivesFound:
-    """Identify the drives by whatever was measured of them.
+    """Return what the power of each drive and the meter tell of the drives.
 
     Args:
         data: Samples of all drives.
         model: Of the robot; None for a log.
         source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]
-
-    Returns:
-        What the power of each drive and the meter tell.
 
     Raises:
         NotIdentifiableError: If neither power of drives nor a meter tells anything.
@@ -117,12 +106,8 @@ def find_drives(
         drives = fit_drives(data, source, cutoff)
     total = None
     if location(data) is not None:
-        low_pass = estimate_time_constant(data)
-        if low_pass is not None:
-            data = with_meters_earlier(data, 0.0, low_pass.applied)
-        lag = estimate_meter_delay(data)
-        if lag is not None:
-            data = with_meters_earlier(data, lag.applied)
+        low_pass, lag = meter_lags(partial(with_meters_earlier, data, 0.0))
+        data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)
         total = TotalFound(pieces, fit, *compare_total(pieces, model), lag, low_pass)
@@ -135,13 +120,8 @@ def find_drives(
     return DrivesFound(drives, total, delay)
 
 
-def unfitted(model: RobotModel, written: str) -> list[str]:
-    """Return what becomes of drives whose kind identification does not know, one sentence.
-
-    Args:
-        model: That identification began with.
-        written: Name of the drive model in the result.
-    """
+def _unfitted(model: RobotModel, written: str) -> list[str]:
+    """What becomes of drives whose kind identification does not know, one sentence."""
     kind = DRIVE_MODELS[model.drive]
     if kind.fitted is not None or kind.lossless:
         return []

@@ -168,16 +168,13 @@ def drive_data(
     powers: Sequence[MeasuredDrivePower | None],
     measured_torque: bool,
 ) -> DriveData:
-    """Collect all axes from recordings of one robot.
+    """Return all axes of recordings; a power is taken between readings that are close enough.
 
     Args:
         recordings: Run with one model.
         powers: Measured power of the drives of each recording, None without.
         measured_torque: Whether to use the measured torque; else that of the model, rigid
             bodies and friction.
-
-    Returns:
-        The samples; a power is taken between two readings where they are close enough.
     """
     names = recordings[0].model.joint_names
     stamp = np.concatenate([part.torque.stamp_ns for part in recordings])
@@ -238,15 +235,12 @@ def _apart_from_supply(part: Recording) -> NDArray[np.bool_]:
 
 
 def held_energy(demand: Float, stamp_ns: Int, segment: Int) -> Float:
-    """Return what was fed back to the DC side and not yet drawn again.
+    """Return what was fed back to the DC side and not yet drawn again, shape (N,), >= 0. [J]
 
     Args:
         demand: Power drawn from the DC side, negative while braking, shape (N,). [W]
         stamp_ns: Shape (N,). [ns]
         segment: A new one starts with nothing, shape (N,).
-
-    Returns:
-        Shape (N,), >= 0. [J]
     """
     held = np.zeros(len(demand))
     step = np.diff(stamp_ns, prepend=stamp_ns[:1]) * NANOSECOND
@@ -262,15 +256,12 @@ def held_energy(demand: Float, stamp_ns: Int, segment: Int) -> Float:
 def drive_data_of_logs(
     logs: Sequence[tuple[RecordingContents, Sequence[LogBlock]]], unit: str
 ) -> DriveData:
-    """Collect all axes from logs, without a model of the robot.
+    """Return all axes of logs without a model; motor side is where they give torque and speed.
 
     Args:
         logs: What each log holds, and its rows. A log may hold several recordings, more
             than five seconds apart.
         unit: Of the effort, as the mapping says.
-
-    Returns:
-        The samples. "Motor side" is where the log gives torque and speed.
 
     Raises:
         LogFormatError: If the effort is no torque, speeds are missing, or joints differ.

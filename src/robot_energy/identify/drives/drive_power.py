@@ -36,14 +36,11 @@ class MeasuredDrivePower:
     refused: int
 
     def at(self, stamp_ns: Int, longest: float) -> Float:
-        """Return the power at given instants, straight between readings.
+        """Return the power between readings at given instants, NaN off them, shape (K, n). [W]
 
         Args:
             stamp_ns: Instants, of shape (K,). [ns]
             longest: Time between two readings that is bridged. [s]
-
-        Returns:
-            Shape (K, n), NaN off the readings. [W]
         """
         if len(self.stamp_ns) < 2:
             return np.full((len(stamp_ns), self.power.shape[1]), np.nan)

@@ -26,9 +26,15 @@ from robot_energy.identify.drives.efficiency import (
     processed,
     reduced_map,
 )
-from robot_energy.identify.drives.losses import TERMS, Losses, drive_changes, fit_losses
-from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
+from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds, rms_of
+from robot_energy.identify.stats.regression import one_thread
+from robot_energy.identify.stats.systematic import (
+    DRIVE_POWER,
+    THERMOMETER,
+    TORQUE,
+    Changes,
+)
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 
@@ -140,7 +146,7 @@ def fit_drives(
     points: int = POINTS,
     compare: bool = True,
 ) -> DrivesFit:
-    """Identify every drive whose power is measured.
+    """Return fits of every drive whose power is measured and, held out, of every way.
 
     Args:
         data: Samples of all drives.
@@ -148,9 +154,6 @@ def fit_drives(
         cutoff: Of the low-pass of the maps. [Hz]
         points: Greatest number of points of a map.
         compare: Test all ways on parts held out; without it the loss model is chosen.
-
-    Returns:
-        Fits of every drive and, on held-out data, of every way.
 
     Raises:
         NotIdentifiableError: If no drive can be identified.
@@ -230,31 +233,23 @@ class _Fitter:
         columns = averaged(data.loss_columns(rows, joint), window)
         both = data.shaft_power, data.drive_power
         shaft, power = (averaged(values[rows, joint], window) for values in both)
+        std = data.sensors.std
+
+        def changes(values: dict[str, float]) -> Changes:
+            heat = values["copper"] * columns[:, 1]
+            return {
+                TORQUE: (-std.torque * (shaft + 2.0 * heat),),
+                THERMOMETER: (-std.thermometer * COPPER_COEFFICIENT * heat,),
+                DRIVE_POWER: (std.drive_power * power,),
+            }
+
         return fit_losses(
             columns,
             power - shaft,
             data.block[rows][np.diff(window, prepend=-1) != 0],
             TERMS,
             f"the samples of {data.names[joint]}",
-            lambda values: drive_changes(
-                shaft, values["copper"] * columns[:, 1], power, data.sensors
-            ),
-        )
-
-    def map(self, joint: int, rows: NDArray[np.bool_], source: str = "") -> ReducedMap:
-        """Make the map of one drive."""
-        data = self.data
-        return reduced_map(
-            data.names[joint],
-            data.motor_torque[:, joint],
-            data.motor_velocity[:, joint],
-            data.drive_power[:, joint],
-            data.stretch,
-            data.period,
-            rows,
-            self._cutoff,
-            self._points,
-            source,
+            changes,
         )
 
     def axis(self, joint: int, rows: NDArray[np.bool_], source: str = "") -> AxisFit:
@@ -273,7 +268,18 @@ class _Fitter:
                 notes.append(
                     f"{name}: {', '.join(losses.negative)} at the bound 0, negative otherwise"
                 )
-            reduced = self.map(joint, rows, source)
+            reduced = reduced_map(
+                name,
+                data.motor_torque[:, joint],
+                data.motor_velocity[:, joint],
+                data.drive_power[:, joint],
+                data.stretch,
+                data.period,
+                rows,
+                self._cutoff,
+                self._points,
+                source,
+            )
         except NotIdentifiableError as error:
             notes.append(error.found)
         samples = AxisSamples(
@@ -317,7 +323,7 @@ class _Fitter:
             for way, power in predicted.items()
             if np.isfinite(power[tested]).all()  # else the kind of a user has no fit here
         }
-        size = float(np.sqrt(np.mean(data.drive_power[tested] ** 2)))
+        size = rms_of(data.drive_power[tested])
         return DriveComparison(split, int(tested.sum()), energy, size, scores)
 
     def _score(

@@ -10,20 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import NO_INFORMATION, identified
+from robot_energy.identify.stats.cross_validation import rms_of
 from robot_energy.identify.stats.regression import Fit, independent, regress
-from robot_energy.identify.stats.systematic import (
-    DRIVE_POWER,
-    THERMOMETER,
-    TORQUE,
-    Changes,
-    SensorLimits,
-    with_systematic,
-)
+from robot_energy.identify.stats.systematic import Changes, with_systematic
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 
@@ -82,16 +75,6 @@ class Losses:
         return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
 
 
-def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:
-    """Return the resistance of a winding over that at 20 degC. [-]
-
-    Args:
-        degc: Of the winding, any shape. [degC]
-        coefficient: Per kelvin. [1/K]
-    """
-    return 1.0 + coefficient * (degc - REFERENCE_DEGC)
-
-
 def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
     """Return the columns of the loss model in the order of `TERMS`, shape (N, 4) or (N, n, 4).
 
@@ -101,7 +84,8 @@ def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
         degc: Of the winding, same shape. [degC]
     """
     speed = np.abs(velocity)
-    heat = winding(degc) * torque * torque
+    resistance = 1.0 + COPPER_COEFFICIENT * (degc - REFERENCE_DEGC)  # over that at 20 degC
+    heat = resistance * torque * torque
     return np.stack([np.ones_like(speed), heat, speed, speed * speed], axis=-1)
 
 
@@ -147,37 +131,6 @@ def fit_losses(
     if changes is not None:
         known = dict.fromkeys(names, 0.0) | dict(zip(fit.names, fit.values.tolist(), strict=True))
         fit = with_systematic(fit, columns[:, used], changes(known))
-    return _losses(fit, used, told, negative, names)
-
-
-def drive_changes(shaft: Float, heat: Float, power: Float, sensors: SensorLimits) -> Changes:
-    """Return what constant errors do to the loss of one drive whose power is measured.
-
-    Args:
-        shaft: Power by measured torque, shape (N,). [W]
-        heat: Copper loss, shape (N,). [W]
-        power: Measured electrical input, shape (N,). [W]
-        sensors: Limits of the errors.
-    """
-    std = sensors.std
-    return {
-        TORQUE: (-std.torque * (shaft + 2.0 * heat),),
-        THERMOMETER: (-std.thermometer * COPPER_COEFFICIENT * heat,),
-        DRIVE_POWER: (std.drive_power * power,),
-    }
-
-
-def _size(columns: Float) -> Float:
-    return np.linalg.norm(columns, axis=0)
-
-
-def _losses(
-    fit: Fit,
-    used: Sequence[int],
-    told: NDArray[np.bool_],
-    negative: Sequence[int],
-    names: Sequence[str],
-) -> Losses:
     width = fit.interval()
     values = dict.fromkeys(names, 0.0)
     std = {name: 0.0 if known else float("nan") for name, known in zip(names, told, strict=True)}
@@ -193,8 +146,12 @@ def _losses(
         tuple(names[k] for k in below),
         tuple(name for name, known in zip(names, told, strict=True) if not known),
         len(fit.residual),
-        float(np.sqrt(np.mean(fit.residual**2))),
+        rms_of(fit.residual),
         confidence,
         {names[k]: fit.parts_of(place) for place, k in enumerate(used)},
         fit,
     )
+
+
+def _size(columns: Float) -> Float:
+    return np.linalg.norm(columns, axis=0)

@@ -26,8 +26,10 @@ from robot_energy.identify.stats.cross_validation import (
     energy_score,
     predict_held_out,
     recordings_or_blocks,
+    rms_of,
     simplest,
 )
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.identify.stats.systematic import (
     BODIES,
     METER,
@@ -36,7 +38,6 @@ from robot_energy.identify.stats.systematic import (
     Changes,
     total,
 )
-from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
@@ -76,13 +77,10 @@ class TotalFit:
 
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
-    """Find out how much the readings tell apart, and fit that.
+    """Return the fit of the simplest structure that no other beats on blocks it has not seen.
 
     Args:
         data: Pieces between readings.
-
-    Returns:
-        The fit of the simplest structure that no other beats.
 
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
@@ -96,7 +94,7 @@ def fit_total(data: Sums) -> TotalFit:
             )
         except NotIdentifiableError:
             continue
-        errors[structure] = float(np.sqrt(np.mean((predicted - data.measured) ** 2)))
+        errors[structure] = rms_of(predicted - data.measured)
     chosen = simplest(errors) if errors else STRUCTURES[0]
     return fit_structure(data, chosen, errors)
 
@@ -210,14 +208,12 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
     def fitted(structure: Structure) -> Callable[[], Float]:
         return lambda: _held_out(data, fold, lambda train: fit_structure(train, structure))
 
-    ways: dict[str, Callable[[], Float]] = {}
-    ways["constant"], ways["shaft"] = fitted("constant"), fitted("shaft")
+    ways = {"constant": fitted("constant"), "shaft": fitted("shaft")}
     if model is not None:
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
         ways["given"] = lambda: data.given + cabinet
-    for structure in STRUCTURES[1:]:
-        ways[structure] = fitted(structure)
+    ways |= {structure: fitted(structure) for structure in STRUCTURES[1:]}
     ways["identified"] = lambda: _held_out(data, fold, fit_total)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives
@@ -239,7 +235,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
 def with_total(
     model: RobotModel, fit: TotalFit, place: MeterLocation, source: str, meter: float = 0.0
 ) -> tuple[RobotModel, list[str]]:
-    """Return a model that predicts the meter as the fit does.
+    """Return a model that predicts the meter as the fit does, and what no data decided.
 
     The constants are one sum: the drives get none, and the DC side all but what the model
     says of the grid side. Where that side is not identified, no side has a deviation of its own.
@@ -250,9 +246,6 @@ def with_total(
         place: Where the meter sits.
         source: Where the data come from.
         meter: Standard deviation of its gain. [-]
-
-    Returns:
-        The model, and what was decided without data, one sentence each.
     """
     joints = [
         joint.model_copy(update={"losses": _entry(fit, k, source)})

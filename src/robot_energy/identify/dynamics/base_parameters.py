@@ -19,7 +19,6 @@ from robot_energy.identify.stats.regression import independent, qr_r
 ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
 SHOWN = 1e-6  # coefficients below are rounding
 INDEPENDENCE = 1e-6  # share of a column, at unit length, that others must leave unexplained
-LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 @dataclass(frozen=True)
@@ -75,13 +74,10 @@ class BaseParameters:
         return not (np.abs(self.relation[self.labels.index(name)]) > SHOWN).any()
 
     def expression(self, group: int) -> str:
-        """Return a group as a sum of standard parameters.
+        """Return a group as a sum, such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``.
 
         Args:
             group: Its place.
-
-        Returns:
-            Such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``.
         """
         text = self.names[int(self.independent[group])]
         for coefficient, index in zip(
@@ -94,24 +90,12 @@ class BaseParameters:
         return text
 
 
-def link_parameter_names(joint_names: Sequence[str]) -> list[str]:
-    """Return the names of the link parameters, in the order of `Robot.link_parameters`.
-
-    Args:
-        joint_names: Of the robot.
-    """
-    return [f"{parameter} {joint}" for joint in joint_names for parameter in LINK_PARAMETERS]
-
-
 def numerical_rank(pivots: Float) -> int:
-    """Return how many pivots are not rounding: those before the widest gap.
+    """Return how many pivots are not rounding: those before the widest gap, or all.
 
     Args:
         pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling, shape (K,).
             [any unit]
-
-    Returns:
-        The rank; all of them where none is small enough to be rounding.
     """
     size = np.abs(np.asarray(pivots, dtype=np.float64))
     if not len(size) or size[0] == 0.0:
@@ -127,16 +111,13 @@ def numerical_rank(pivots: Float) -> int:
 def base_parameters(
     columns: Float, names: Sequence[str], order: Sequence[int] | None = None
 ) -> BaseParameters:
-    """Find the groups of parameters that columns tell apart.
+    """Return the groups of parameters that columns tell apart.
 
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
             [N m/parameter]
         names: Of the parameters.
         order: Which parameters stand for a group, the preferred first; default as they are.
-
-    Returns:
-        The groups.
     """
     from scipy.linalg import qr
 

@@ -49,9 +49,6 @@ def link_prior(link_parameters: Float, uncertainty: float) -> Prior:
         link_parameters: Ten per link, shape (10 n,). [kg], [kg m] and [kg m^2]
         uncertainty: One standard deviation as a share: of the mass, of mass times radius
             of gyration, of mass times its square. [-]
-
-    Returns:
-        The prior of the link parameters.
     """
     values = link_parameters.copy()
     std = np.empty_like(values)
@@ -79,14 +76,11 @@ def second_moments(link: Float) -> Float:
 
 
 def pseudo_inertia(link: Float) -> Float:
-    """Return J of one link.
+    """Return J of one link, shape (4, 4); positive definite for a body that can exist.
 
     Args:
         link: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint, shape (10,).
             [kg], [kg m] and [kg m^2]
-
-    Returns:
-        Shape (4, 4); positive definite for a body that can exist.
     """
     result = np.empty((4, 4))
     result[:3, :3] = second_moments(link)
@@ -98,7 +92,7 @@ def pseudo_inertia(link: Float) -> Float:
 def consistent_fit(
     triangle: Float, target: Float, prior: Prior, n_links: int, positive: Sequence[int]
 ) -> Float:
-    """Minimise ``|R x - b|^2 + |(x - prior) / std|^2`` over bodies that can exist.
+    """Return bodies that can exist, (P,), of least ``|R x - b|^2 + |(x - prior) / std|^2``.
 
     Args:
         triangle: R, rows in standard deviations of their noise, shape (K, P). [1/parameter]
@@ -106,9 +100,6 @@ def consistent_fit(
         prior: Of every parameter, links first.
         n_links: How many links the parameters start with.
         positive: Parameters that must not be negative (friction, rotor inertia).
-
-    Returns:
-        Parameters, shape (P,).
 
     Raises:
         NotIdentifiableError: If the solver finds no solution.

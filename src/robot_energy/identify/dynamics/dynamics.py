@@ -16,9 +16,8 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.observations import Filters, Observations, observe
-from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy.identify.dynamics.sufficiency import (
     check_channels,
@@ -27,9 +26,17 @@ from robot_energy.identify.dynamics.sufficiency import (
     poorly_known,
     remarks,
 )
-from robot_energy.identify.dynamics.torque_delay import estimate_delay
-from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.dynamics.validation import TorqueError, predict_held_out, torque_error
+from robot_energy.identify.dynamics.torque_model import (
+    ParameterColumn,
+    TorqueModel,
+    standard_columns,
+)
+from robot_energy.identify.dynamics.validation import (
+    TorqueError,
+    estimate_delay,
+    predict_held_out,
+    torque_error,
+)
 from robot_energy.identify.stats.autocorrelation import autocorrelated
 from robot_energy.identify.stats.lag import NO_DELAY, Delay
 from robot_energy.identify.stats.regression import (
@@ -38,6 +45,7 @@ from robot_energy.identify.stats.regression import (
     estimate,
     factor,
     fit,
+    one_thread,
 )
 from robot_energy.identify.stats.systematic import (
     DEFAULT_LIMITS,
@@ -45,11 +53,12 @@ from robot_energy.identify.stats.systematic import (
     SensorLimits,
     with_systematic,
 )
-from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 
 MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
+UNCERTAINTY = 1.0  # of bodies of the URDF and rotors of the model file as a prior, share of each
 
 
 @dataclass(frozen=True)
@@ -61,9 +70,6 @@ class DynamicsSettings:
         method: ``ols``, ``wls`` or ``irls``.
         filters: Of the channels.
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]
-        folds: Contiguous folds of the validation.
-        uncertainty: Of the URDF's bodies as a prior, share of each figure; the rotor
-            inertias of the model file likewise. [-]
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
             by. Gravity that little motion does not tell from an offset stays gravity. [-]
@@ -74,8 +80,6 @@ class DynamicsSettings:
     method: Method = "wls"
     filters: Filters = field(default_factory=Filters)
     delay_span: float = 0.005
-    folds: int = 5
-    uncertainty: float = 1.0
     offset: float = 0.01
     sensors: SensorLimits = DEFAULT_LIMITS
 
@@ -146,7 +150,7 @@ class Dynamics:
         """
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
-        prior = _prior(self.model, torque_model, self.settings, rows)
+        prior = _prior(self.model, torque_model, self.settings.offset, rows)
         weight = _whitening(rows, self.exported)
 
         def estimator(train: Observations) -> Float:
@@ -179,7 +183,7 @@ class Dynamics:
     @one_thread
     def _held_out(self, rows: Observations, estimator: Callable[[Observations], Float]) -> Float:
         guard = 1.0 / self.settings.filters.cutoff
-        return predict_held_out(rows, estimator, self.settings.folds, guard)
+        return predict_held_out(rows, estimator, guard)
 
     @one_thread
     def rows_of(self, channels: Sequence[Channels]) -> Observations:
@@ -193,25 +197,19 @@ class Dynamics:
         return rows.advanced(self.delay.applied)
 
     def predict(self, rows: Observations) -> Float:
-        """Return what the model file says of rows, offsets of the sensor left out.
+        """Return the joint torque (N, n) [N m] or [N] of a model file, without offsets of sensors.
 
         Args:
             rows: Of `rows_of`.
-
-        Returns:
-            Joint torque, shape (N, n). [N m] or [N]
         """
         part = rows.with_names(self.torque_model.names)
         return part.regressor @ self.torque_model.without_offsets(self.standard)
 
-    def motor_torque(self, motion: Motion) -> Float:
-        """Motor torque that the exported model must give, offsets of the sensor left out.
+    def motor_torque(self, motion: Trajectory) -> Float:
+        """Return the motor torque (N, n) [N m] of the exported model, without offsets of sensors.
 
         Args:
             motion: Joint motion.
-
-        Returns:
-            Motor side, shape (N, n). [N m]
         """
         regressor = self.torque_model.regressor(motion)
         values = self.torque_model.without_offsets(self.standard)
@@ -223,15 +221,12 @@ class Dynamics:
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
-    """Identify a robot's dynamics.
+    """Return a robot's dynamics as recordings tell them.
 
     Args:
         channels: Stretches of recordings without gaps, one rate for all.
         model: Kinematics, drivetrain, payload, and bodies as the prior.
         settings: How; the defaults suit industrial arms.
-
-    Returns:
-        The result.
 
     Raises:
         NotIdentifiableError: If the recording does not tell the parameters; names them and
@@ -257,9 +252,9 @@ def identify_dynamics(
     delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
-        prior = _prior(model, whole, settings, rows)
+        prior = _prior(model, whole, settings.offset, rows)
         weight = _whitening(rows, result).max(axis=0)
-        delay = estimate_delay(rows, weight, prior, settings.delay_span, settings.folds, guard)
+        delay = estimate_delay(rows, weight, prior, settings.delay_span, guard)
         if delay.applied:
             rows = rows.advanced(delay.applied)
             independent = rows.with_columns(base.independent)
@@ -274,7 +269,7 @@ def identify_dynamics(
         exported_base = written.structure()
         kept = part.with_columns(exported_base.independent)
         exported = fit_rows(kept, settings.method, gains)
-    prior = _prior(model, written, settings, part)
+    prior = _prior(model, written, settings.offset, part)
     standard = _consistent(part, _whitening(part, exported), prior, written)
     in_sample = torque_error(independent, independent.regressor @ result.values)
     poor = poorly_known(base, result, link_prior(whole.robot.link_parameters, 1.0))
@@ -298,16 +293,13 @@ def identify_dynamics(
 def fit_rows(
     rows: Observations, method: Method = "wls", gains: tuple[float, Float] | None = None
 ) -> Fit:
-    """Fit the parameters of rows.
+    """Return the parameters of rows and their covariance.
 
     Args:
         rows: With independent columns only.
         method: As of `regression.fit`.
         gains: Standard deviation of the gain of each motor's torque [-], and the transmission,
             shape (n, n) [-]; None: there is no such error.
-
-    Returns:
-        The parameters and their covariance.
     """
     covariance = autocorrelated(rows.segment)
     found = fit(rows.regressor, rows.joint_torque, rows.names, covariance, method, rows.used)
@@ -320,10 +312,10 @@ def fit_rows(
 
 
 def _prior(
-    model: RobotModel, torque_model: TorqueModel, settings: DynamicsSettings, rows: Observations
+    model: RobotModel, torque_model: TorqueModel, offset: float, rows: Observations
 ) -> Prior:
     """The URDF's bodies, the model file's rotors, small offsets; nothing else is known."""
-    links = link_prior(torque_model.robot.link_parameters, settings.uncertainty)
+    links = link_prior(torque_model.robot.link_parameters, UNCERTAINTY)
     greatest = np.abs(rows.joint_torque[rows.compared]).max(axis=0)
     values, std = np.zeros(len(torque_model.extra)), np.full(len(torque_model.extra), np.inf)
     for place, (column, owner, _) in enumerate(torque_model.extra):
@@ -331,9 +323,9 @@ def _prior(
         rotor = joint.rotor_inertia.value * joint.gear_ratio.value**2
         if column.kind == "rotor_inertia":
             values[place] = rotor
-            std[place] = settings.uncertainty * rotor if rotor > 0.0 else np.inf
+            std[place] = UNCERTAINTY * rotor if rotor > 0.0 else np.inf
         elif column.owner == "sensor":
-            std[place] = max(settings.offset * greatest[owner], np.finfo(float).tiny)
+            std[place] = max(offset * greatest[owner], np.finfo(float).tiny)
     return Prior(np.concatenate([links.values, values]), np.concatenate([links.std, std]))
 
 

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
 import numpy as np
 
 from robot_energy.blocks import Float
+from robot_energy.errors import NotIdentifiableError, check_shape
 from robot_energy.identify.dynamics.base_parameters import SHOWN
-from robot_energy.identify.dynamics.columns import Estimate
+from robot_energy.identify.dynamics.consistent import second_moments
 from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.inertials import with_link_parameters
+from robot_energy.identify.dynamics.torque_model import Estimate
 from robot_energy.identify.provenance import identified_from
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Urdf
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.urdf.checks import parse
 
 SOURCE = "identify dynamics"  # of its figures
 IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}
 
 
 def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = "") -> RobotModel:
-    """Return the model with identified bodies, rotors and friction.
+    """Return the model, not yet saved, with identified bodies, rotors and friction.
 
     Bodies are those of the physically consistent fit: single figures of a body that torque
     tells only in groups are the prior's share, so their tag is ``derived``; the torque of the
@@ -32,9 +35,6 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         result: The identification.
         recordings: What it was made from, for the provenance.
         data_date: When it was recorded.
-
-    Returns:
-        The model, not yet saved.
 
     Raises:
         NotIdentifiableError: If a body came out without mass.
@@ -76,6 +76,69 @@ def _estimate(result: Dynamics, name: str, value: float) -> Estimate:
                 value, None, "derived", f"only the sum {base.expression(group)} is identified"
             )
     return Estimate(value, None, "assumed", "no torque depends on it")
+
+
+def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_parameters: Float) -> str:
+    """Return the text of a URDF with identified bodies.
+
+    All that moves with a joint is one body; it goes to the link behind the joint, and the
+    links fixed to that one (or locked to it) lose their own.
+
+    Args:
+        urdf_xml: Text of the URDF.
+        joint_names: Modelled joints.
+        link_parameters: Ten per joint, as of `Robot.link_parameters`, shape (10 n,).
+            [kg], [kg m] and [kg m^2]
+
+    Raises:
+        NotIdentifiableError: If a body has no mass: only bodies that can exist are written.
+    """
+    check_shape("link_parameters", link_parameters.shape, (10 * len(joint_names),))
+    parse(urdf_xml)  # refuses what cannot be used
+    root = ET.fromstring(urdf_xml.strip())
+    links = {str(link.get("name")): link for link in root.findall("link")}
+    below: dict[str, list[str]] = {}
+    behind: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        parent, child = (
+            "" if (element := joint.find(end)) is None else str(element.get("link"))
+            for end in ("parent", "child")
+        )
+        behind[str(joint.get("name"))] = child
+        if str(joint.get("name")) not in joint_names:
+            below.setdefault(parent, []).append(child)
+    for place, name in enumerate(joint_names):
+        body = link_parameters[10 * place : 10 * place + 10]
+        if not body[0] > 0.0:
+            raise NotIdentifiableError(
+                f"the body behind joint '{name}' came out with {body[0]:g} kg",
+                "bodies that can exist",
+                "write the physically consistent fit",
+            )
+        carried = [behind[name]]
+        while carried:
+            link = carried.pop()
+            for old in links[link].findall("inertial"):
+                links[link].remove(old)
+            carried += below.get(link, [])
+        links[behind[name]].insert(0, _inertial(body))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _inertial(body: Float) -> ET.Element:
+    """Return the element, about the centre of mass, with every digit."""
+    mass, centre = float(body[0]), body[1:4] / body[0]
+    about_centre = second_moments(body) - mass * np.outer(centre, centre)
+    tensor = float(np.trace(about_centre)) * np.eye(3) - about_centre
+    element = ET.Element("inertial")
+    ET.SubElement(element, "origin", xyz=" ".join(repr(float(v)) for v in centre), rpy="0 0 0")
+    ET.SubElement(element, "mass", value=repr(mass))
+    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
+    places["izz"] = (2, 2)
+    ET.SubElement(
+        element, "inertia", {name: repr(float(tensor[at])) for name, at in places.items()}
+    )
+    return element
 
 
 def friction_at_joints(result: Dynamics) -> dict[str, tuple[Float, Float]]:

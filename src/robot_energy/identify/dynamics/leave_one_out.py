@@ -3,6 +3,11 @@
 Blocks of one recording share its poses, its speeds and the warmth of its grease. Another
 recording shares none of them, so this is the stricter test, and the one that tells how good
 a model file is on the next motion.
+
+Beside the torque stands the work of the motors, ``P_i = t_i w_i`` of every motor (paper A, eq. 1;
+paper B, eq. 4), integrated over the rows: net work is what friction and payload keep, positive
+work what the motors gave, braking left out. An energy forgives torque errors that cancel, so it
+is never shown without them.
 """
 
 from __future__ import annotations
@@ -10,15 +15,29 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.observations import Observations
 from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.validation import TorqueError, torque_error
-from robot_energy.identify.dynamics.work import Work, motor_work
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work of every motor over the rows that are compared.
+
+    Attributes:
+        net: Integral of the power, shape (n,). [J]
+        positive: Integral of the power where it is positive, shape (n,). [J]
+    """
+
+    net: Float
+    positive: Float
 
 
 @dataclass(frozen=True)
@@ -60,15 +79,12 @@ def across_recordings(
     model: RobotModel,
     settings: DynamicsSettings | None = None,
 ) -> LeaveOneOut:
-    """Hold every recording out once.
+    """Return predictions of every recording, held out once, beside what was measured.
 
     Args:
         recordings: Stretches of each recording by its name, two or more.
         model: As of `identify_dynamics`.
         settings: As of `identify_dynamics`.
-
-    Returns:
-        The judgements.
     """
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}
@@ -89,7 +105,8 @@ def across_recordings(
             own = trained_on == (name,)
             rows = fit.observations if own else fit.rows_of(recordings[name])
             predicted = fit.predict_held_out() if own else fit.predict(rows)
-            plain = fit.held_out() if own else _least_squares(fit, rows)
+            part = rows.with_columns(fit.base.independent)
+            plain = fit.held_out() if own else torque_error(part, part.regressor @ fit.fit.values)
         except NotIdentifiableError as error:
             refused.append(f"{name} from {' and '.join(trained_on)}: {error.found}")
             continue
@@ -106,7 +123,26 @@ def across_recordings(
     return LeaveOneOut(tuple(judgements), tuple(refused))
 
 
-def _least_squares(fit: Dynamics, rows: Observations) -> TorqueError:
-    part = rows.with_columns(fit.base.independent)
-    predicted: Float = part.regressor @ fit.fit.values
-    return torque_error(part, predicted)
+def motor_work(observations: Observations, joint_torque: Float, transmission: Float) -> Work:
+    """Return the work of the motors over moving and standing rows, low-passed on both sides.
+
+    Args:
+        observations: The rows with their motion.
+        joint_torque: Measured or predicted, shape (N, n). [N m] or [N]
+        transmission: Motor turns per joint turn, shape (n, n). [-]
+    """
+    motor_torque = np.linalg.solve(transmission.T, joint_torque.T).T
+    motor_velocity = observations.motion.joint_velocity @ transmission.T
+    power = (motor_torque * motor_velocity)[observations.compared]
+    step = 1.0 / observations.rate
+    return Work(power.sum(axis=0) * step, np.maximum(power, 0.0).sum(axis=0) * step)
+
+
+def share_off(predicted: float, measured: float) -> float:
+    """Return by which share a prediction is off, signed; NaN where nothing was measured.
+
+    Args:
+        predicted: An energy. [J]
+        measured: The same, as measured. [J]
+    """
+    return (predicted - measured) / abs(measured) if measured != 0.0 else float("nan")

@@ -125,15 +125,12 @@ def check_length(rows: Observations) -> None:
 
 
 def poorly_known(base: BaseParameters, result: Fit, prior: Prior) -> tuple[str, ...]:
-    """Return groups of link parameters of which the recording tells less than the prior.
+    """Return groups of links whose 95 % interval exceeds the prior's standard deviation.
 
     Args:
         base: The groups.
         result: Their fit.
         prior: Of the links.
-
-    Returns:
-        Names of those whose 95 % interval exceeds the prior's standard deviation.
     """
     count = len(prior.std)
     expected = np.sqrt((base.matrix[:, :count] * prior.std) ** 2 @ np.ones(count))

@@ -1,26 +1,232 @@
-"""Joint torque of one robot as a sum of parameters: ten of each link, then those of columns."""
+"""Joint torque of one robot as a sum of parameters: ten of each link, then those of columns.
+
+A column says which joint torque one unit of its parameter makes. Fit, validation and
+export take it from here; the model file gets the parameter from the same object.
+
+Parameters are those of a motor as seen at its own joint: with ``C`` the transmission
+matrix, motor i turns at ``u_i = w_i / C_ii`` (the joint's own velocity where nothing is
+coupled) and its torque ``t_i`` at u acts on joint k with ``C_ik / C_ii t_i``. So wrist
+coupling is part of every column, and a motor-side parameter follows by powers of C_ii.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any, Literal
 
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.identify.data.signals import Motion
-from robot_energy.identify.dynamics.base_parameters import (
-    BaseParameters,
-    base_parameters,
-    link_parameter_names,
-)
-from robot_energy.identify.dynamics.columns import ParameterColumn
+from robot_energy.errors import ModelFileError
+from robot_energy.identify.bounds import at_bound
+from robot_energy.identify.dynamics.base_parameters import BaseParameters, base_parameters
 from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure, Tag
+from robot_energy.model.friction_laws import ConstantLaw
+from robot_energy.model.joint import Joint, Stribeck
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 
+LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 SAMPLES = 200  # random motions that show the structure of the robot
+BOUND = 1e-3  # standard deviations: below, the solver has stopped at 0 but for rounding
+SMOOTH_VELOCITY = 0.01  # at the joint [rad/s] or [m/s]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified number on its way into a model file.
+
+    Attributes:
+        value: At the joint, in the column's unit.
+        std: Same unit; None where it is not known on its own.
+        tag: How it is known.
+        source: In words.
+    """
+
+    value: float
+    std: float | None
+    tag: Tag
+    source: str
+
+    def figure(self, factor: float) -> PositiveFigure:
+        """Return it as an entry of a model file; at the bound where it is not above 0.
+
+        Args:
+            factor: From the column's unit to that of the entry. [-]
+        """
+        if not self.value > BOUND * (self.std or 0.0):
+            return at_bound(self.source, max(self.value * factor, 0.0))
+        std = None if self.std is None else self.std * factor
+        return PositiveFigure(value=self.value * factor, std=std, tag=self.tag, source=self.source)
+
+
+def _itself(values: Float) -> Float:
+    return values
+
+
+@dataclass(frozen=True)
+class ParameterColumn:
+    """One kind of column: one parameter per motor, coupled joint or torque sensor.
+
+    A motor that another joint turns along (coupled wrist) has friction and inertia of its own
+    speed; the last gear and the bearings behind it have those of the joint. Model files know
+    friction of motors only.
+
+    Attributes:
+        kind: Name of the quantity.
+        unit: Of the parameter, for revolute joints.
+        follows: What of the motion the torque follows.
+        shape: Torque per unit of the parameter at these values, shape (N, K) to (N, K).
+        owner: What each parameter belongs to.
+        written: Puts a parameter into the entry of a model file: entry, gear ratio [-],
+            estimate; None where such a file has no place for it.
+    """
+
+    kind: str
+    unit: str
+    follows: Literal["joint_velocity", "joint_acceleration"] = "joint_velocity"
+    shape: Callable[[Float], Float] = _itself
+    owner: Literal["motor", "coupled_joint", "sensor"] = "motor"
+    written: Callable[[Joint, float, Estimate], Joint] | None = None
+
+    @property
+    def positive(self) -> bool:
+        """Whether physics forbids a negative parameter."""
+        return self.owner == "motor"
+
+    def names(self, joint_names: Sequence[str], transmission: Float) -> list[str]:
+        """Return the name of each parameter.
+
+        Args:
+            joint_names: Of the robot.
+            transmission: Motor turns per joint turn, shape (n, n). [-]
+        """
+        return [f"{self.kind} {joint_names[joint]}" for joint in self.joints(transmission)]
+
+    def joints(self, transmission: Float) -> list[int]:
+        """Return the motor or joint that each parameter belongs to.
+
+        Args:
+            transmission: Motor turns per joint turn, shape (n, n). [-]
+        """
+        if self.owner != "coupled_joint":
+            return list(range(len(transmission)))
+        others = transmission - np.diag(np.diagonal(transmission))
+        return [int(joint) for joint in np.flatnonzero(np.abs(others).sum(axis=1) > 0)]
+
+    def torque(self, motion: Trajectory, transmission: Float) -> Float:
+        """Return joint torque per unit of each parameter, shape (N, n, K).
+
+        Args:
+            motion: N samples of it.
+            transmission: Motor turns per joint turn, shape (n, n). [-]
+        """
+        values: Float = getattr(motion, self.follows)
+        if self.owner == "motor":
+            share = transmission / np.diagonal(transmission)[:, None]
+            return self.shape(values @ share.T)[:, None, :] * share.T
+        own = np.ones_like(values) if self.owner == "sensor" else self.shape(values)
+        joints = self.joints(transmission)
+        result = np.zeros((*own.shape, len(joints)))
+        result[:, joints, np.arange(len(joints))] = own[:, joints]
+        return result
+
+    def write(self, joint: Joint, ratio: float, estimate: Estimate) -> Joint:
+        """Return the entry of a model file with the parameter set, motor side.
+
+        Args:
+            joint: The entry.
+            ratio: Gear ratio of the motor. [-]
+            estimate: The parameter, at the joint.
+
+        Raises:
+            ModelFileError: If a model file has no place for it.
+        """
+        if self.written is None:
+            raise ModelFileError(
+                f"a model file has no place for {self.kind}",
+                "a parameter of a link, a rotor or friction",
+            )
+        return self.written(joint, ratio, estimate)
+
+
+def _write_rotor(joint: Joint, ratio: float, estimate: Estimate) -> Joint:
+    return joint.model_copy(update={"rotor_inertia": estimate.figure(ratio**-2)})
+
+
+def _write_viscous(joint: Joint, ratio: float, estimate: Estimate) -> Joint:
+    """Set a law that knows no temperature."""
+    law = ConstantLaw(law="constant", viscous=estimate.figure(ratio**-2))
+    return _with_friction(joint, viscous=law)
+
+
+def _write_coulomb(smooth_velocity: float, joint: Joint, ratio: float, estimate: Estimate) -> Joint:
+    smooth = _setting(smooth_velocity * abs(ratio))
+    coulomb = estimate.figure(1.0 / abs(ratio))
+    return _with_friction(joint, coulomb=coulomb, smooth_velocity=smooth)
+
+
+def _write_stribeck(velocity: float, joint: Joint, ratio: float, estimate: Estimate) -> Joint:
+    torque, where = estimate.figure(1.0 / abs(ratio)), _setting(velocity * abs(ratio))
+    return _with_friction(joint, stribeck=Stribeck(torque=torque, velocity=where, exponent=2.0))
+
+
+def standard_columns(
+    smooth_velocity: float = SMOOTH_VELOCITY,
+    stribeck_velocity: float | None = None,
+) -> tuple[ParameterColumn, ...]:
+    """Return the columns of a usual robot, in the order of a table.
+
+    Args:
+        smooth_velocity: Of the smooth sign ``tanh(u / smooth_velocity)`` of Coulomb friction, at
+            the joint. [rad/s] or [m/s]
+        stribeck_velocity: Adds a Stribeck term, extra Coulomb torque near standstill,
+            ``tanh(u / smooth_velocity) exp(-(|u| / stribeck_velocity)^2)``. [rad/s] or [m/s]
+
+    Returns:
+        The columns; those of coupled joints have parameters where there are such joints. An
+        offset is the constant error of a measured torque: not of the robot.
+    """
+    inertia, viscous, coulomb = "kg m^2", "N m s/rad", "N m"
+
+    def sign(velocity: Float) -> Float:
+        return np.tanh(velocity / smooth_velocity)
+
+    columns = [
+        ParameterColumn("viscous", viscous, written=_write_viscous),
+        ParameterColumn(
+            "coulomb", coulomb, shape=sign, written=partial(_write_coulomb, smooth_velocity)
+        ),
+        ParameterColumn("rotor_inertia", inertia, "joint_acceleration", written=_write_rotor),
+        ParameterColumn("offset", coulomb, owner="sensor"),
+    ]
+    if stribeck_velocity is not None:
+        columns.append(
+            ParameterColumn(
+                "stribeck",
+                coulomb,
+                shape=lambda u: sign(u) * np.exp(-((u / stribeck_velocity) ** 2)),
+                written=partial(_write_stribeck, stribeck_velocity),
+            )
+        )
+    return (
+        *columns,
+        ParameterColumn("joint_viscous", viscous, owner="coupled_joint"),
+        ParameterColumn("joint_coulomb", coulomb, shape=sign, owner="coupled_joint"),
+        ParameterColumn("joint_inertia", inertia, "joint_acceleration", owner="coupled_joint"),
+    )
+
+
+def _setting(value: float) -> PositiveFigure:
+    return PositiveFigure(value=value, tag="assumed", source="setting of the fit")
+
+
+def _with_friction(joint: Joint, **entries: Any) -> Joint:
+    return joint.model_copy(update={"friction": joint.friction.model_copy(update=entries)})
 
 
 @dataclass(frozen=True)
@@ -70,17 +276,15 @@ class TorqueModel:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters."""
-        links = link_parameter_names(self.robot.joint_names)
+        joints = self.robot.joint_names  # the links in the order of `Robot.link_parameters`
+        links = [f"{parameter} {joint}" for joint in joints for parameter in LINK_PARAMETERS]
         return (*links, *(name for _, _, name in self.extra))
 
-    def regressor(self, motion: Motion) -> Float:
-        """Return joint torque per unit of each parameter.
+    def regressor(self, motion: Trajectory) -> Float:
+        """Return joint torque per unit of each parameter, shape (N, n, P).
 
         Args:
             motion: N samples of it.
-
-        Returns:
-            Shape (N, n, P).
         """
         links = self.robot.torque_regressor(
             motion.joint_position, motion.joint_velocity, motion.joint_acceleration
@@ -88,16 +292,13 @@ class TorqueModel:
         columns = [column.torque(motion, self.transmission) for column in self.columns]
         return np.concatenate([links, *columns], axis=2)
 
-    def payload_torque(self, motion: Motion, regressor: Float) -> Float:
-        """Return the joint torque of the payload, which is known.
+    def payload_torque(self, motion: Trajectory, regressor: Float) -> Float:
+        """Return the joint torque of the payload, which is known, shape (N, n). [N m] or [N]
 
         Args:
             motion: N samples of it.
             regressor: Of the same samples, shape (N, n, P): joint torque over each parameter.
                 [N m] or [N], over the unit of the parameter
-
-        Returns:
-            Shape (N, n). [N m] or [N]
         """
         whole = self.robot.joint_torque(
             motion.joint_position, motion.joint_velocity, motion.joint_acceleration
@@ -110,7 +311,7 @@ class TorqueModel:
         lower = np.maximum(self.robot.limits.lower, -np.pi)
         upper = np.minimum(self.robot.limits.upper, np.pi)
         shape = (SAMPLES, self.robot.n_joints)
-        motion = Motion(random.uniform(lower, upper, shape), *random.normal(size=(2, *shape)))
+        motion = Trajectory(random.uniform(lower, upper, shape), *random.normal(size=(2, *shape)))
         return base_parameters(self.regressor(motion).reshape(-1, len(self.names)), self.names)
 
     def without_offsets(self, values: Float) -> Float:

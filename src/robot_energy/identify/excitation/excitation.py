@@ -1,29 +1,35 @@
-"""Motions that identify a robot's parameters: optimised finite Fourier series (paper B, 4.3.2)."""
+"""Motions that identify a robot's parameters: optimised finite Fourier series (paper B, 4.3.2).
+
+The criterion is one of the observation matrix of the base parameters, links and everything else
+that `identify dynamics` fits. Rows are divided by the joint's RMS torque and columns by their
+RMS, both over states drawn evenly within the limits. These scales belong to the robot and
+not to a motion, so figures of different motions compare, and a small motion is worse than
+a large one. (Columns scaled to unit length by the motion itself would hide its size.)
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.identify.data.signals import Motion
-from robot_energy.identify.dynamics.base_parameters import BaseParameters
-from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
-from robot_energy.identify.excitation.criterion import (
-    Criterion,
-    ExcitationCriterion,
-    ExcitationScore,
-    sampled,
+from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
+from robot_energy.identify.dynamics.torque_model import (
+    ParameterColumn,
+    TorqueModel,
+    standard_columns,
 )
-from robot_energy.identify.excitation.limits import ExcitationLimits
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.model import RobotModel
-from robot_energy.motion import FourierBasis, FourierMotion
+from robot_energy.motion import FourierBasis, FourierMotion, Trajectory
 
+Criterion = Literal["condition", "determinant"]
+STATES = 400  # drawn for the scales
 SAMPLES_PER_HARMONIC = 20  # of one period, in the optimisation
 CHECKED_RATE = 1000.0  # Hz at which limits are checked in the end
 FIRST_USE = 0.5  # of the limits, by a start
@@ -32,6 +38,106 @@ SHRINK = 0.98
 MAX_SHRINKS = 30
 MAX_HALVES = 8
 PLATEAU = 1e-4  # change of the criterion's logarithm at which a start is done
+
+
+@dataclass(frozen=True)
+class ExcitationScore:
+    """How well a motion tells the base parameters.
+
+    Attributes:
+        condition: Condition number of the scaled observation matrix.
+        log_determinant: Of the scaled information matrix per row, over the number of base
+            parameters: one more means deviations smaller by ``exp(0.5)`` on average.
+        not_excited: Base parameters that the motion does not tell.
+    """
+
+    condition: float
+    log_determinant: float
+    not_excited: tuple[str, ...]
+
+
+class ExcitationCriterion:
+    """Scaled observation matrix of the base parameters of one robot.
+
+    Args:
+        model: The robot.
+        limits: Within which it moves.
+        columns: What is fitted in addition to the links.
+    """
+
+    def __init__(
+        self, model: RobotModel, limits: ExcitationLimits, columns: tuple[ParameterColumn, ...]
+    ) -> None:
+        self.limits = limits
+        self._torque_model = TorqueModel.from_model(model, columns)
+        self.base = self._torque_model.structure()
+        random = np.random.default_rng(0)
+        shape = (STATES, limits.robot.n_joints)
+        draw = [random.uniform(-1.0, 1.0, shape) for _ in range(3)]
+        states = Trajectory(
+            limits.middle + limits.reach * draw[0],
+            limits.velocity * draw[1],
+            limits.acceleration * draw[2],
+        )
+        torque = np.sqrt((limits.joint_torque(states) ** 2).mean(axis=0))
+        rows = self._torque_model.regressor(states)[:, :, self.base.independent] / torque[:, None]
+        size = np.sqrt((rows**2).mean(axis=(0, 1)))
+        self._scale = 1.0 / (torque[:, None] * size)
+
+    def rows(self, motion: Trajectory) -> Float:
+        """Return the scaled observation matrix over the root of its number of rows, (N, n, B).
+
+        Args:
+            motion: Samples of it, evenly in time.
+        """
+        rows = self._torque_model.regressor(motion)[:, :, self.base.independent] * self._scale
+        return rows / np.sqrt(rows.shape[0] * rows.shape[1])
+
+    def quality(self, motion: Trajectory) -> ExcitationScore:
+        """Return how well a motion tells the base parameters.
+
+        Argument as in `ExcitationCriterion.rows`.
+        """
+        rows = self.rows(motion).reshape(-1, len(self.base))
+        size = np.linalg.svd(rows, compute_uv=False)
+        with np.errstate(divide="ignore"):
+            condition = float(size[0] / size[-1]) if len(rows) >= rows.shape[1] else np.inf
+            determinant = float(2.0 * np.log(size).mean())
+        return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
+
+    def cost(self, motion: Trajectory, criterion: Criterion) -> float:
+        """Return the logarithm of the condition number, or less that of the determinant.
+
+        Args:
+            motion: Samples of it, evenly in time.
+            criterion: Which of both.
+        """
+        rows = self.rows(motion)
+        size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
+        size = np.maximum(size, np.finfo(np.float64).tiny)
+        if criterion == "condition":
+            return float(np.log(size[0] / size[-1]))
+        return float(-2.0 * np.log(size).mean())
+
+    def slopes(self, motion: Trajectory, criterion: Criterion) -> Float:
+        """Return cost per position, velocity and acceleration of every sample, shape (3, N, n).
+
+        Arguments as in `ExcitationCriterion.cost`.
+        """
+        rows = self.rows(motion)
+        flat = rows.reshape(-1, rows.shape[2])
+        left, size, right = np.linalg.svd(flat, full_matrices=False)
+        size = np.maximum(size, np.finfo(np.float64).tiny)
+        if criterion == "condition":
+            slope = np.outer(left[:, 0], right[0]) / size[0]
+            slope -= np.outer(left[:, -1], right[-1]) / size[-1]
+        else:
+            slope = (left / size) @ right * (-2.0 / len(size))
+        slope = slope.reshape(rows.shape)
+        found = slopes(
+            motion, self.limits, lambda moved: (slope * (self.rows(moved) - rows)).sum(axis=(1, 2))
+        )
+        return found.swapaxes(1, 2)
 
 
 @dataclass(frozen=True)
@@ -97,16 +203,13 @@ def optimise_excitation(
     settings: ExcitationSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Excitation:
-    """Find a motion that tells the base parameters well, within limits.
+    """Return the motion, best of all starts, that tells the base parameters, within limits.
 
     Args:
         model: The robot.
         limits: What the motion keeps to, at 1 kHz in the end.
         settings: How to look for it.
         progress: Called with the share done.
-
-    Returns:
-        The best of all starts.
 
     Raises:
         MotionError: If settings make no sense or no allowed motion is found.
@@ -142,12 +245,12 @@ def optimise_excitation(
     )
 
 
-def _finely(motion: FourierMotion) -> Motion:
+def _finely(motion: FourierMotion) -> Trajectory:
     count = round(motion.period * CHECKED_RATE)
-    return sampled(motion, np.arange(count) * (motion.period / count))
+    return motion.sample(np.arange(count) * (motion.period / count))
 
 
-def _breaks(limits: ExcitationLimits, motion: Motion) -> float:
+def _breaks(limits: ExcitationLimits, motion: Trajectory) -> float:
     return max(float(use.max()) for use in limits.largest(motion).values())
 
 
@@ -162,15 +265,15 @@ def _draw_start(
         weights[0] = limits.middle + 0.3 * limits.reach * random.uniform(-1.0, 1.0)
         still = np.zeros_like(weights)
         still[0] = weights[0]
-        if _breaks(limits, sampled(FourierMotion(basis, still), time[:1])) > 1.0:
+        if _breaks(limits, FourierMotion(basis, still).sample(time[:1])) > 1.0:
             continue
         swing = weights.copy()
         swing[0] = limits.middle
-        use = limits.largest(sampled(FourierMotion(basis, swing), time))
+        use = limits.largest(FourierMotion(basis, swing).sample(time))
         worst = np.max([use[kind] for kind in ("position", "velocity", "acceleration")], axis=0)
         weights[1:] *= FIRST_USE / worst
         for _ in range(MAX_HALVES):
-            if _breaks(limits, sampled(FourierMotion(basis, weights), time)) <= 1.0:
+            if _breaks(limits, FourierMotion(basis, weights).sample(time)) <= 1.0:
                 kept = _shrunk(basis, limits, weights)
                 if kept is not None:
                     return kept
@@ -208,45 +311,42 @@ class _Problem:
         self._unit = np.tile(scorer.limits.velocity, (basis.size, 1))
         self._unit[0] = scorer.limits.reach
 
-    def motion(self, weights: Float) -> Motion:
+    def motion(self, weights: Float) -> Trajectory:
         """Samples of the motion with some weights."""
-        return Motion(*(matrix @ weights for matrix in self._matrices))
+        return Trajectory(*(matrix @ weights for matrix in self._matrices))
 
     def cost_of(self, weights: Float) -> float:
         """Cost of the motion with some weights; inf where it is none."""
         return self._scorer.cost(self.motion(weights), self._criterion)
 
     def solve(self, start: Float, iterations: int) -> Float:
-        """Return better weights.
-
-        Args:
-            start: Weights to begin with, shape (2 L - 1, n).
-            iterations: At most.
-        """
+        """Better weights than those to begin with, shape (2 L - 1, n)."""
         from scipy import optimize
+
+        scorer, limits, criterion = self._scorer, self._limits, self._criterion
+
+        def cost(free: Float) -> float:
+            return scorer.cost(self._at(free), criterion)
+
+        def slope(free: Float) -> Float:
+            return self._pulled(scorer.slopes(self._at(free), criterion))
+
+        def room(free: Float) -> Float:
+            return 1.0 - limits.smooth(self._at(free))[0]
 
         search: Any = optimize.minimize  # pyright: ignore[reportUnknownMemberType]
         result: Any = search(
-            self._cost,
+            cost,
             (start / self._unit).ravel(),
-            jac=self._cost_slope,
+            jac=slope,
             method="SLSQP",
-            constraints={"type": "ineq", "fun": self._room, "jac": self._room_slope},
+            constraints={"type": "ineq", "fun": room, "jac": self._room_slope},
             options={"maxiter": iterations, "ftol": PLATEAU},
         )
         return np.asarray(result.x, dtype=np.float64).reshape(self._unit.shape) * self._unit
 
-    def _at(self, free: Float) -> Motion:
+    def _at(self, free: Float) -> Trajectory:
         return self.motion(free.reshape(self._unit.shape) * self._unit)
-
-    def _cost(self, free: Float) -> float:
-        return self._scorer.cost(self._at(free), self._criterion)
-
-    def _cost_slope(self, free: Float) -> Float:
-        return self._pulled(self._scorer.slopes(self._at(free), self._criterion))
-
-    def _room(self, free: Float) -> Float:
-        return 1.0 - self._limits.smooth(self._at(free))[0]
 
     def _room_slope(self, free: Float) -> Float:
         motion = self._at(free)

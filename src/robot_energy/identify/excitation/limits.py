@@ -14,8 +14,8 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.identify.data.signals import Motion
 from robot_energy.model import RobotModel
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
@@ -112,23 +112,15 @@ class ExcitationLimits:
                 raise MotionError(f"the height is {floor.height} m", "a finite height")
             self.robot.link_position(self.middle, floor.link)  # refuses an unknown link
 
-    def joint_torque(self, motion: Motion) -> Float:
-        """Torque that the drives must give, friction, rotors and payload included.
+    def joint_torque(self, motion: Trajectory) -> Float:
+        """Return the torque that drives must give, friction, rotors and payload included.
 
-        Friction is that of the model at its fallback temperature.
-
-        Args:
-            motion: N samples of it.
-
-        Returns:
-            Joint side, shape (N, n). [N m] or [N]
+        Joint side, shape (N, n) [N m] or [N]; friction at the fallback temperature of the model.
+        Argument as in `ExcitationLimits.use`.
         """
-        chain = self._drivetrain
-        rigid = chain.motor_torque_from_joint(
-            self.robot.joint_torque(
-                motion.joint_position, motion.joint_velocity, motion.joint_acceleration
-            )
-        ) + chain.rotor_torque(motion.joint_acceleration)
+        chain, acceleration = self._drivetrain, motion.joint_acceleration
+        torque = self.robot.joint_torque(motion.joint_position, motion.joint_velocity, acceleration)
+        rigid = chain.motor_torque_from_joint(torque) + chain.rotor_torque(acceleration)
         speed = chain.motor_velocity_from_joint(motion.joint_velocity)
         viscous = self._friction.viscous(np.full_like(speed, self._temperature))
         coulomb = np.broadcast_to(self._friction.coulomb, speed.shape)
@@ -147,14 +139,13 @@ class ExcitationLimits:
         link = self.floor.link
         return np.array([self.robot.link_position(row, link)[2] for row in joint_position])
 
-    def use(self, motion: Motion) -> dict[str, Float]:
+    def use(self, motion: Trajectory) -> dict[str, Float]:
         """Return how much of each limit every sample uses; signed, the limit is at +-1.
+
+        By kind, shape (N, n); of the floor (N, 1), where only +1 is a limit.
 
         Args:
             motion: N samples of it.
-
-        Returns:
-            By kind, shape (N, n); of the floor (N, 1), where only +1 is a limit.
         """
         below = np.zeros((len(motion.joint_position), 1))
         if self.floor is not None:
@@ -168,27 +159,21 @@ class ExcitationLimits:
             "floor": below,
         }
 
-    def largest(self, motion: Motion) -> dict[str, Float]:
+    def largest(self, motion: Trajectory) -> dict[str, Float]:
         """Return the largest use of each limit, shape (n,) by kind; above 1 it is broken.
 
-        Args:
-            motion: N samples of it.
+        Argument as in `ExcitationLimits.use`.
         """
-        found = self.use(motion)
         return {
             kind: (values if kind == "floor" else np.abs(values)).max(axis=0)
-            for kind, values in found.items()
+            for kind, values in self.use(motion).items()
         }
 
-    def smooth(self, motion: Motion) -> tuple[Float, list[tuple[str, int, Float]]]:
+    def smooth(self, motion: Trajectory) -> tuple[Float, list[tuple[str, int, Float]]]:
         """Return smooth largest uses and how they follow the motion.
 
-        Args:
-            motion: N samples of it.
-
-        Returns:
-            Uses, shape (K,), and for each its kind, joint, and weight of every sample's
-            signed use, shape (N,).
+        Shape (K,), and for each its kind, joint, and weight of every sample's signed use, shape
+        (N,); argument as in `ExcitationLimits.use`.
         """
         values: list[float] = []
         parts: list[tuple[str, int, Float]] = []
@@ -203,19 +188,17 @@ class ExcitationLimits:
                 parts.append((kind, joint, weight))
         return np.asarray(values), parts
 
-    def torque_slopes(self, motion: Motion) -> Float:
+    def torque_slopes(self, motion: Trajectory) -> Float:
         """Return use of torque per position, velocity, acceleration, shape (3, n, N, n).
 
-        Args:
-            motion: N samples of it.
+        Argument as in `ExcitationLimits.use`.
         """
         return slopes(motion, self, lambda m: self.joint_torque(m) / self.torque)
 
-    def floor_slopes(self, motion: Motion) -> Float:
+    def floor_slopes(self, motion: Trajectory) -> Float:
         """Return use of the floor per position of each joint, shape (n, N).
 
-        Args:
-            motion: N samples of it.
+        Argument as in `ExcitationLimits.use`.
         """
         here = self.height(motion.joint_position)
         result = np.zeros((self.robot.n_joints, len(here)))
@@ -227,16 +210,15 @@ class ExcitationLimits:
         return result
 
 
-def slopes(motion: Motion, limits: ExcitationLimits, function: Callable[[Motion], Float]) -> Float:
-    """Return forward differences of a function of a motion.
+def slopes(
+    motion: Trajectory, limits: ExcitationLimits, function: Callable[[Trajectory], Float]
+) -> Float:
+    """Return forward differences of a function of a motion, shape (3, n, N, ...).
 
     Args:
         motion: N samples of it.
         limits: A step is a millionth of them.
         function: Of the motion, shape (N, ...).
-
-    Returns:
-        Per position, velocity and acceleration of each joint, shape (3, n, N, ...).
     """
     here = function(motion)
     channels = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
@@ -245,7 +227,7 @@ def slopes(motion: Motion, limits: ExcitationLimits, function: Callable[[Motion]
     for order, joint in np.ndindex(sizes.shape):
         moved = [channel.copy() for channel in channels]
         moved[order][:, joint] += sizes[order, joint]
-        result[order, joint] = (function(Motion(*moved)) - here) / sizes[order, joint]
+        result[order, joint] = (function(Trajectory(*moved)) - here) / sizes[order, joint]
     return result
 
 

@@ -9,8 +9,9 @@ compete on temperatures they have not seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -32,10 +33,10 @@ from robot_energy.identify.stats.cross_validation import (
     contiguous_folds,
     folds_by_value,
     held_out,
+    rms_of,
     simplest,
 )
-from robot_energy.identify.stats.regression import Fit
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.stats.regression import Fit, one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction
@@ -122,14 +123,11 @@ class FrictionFit:
 
 @one_thread
 def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
-    """Identify the friction of one axis.
+    """Return the friction of one axis.
 
     Args:
         data: Its samples, from one or several recordings.
         source: Where they come from, for the model file.
-
-    Returns:
-        The fit.
 
     Raises:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
@@ -142,7 +140,14 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     names = fitted_laws()
     if not span[1] - span[0] >= MIN_RANGE:
         names = tuple(name for name in names if not FRICTION_LAWS[name].follows_temperature)
-        warnings.append(f"{moving.name}: {_why_constant(span)}")
+        warnings.append(
+            f"{moving.name}: no motor temperature is known, so its friction is a constant, that of "
+            "the temperatures at which it was recorded; name their topic with --inputs"
+            if np.isnan(span[0])
+            else f"{moving.name}: the range of its motor temperature is below {MIN_RANGE:g} K, so "
+            "its friction is taken as constant; record it cold and warm, or lend it the shape of "
+            "others (--share-shape)"
+        )
     laws: dict[str, LawEntry] = {}
     fits: dict[str, Fit] = {}
     errors: dict[str, HeldOut] = {}
@@ -150,13 +155,12 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     for name in names:
         try:
             laws[name], fits[name] = fit_law(name, moving, source)
-            errors[name] = _held_out(name, moving, fold)
+            errors[name] = held_out_law(partial(fit_law, name), moving, fold)
         except NotIdentifiableError as error:
             if not FRICTION_LAWS[name].follows_temperature:
                 raise
             warnings.append(f"{moving.name}: no {name} law, because {error.found}")
-    rms: dict[str, float] = {name: error.rms for name, error in errors.items()}
-    chosen = simplest(rms)
+    chosen = simplest({name: error.rms for name, error in errors.items()})
     regression = fits[chosen]
     coulomb = float(regression.values[0])
     if one_speed(moving):
@@ -179,38 +183,23 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         chosen=chosen,
         samples=len(moving),
         range_degc=span,
-        residual=_rms(regression.residual),
+        residual=rms_of(regression.residual),
         warnings=tuple(warnings),
         viscous=float(fits["constant"].values[1]),
         viscous_std=float(fits["constant"].std[1]),
-        speed=_rms(moving.motor_velocity),
-        torque=_rms(moving.friction_torque),
+        speed=rms_of(moving.motor_velocity),
+        torque=rms_of(moving.friction_torque),
         parts={"coulomb": regression.parts_of(0), "viscous": fits["constant"].parts_of(1)},
         held_out=part,
     )
 
 
-def _why_constant(span: tuple[float, float]) -> str:
-    if np.isnan(span[0]):
-        return (
-            "no motor temperature is known, so its friction is a constant, that of the "
-            "temperatures at which it was recorded; name their topic with --inputs"
-        )
-    return (
-        f"the range of its motor temperature is below {MIN_RANGE:g} K, so its friction is taken "
-        "as constant; record it cold and warm, or lend it the shape of others (--share-shape)"
-    )
-
-
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Identify the friction of every axis that the data tell.
+    """Return the friction of every axis that the data tell, and why the others are not told.
 
     Args:
         axes: Samples, one entry per axis.
         source: Where they come from, for the model file.
-
-    Returns:
-        The fits, and why the other axes could not be identified, one sentence each.
 
     Raises:
         NotIdentifiableError: If not one axis can be identified.
@@ -223,13 +212,8 @@ def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[Frict
         except NotIdentifiableError as error:
             refused.append(error)
     if not fits:
-        first = refused[0]
-        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+        raise refused[0]
     return fits, [str(error) for error in refused]
-
-
-def _rms(values: Float) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def moving_samples(data: FrictionData) -> FrictionData:
@@ -285,29 +269,33 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
     return (Point(0.5 * (span[0] + span[1]), figure.value, figure.std or 0.0),)
 
 
-def _held_out(name: str, data: FrictionData, fold: Int) -> HeldOut:
-    """Error of a law on folds that its fit has not seen.
+def held_out_law(
+    fit: Callable[[FrictionData], tuple[LawEntry, Fit]], data: FrictionData, fold: Int
+) -> HeldOut:
+    """Return the error of a law on folds that its fit has not seen.
 
     The nuisances and the offset of the test samples come from the training samples too.
+
+    Args:
+        fit: Gives the law of samples and the regression behind it.
+        data: Samples in motion.
+        fold: Of each sample, shape (N,).
     """
 
     def predict(train: Mask, test: Mask) -> Float:
-        law, fit = fit_law(name, data.rows(train))
+        law, found = fit(data.rows(train))
         seen = data.rows(test)
         viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
-        return fit.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(fit, seen)
+        return found.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(found, seen)
 
     return held_out(data.friction_torque, fold, predict)
 
 
 def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:
-    """Return what is held out: temperatures, or blocks in time where there is but one.
+    """Return what is held out, temperatures or blocks in time, and the fold of each sample, (N,).
 
     Args:
         data: Samples in motion.
-
-    Returns:
-        What is held out, and the fold of each sample, shape (N,).
     """
     degc = data.motor_temperature_degc
     fold = folds_by_value(degc)

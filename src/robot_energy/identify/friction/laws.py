@@ -52,13 +52,6 @@ def _nodes(data: FrictionData) -> Float:
     return nodes[apart]
 
 
-def _hats(degc: Float, nodes: Float) -> Float:
-    """Weights of linear interpolation between nodes, shape (N, K); each row sums to 1."""
-    if len(nodes) == 1:
-        return np.ones((len(degc), 1))
-    return np.stack([np.interp(degc, nodes, row) for row in np.eye(len(nodes))], axis=1)
-
-
 def _columns(data: FrictionData, shape: Float) -> Float:
     """Columns of fc, of ``shape * w``, of the offset and of the nuisances."""
     ones = np.ones((len(data), 1))
@@ -126,15 +119,12 @@ def nuisance(fit: Fit, data: FrictionData) -> Float:
 
 
 def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, Fit]:
-    """Fit one law.
+    """Return a law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Args:
         name: The law.
         data: Samples in motion.
         source: Where they come from, for the model file.
-
-    Returns:
-        The law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Raises:
         NotIdentifiableError: If they do not tell its parameters or have another shape, or the
@@ -160,9 +150,9 @@ def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
             f"a table needs two that are {0.5 * NODE_SPACING:g} K apart",
             "motion spread over the temperatures",
         )
-    fit = regress_friction(
-        data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes]
-    )
+    # weights of linear interpolation between the nodes; each row sums to 1
+    hats = np.stack([np.interp(degc, nodes, row) for row in np.eye(len(nodes))], axis=1)
+    fit = regress_friction(data, hats, [f"viscous at {node:.0f} degC" for node in nodes])
     slope = np.zeros(len(fit.values))
     slope[1 : 1 + len(nodes)] = np.gradient(fit.values[1 : 1 + len(nodes)], nodes)
     fit = moved_by(fit, THERMOMETER, data.thermometer * slope)
@@ -220,13 +210,12 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     to_law = np.array(
         [[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0.0, 0.0, 1.0]]
     )
-    covariance = (
-        None if tangent is None else _symmetric(to_law @ tangent.covariance[1:4, 1:4] @ to_law.T)
-    )
-    if covariance is None or not np.isfinite(covariance).all():
-        known, std = None, [None, None, None]
-    else:
-        known, std = covariance.tolist(), np.sqrt(np.diag(covariance)).tolist()
+    known, std = None, [None, None, None]
+    if tangent is not None:
+        covariance = to_law @ tangent.covariance[1:4, 1:4] @ to_law.T
+        covariance = 0.5 * (covariance + covariance.T)  # without what rounding made unequal
+        if np.isfinite(covariance).all():
+            known, std = covariance.tolist(), np.sqrt(np.diag(covariance)).tolist()
     law = ExponentialLaw(
         law="exponential",
         a=identified(hot, std[0], source),
@@ -239,11 +228,6 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
         greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
         law = law.model_copy(update={"std": float(greatest)})
     return law, found if tangent is None else _with_coulomb_of(found, tangent)
-
-
-def _symmetric(matrix: Float) -> Float:
-    """A matrix without what rounding made unequal."""
-    return 0.5 * (matrix + matrix.T)
 
 
 def _tangent(data: FrictionData, fit: Fit, cold: float, scale: float, middle: float) -> Fit | None:

@@ -23,6 +23,7 @@ AVERAGED = 0.04  # s: samples this close say the same of friction
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 LOG_BLOCK = 30.0  # s: the same for a slow log of one joint
 APART = 5.0  # s between rows of a log, beyond which another run begins
+BY_SAMPLE = ("motor_velocity", "friction_torque", "motor_temperature_degc")
 STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is no steady motion
 
 
@@ -66,16 +67,11 @@ class FrictionData:
         Args:
             mask: Which of them, shape (N,).
         """
-        return replace(
-            self,
-            motor_velocity=self.motor_velocity[mask],
-            friction_torque=self.friction_torque[mask],
-            motor_temperature_degc=self.motor_temperature_degc[mask],
-            block=self.block[mask],
-            run=self.run[mask],
-            nuisance=self.nuisance[mask],
-            changes={cause: change[mask] for cause, change in self.changes.items()},
-        )
+        kept = {
+            name: getattr(self, name)[mask] for name in (*BY_SAMPLE, "block", "run", "nuisance")
+        }
+        changes = {cause: change[mask] for cause, change in self.changes.items()}
+        return replace(self, **kept, changes=changes)
 
     @property
     def sign(self) -> Float:
@@ -86,7 +82,7 @@ class FrictionData:
 
 
 def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
-    """Collect one axis from recordings of the same robot.
+    """Return one axis of recordings, motor side; the blocks of each are its own.
 
     Samples are averaged over 0.04 s, both sides of the equation alike, which changes
     nothing in it and makes ten times fewer of them; a span in which the axis stands or
@@ -95,9 +91,6 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
     Args:
         recordings: Run with one model, whose bodies give the rigid-body torque.
         joint: Index of the joint in model order.
-
-    Returns:
-        Motor side; the blocks of every recording are its own.
     """
     parts = [_of_recording(recording, joint) for recording in recordings]
     sensors = recordings[0].sensors.std

@@ -19,10 +19,15 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.friction.friction import FrictionFit, folds_of_axis, moving_samples
-from robot_energy.identify.friction.laws import MIN_RANGE, nuisance, one_speed, regress_friction
+from robot_energy.identify.friction.friction import (
+    FrictionFit,
+    folds_of_axis,
+    held_out_law,
+    moving_samples,
+)
+from robot_energy.identify.friction.laws import MIN_RANGE, one_speed, regress_friction
 from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.identify.stats.cross_validation import GAIN, Mask, held_out
+from robot_energy.identify.stats.cross_validation import GAIN, rms_of
 from robot_energy.identify.stats.regression import Fit
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ExponentialLaw
@@ -146,15 +151,12 @@ def _fitted(above: Float, relative: Float) -> tuple[float, float]:
 def fit_shared(
     data: FrictionData, shape: TemperatureShape, source: str = ""
 ) -> tuple[ExponentialLaw, Fit]:
-    """Fit the size of a lent shape to an axis.
+    """Return a lent law whose size was fitted to an axis, and the regression behind it.
 
     Args:
         data: Samples in motion, with temperatures.
         shape: The shape.
         source: Where the samples come from, for the model file.
-
-    Returns:
-        The law, of figures that are derived, and the regression behind it.
 
     Raises:
         NotIdentifiableError: If the samples do not tell the size, or it is not above 0.
@@ -189,19 +191,20 @@ def fit_shared(
 def share_shape(
     fits: Sequence[FrictionFit], axes: Sequence[FrictionData], source: str = ""
 ) -> list[FrictionFit]:
-    """Lend the common shape to axes whose own range of temperature or speed is too small.
+    """Return fits, those of too small a range with a lent shape, or why not, in their warnings.
 
     Args:
         fits: Of the axes that could be identified.
         axes: Samples of all axes.
         source: Where they come from, for the model file.
-
-    Returns:
-        The fits; those that borrowed, or why they did not, say so in their warnings.
     """
     samples = {axis.name: axis for axis in axes}
-    poor = {fit.name: moving_samples(samples[fit.name]) for fit in fits}
-    poor = {name: data for name, data in poor.items() if _borrows(data)}
+    poor: dict[str, FrictionData] = {}
+    for fit in fits:
+        data = moving_samples(samples[fit.name])
+        degc = data.motor_temperature_degc
+        if np.isfinite(degc).all() and (np.ptp(degc) < MIN_RANGE or one_speed(data)):
+            poor[fit.name] = data
     if not poor:
         return list(fits)
     try:
@@ -215,11 +218,6 @@ def share_shape(
     ]
 
 
-def _borrows(data: FrictionData) -> bool:
-    degc = data.motor_temperature_degc
-    return bool(np.isfinite(degc).all() and (np.ptp(degc) < MIN_RANGE or one_speed(data)))
-
-
 def _said(fit: FrictionFit, text: str) -> FrictionFit:
     return replace(fit, warnings=(*fit.warnings, f"{fit.name}: {text}"))
 
@@ -227,15 +225,10 @@ def _said(fit: FrictionFit, text: str) -> FrictionFit:
 def _borrowed(
     fit: FrictionFit, data: FrictionData, shape: TemperatureShape, source: str
 ) -> FrictionFit:
-    def predict(train: Mask, test: Mask) -> Float:
-        law, part = fit_shared(data.rows(train), shape)
-        seen = data.rows(test)
-        viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
-        return part.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(part, seen)
-
     try:
         law, found = fit_shared(data, shape, source)
-        error = held_out(data.friction_torque, folds_of_axis(data)[1], predict)
+        fold = folds_of_axis(data)[1]
+        error = held_out_law(lambda part: fit_shared(part, shape), data, fold)
     except NotIdentifiableError as problem:
         return _said(fit, f"no shape is lent: {problem.found}")
     if error.rms > fit.errors[fit.chosen].rms / GAIN:
@@ -248,6 +241,6 @@ def _borrowed(
         laws={**fit.laws, "exponential": law},
         errors={**fit.errors, "exponential": error},
         chosen="exponential",
-        residual=float(np.sqrt(np.mean(found.residual**2))),
+        residual=rms_of(found.residual),
         warnings=(f"{fit.name}: its own range is too small; its law has {shape}",),
     )

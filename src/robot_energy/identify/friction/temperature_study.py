@@ -16,6 +16,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import moving_samples
 from robot_energy.identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.stats.cross_validation import rms_of
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
 
@@ -98,15 +99,12 @@ class Study:
 
 
 def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
-    """Fit every law at some temperatures and test it at others.
+    """Return the errors of every law, fitted at some temperatures and tested at others.
 
     Args:
         data: One axis.
         train: Temperatures of the fit.
         test: Temperatures of the test.
-
-    Returns:
-        The errors.
 
     Raises:
         NotIdentifiableError: If a range holds too few samples in motion, or not even a constant
@@ -148,7 +146,7 @@ def _row(
     return FrictionStudyRow(
         law.law,
         beyond,
-        float(np.sqrt(np.mean((torque - measured) ** 2))),
+        rms_of(torque - measured),
         float(np.mean(torque * unseen.motor_velocity)) / power - 1.0,
         coulomb,
         law,
@@ -156,14 +154,11 @@ def _row(
 
 
 def shuffled(data: FrictionData, seed: int) -> FrictionData:
-    """Give each run the temperatures of another run, drawn at random.
+    """Return the samples with temperatures of other runs, drawn at random.
 
     Args:
         data: One axis, several runs.
         seed: Of the draw.
-
-    Returns:
-        The same samples with temperatures that have nothing to do with them.
     """
     runs = np.unique(data.run)
     order = np.random.default_rng(seed).permutation(runs)

@@ -62,15 +62,12 @@ class EnergyScore:
 
 
 def contiguous_blocks(stamp_ns: Int, segment: Int, length: float) -> Int:
-    """Number blocks of at most a given length that never span two segments.
+    """Return the block of each sample, rising from 0 in order of first appearance, shape (N,).
 
     Args:
         stamp_ns: Shape (N,). [ns]
-        segment: Shape (N,).
-        length: [s]
-
-    Returns:
-        Block of each sample, rising from 0 in order of first appearance, shape (N,).
+        segment: No block spans two of them, shape (N,).
+        length: Of a block, at most. [s]
     """
     if not len(stamp_ns):
         return np.empty(0, dtype=np.int64)
@@ -105,28 +102,24 @@ def contiguous_folds(count: int, folds: int = FOLDS) -> Int:
 
 
 def folds_by_value(values: Float, folds: int = FOLDS) -> Int:
-    """Cut samples into folds of equal size by a quantity, such as the temperature.
+    """Return folds of equal size by a quantity, such as the temperature, rising, shape (N,).
 
     Args:
-        values: Shape (N,), finite. [any unit]
+        values: Of each sample, shape (N,), finite. [any unit]
         folds: Number of folds; fewer where values repeat too often.
-
-    Returns:
-        Fold of each sample, rising with the value, shape (N,).
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, folds + 1)[1:-1]))
     return np.searchsorted(edges, values, side="right").astype(np.int64)
 
 
 def recordings_or_blocks(recording: Int, block: Int | None = None) -> tuple[Kind, Int]:
-    """Hold out whole recordings where there are several, else contiguous parts of the only one.
+    """Return what is held out, and the fold of each sample, shape (N,).
+
+    Whole recordings where there are several, else contiguous parts of the only one.
 
     Args:
         recording: Number of the recording of each sample, rising, shape (N,).
         block: Blocks that no two folds may share, from 0 on, shape (N,); None: each sample.
-
-    Returns:
-        What is held out, and the fold of each sample, shape (N,).
     """
     if recording[0] != recording[-1]:
         return "recordings", recording
@@ -152,16 +145,13 @@ def splits(fold: Int, guard: int = 0) -> Iterator[tuple[Mask, Mask]]:
 
 
 def predict_held_out(fold: Int, predict: Callable[[Mask, Mask], Float], guard: int = 0) -> Float:
-    """Predict every fold from the others.
+    """Return predictions of every fold from the others, shape (N, ...).
 
     Args:
         fold: Fold of each sample, shape (N,).
         predict: Called with the masks of the training and the test samples; returns the
             prediction of the test samples.
         guard: As of `splits`.
-
-    Returns:
-        The predictions, shape (N, ...).
     """
     parts = [(test, predict(train, test)) for train, test in splits(fold, guard)]
     predicted = np.empty((len(fold), *parts[0][1].shape[1:]))
@@ -197,6 +187,15 @@ def simplest(errors: Mapping[Name, float]) -> Name:
         if errors[name] < GAIN * errors[chosen]:
             chosen = name
     return chosen
+
+
+def rms_of(values: Float) -> float:
+    """Return the root mean square of some values; NaN of none.
+
+    Args:
+        values: Any shape. [any unit]
+    """
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
 def relative_error(error: Float, reference: Float) -> float:

@@ -10,17 +10,24 @@ made from are never given: a fit makes them small by construction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.identify.data.bags import EVER, Bag, Span, read_all, temperature_ranges
+from robot_energy.identify.data.bags import (
+    EVER,
+    Bag,
+    Fold,
+    HeldOutKind,
+    Span,
+    read_all,
+    temperature_ranges,
+)
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.run_all import FullIdentification, identify_everything
-from robot_energy.identify.stats.bag_folds import Fold, Kind
 from robot_energy.identify.stats.cross_validation import relative_error
 from robot_energy.identify.steps import Subject
 from robot_energy.timeline.pieces import Compared
@@ -92,11 +99,7 @@ class Tested:
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Return predicted over measured shaft energy less 1; NaN without measured torque.
-
-        Args:
-            stage: ``given`` or a subject.
-        """
+        """Return the same of shaft energy, NaN without torque; argument as in `Tested.error`."""
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
@@ -110,7 +113,7 @@ class HeldOutEnergy:
         tested: One entry per held-out recording or block.
     """
 
-    kind: Kind
+    kind: HeldOutKind
     stages: tuple[str, ...]
     tested: tuple[Tested, ...]
 
@@ -151,24 +154,19 @@ class HeldOutEnergy:
         Among those at temperatures of their fit, where there is any.
         """
         last = self.stages[-1]
-        return max(
-            self.within or self.metered, key=lambda entry: abs(entry.error(last)), default=None
-        )
+        return max(self.judged, key=lambda entry: abs(entry.error(last)), default=None)
 
     def mean_rms(self, stage: str, entries: Sequence[Tested]) -> float:
         """Return the mean RMS error of power from reading to reading. [W]
 
-        Args:
-            stage: ``given`` or a subject.
-            entries: Of which recordings.
+        Arguments as in `HeldOutEnergy.mean_error`.
         """
         return float(np.mean([entry.predictions[stage].rms for entry in entries]))
 
     def torque_error(self, stage: str) -> float:
         """Return the mean error of the motor torque over its size. [-]
 
-        Args:
-            stage: ``given`` or a subject.
+        Argument as in `HeldOutEnergy.mean_error`.
         """
         return float(np.mean([part.predictions[stage].torque_error for part in self.with_torque]))
 
@@ -194,13 +192,13 @@ class HeldOutEnergy:
 
 
 def held_out_energy(
-    kind: Kind,
+    kind: HeldOutKind,
     folds: Sequence[Fold],
     whole: FullIdentification,
     skip: Sequence[Subject] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> HeldOutEnergy:
-    """Test the whole on what it has not seen.
+    """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
         kind: From `folds_of`.
@@ -208,9 +206,6 @@ def held_out_energy(
         whole: Identified from all bags of the fit; it is what a ``test`` is made with.
         skip: As it was identified.
         progress: Called with what is going on and the share done, 0 to 1.
-
-    Returns:
-        The test; where a fold does not allow a step, its model is that of the step before.
     """
     stages = (GIVEN, *(step.subject for step in whole.steps))
     tested: list[tuple[int, Tested]] = []  # with the place among the bags
@@ -239,11 +234,10 @@ def held_out_energy(
     return HeldOutEnergy(kind, stages, tuple(entry for _, entry in tested))
 
 
-def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: Float) -> Tested:
-    if fitted.meter_delay is not None:  # the same meter
-        bag = replace(bag, meter_delay=fitted.meter_delay.applied)
-    if fitted.meter_time_constant is not None:
-        bag = replace(bag, meter_time_constant=fitted.meter_time_constant.applied)
+def _test(
+    bag: Bag, fitted: FullIdentification, kind: HeldOutKind, number: int, seen: Float
+) -> Tested:
+    bag = bag.with_meter_undone(fitted.meter_time_constant, fitted.meter_delay)  # the same meter
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
     predictions: dict[str, HeldOutPrediction] = {}
     done: dict[int, HeldOutPrediction] = {}
@@ -256,13 +250,15 @@ def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: F
             first = first or recording
         predictions[stage] = done[id(model)]
     assert first is not None  # there is always the model as given
-    measured, seconds = _measured(predictions[GIVEN].compared)
-    rows = _shown(first, span)
+    compared = predictions[GIVEN].compared
+    seen_by_meter = float(sum(part.measured.sum() for part in compared))
+    rows, met = _shown(first, span), temperature_ranges([first.between(*span)])
+    off = np.maximum(seen[0] - met[0], met[1] - seen[1])
     stamp = first.torque.stamp_ns
     return Tested(
         name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
-        duration=seconds,
-        measured=measured,
+        duration=sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND,
+        measured=seen_by_meter if compared else float("nan"),
         shaft=_shaft(first, first.torque.motor_torque_measured, span),
         predictions=predictions,
         start_ns=int(stamp[0]),
@@ -270,27 +266,26 @@ def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: F
         time=(stamp[rows] - stamp[0]) * NANOSECOND,
         motor_torque=first.torque.motor_torque_measured[rows],
         taken=fitted.taken,
-        beyond=_beyond(seen, temperature_ranges([first.between(*span)])),
+        beyond=float(np.max(off[np.isfinite(off)], initial=0.0)),
     )
-
-
-def _beyond(seen: Float, met: Float) -> float:
-    """How far temperatures lie outside of those that a fit has seen. [K]"""
-    off = np.maximum(seen[0] - met[0], met[1] - seen[1])
-    return float(np.max(off[np.isfinite(off)], initial=0.0))
 
 
 def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
     compared = tuple(
         part for part in (_within(part, span) for part in recording.compared) if len(part.measured)
     )
+    sums = PowerErrorSums()  # of the mean power between readings, each weighted by its time
+    for part in compared:
+        sums.step(part)
+    rows, predicted = _known_torque(recording, span), recording.power.motor_torque
+    measured = recording.torque.motor_torque_measured[rows]
     return HeldOutPrediction(
         compared,
         float(sum(part.predicted.sum() for part in compared)),
-        _rms(compared),
-        _shaft(recording, recording.power.motor_torque, span),
-        _torque_error(recording, span),
-        recording.power.motor_torque[_shown(recording, span)],
+        sums.rms,
+        _shaft(recording, predicted, span),
+        relative_error(predicted[rows] - measured, measured),
+        predicted[_shown(recording, span)],
     )
 
 
@@ -300,22 +295,6 @@ def _within(part: Compared, span: Span) -> Compared:
     return Compared(
         part.available_ns[rows], part.duration_ns[rows], part.measured[rows], part.predicted[rows]
     )
-
-
-def _measured(compared: Sequence[Compared]) -> tuple[float, float]:
-    """Energy that the meter saw, NaN if nothing was compared [J], and the time [s]."""
-    if not compared:
-        return float("nan"), 0.0
-    seconds = sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND
-    return float(sum(part.measured.sum() for part in compared)), seconds
-
-
-def _rms(compared: Sequence[Compared]) -> float:
-    """Of the mean power between readings, each reading weighted by its time. [W]"""
-    sums = PowerErrorSums()
-    for part in compared:
-        sums.step(part)
-    return sums.rms
 
 
 def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:
@@ -337,13 +316,6 @@ def _known_torque(recording: Recording, span: Span) -> NDArray[np.bool_]:
     known = np.isfinite(block.motor_torque_measured).all(axis=1) & recording.sound
     known &= np.isfinite(recording.power.motor_torque).all(axis=1)
     return known & (block.stamp_ns >= span[0]) & (block.stamp_ns < span[1])
-
-
-def _torque_error(recording: Recording, span: Span) -> float:
-    """Norm of the error of the motor torque over that of the measured one; NaN if unknown."""
-    rows = _known_torque(recording, span)
-    measured = recording.torque.motor_torque_measured[rows]
-    return relative_error(recording.power.motor_torque[rows] - measured, measured)
 
 
 def _shown(recording: Recording, span: Span) -> Int:

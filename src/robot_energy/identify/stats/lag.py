@@ -40,11 +40,20 @@ class Delay:
     span: float
 
 
+def applied(delay: Delay | None) -> float:
+    """Return what is to be undone of a delay; 0 where it is not sure or cannot be told. [s]
+
+    Args:
+        delay: The estimate, if there is one.
+    """
+    return 0.0 if delay is None else delay.applied
+
+
 NO_DELAY = Delay(0.0, 0.0, 0.0, 0.0, False, 0.0)
 
 
 def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None = None) -> Float:
-    """Fit every target to the other blocks and test it on each.
+    """Return squared errors (blocks, targets) of every target on each block, fitted to the others.
 
     Args:
         triangles: Of each block, with the sums of squares of ``[columns, targets]``, shape
@@ -52,9 +61,6 @@ def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None 
         width: Number of columns.
         known: Rows like those of a triangle that belong to every fit, such as a prior; shape
             (., width + targets), None for none. [any unit]
-
-    Returns:
-        Squared error, shape (blocks, targets).
     """
     error: list[Float] = []
     for number, held in enumerate(triangles):
@@ -92,13 +98,12 @@ def best_delay(
 def minimum(place: Float, error: Float) -> tuple[float, float]:
     """Return where an error is least and the error there.
 
+    That is the lowest point of the parabola through the least error and its neighbours; the
+    least error itself at an end of the range.
+
     Args:
         place: Rising, shape (K,). [any unit]
         error: At each place, shape (K,). [any unit]
-
-    Returns:
-        The lowest point of the parabola through the least error and its neighbours; the
-        least error itself at an end of the range.
     """
     best = int(np.argmin(error))
     x, y = float(place[best]), float(error[best])

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import wraps
+from typing import Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError, check_shape
 from robot_energy.uncertainty.band import MEDIAN_TO_STD
 
+P = ParamSpec("P")
+T = TypeVar("T")
 Method = Literal["ols", "wls", "irls"]
 HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
@@ -152,14 +155,7 @@ def student(degrees: float) -> float:
 def estimate(
     columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
 ) -> tuple[Float, Float]:
-    """Return what `fit` does without its covariance: values and the weight of each row.
-
-    Args:
-        columns: As of `fit`, shape (N, P) or (N, n, P). [target/parameter]
-        target: As of `fit`, shape (N,) or (N, n). [any unit]
-        method: As of `fit`.
-        used: As of `fit`, shape of the target.
-    """
+    """Return values and the weight of each row; arguments as in `fit`."""
     size = len(target)
     wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
     rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used
@@ -219,27 +215,21 @@ def _solve(triangles: Float) -> Float:
 
 
 def qr_r(rows: Float) -> Float:
-    """Return R of a QR decomposition: ``R'R = rows' rows``, without squaring anything.
+    """Return R, (min(M, P), P), of a QR decomposition: ``R'R = rows' rows``, nothing squared.
 
     Args:
         rows: Shape (M, P). [any unit]
-
-    Returns:
-        Upper triangle, shape (min(M, P), P).
     """
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)  # pyright: ignore
 
 
 def independent(columns: Float, least: Float, order: Iterable[int] | None = None) -> list[int]:
-    """Return the columns that those before them do not explain.
+    """Return the places, in order, of the columns that those before them do not explain.
 
     Args:
         columns: In their own units, shape (N, P). [-]
         least: Length that must be left of each column, shape (P,). [-]
         order: Places of the columns, the preferred first; None: as they are.
-
-    Returns:
-        Their places, in this order.
     """
     base = np.empty((len(columns), 0))
     found: list[int] = []
@@ -360,3 +350,22 @@ def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None
             "motion that changes each of them on its own",
             "record motions at several speeds and in both directions",
         )
+
+
+def one_thread(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function that keeps to one BLAS thread while it runs.
+
+    The matrices of the fits are small: more threads only wait for each other.
+
+    Args:
+        function: What to run.
+    """
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(1):
+            return function(*args, **kwargs)
+
+    return run

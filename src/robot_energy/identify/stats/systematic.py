@@ -69,19 +69,13 @@ def with_systematic(fit: Fit, columns: Float, changes: Changes) -> Fit:
         columns: Of the fit, shape (N, P) or (N, n, P). [target/parameter]
         changes: Of its target, each of the shape of the target, by cause.
     """
-    if not changes:
-        return fit
     size = columns.shape[-1]
     weighted = (columns * (fit.weight**2)[..., None]).reshape(-1, size)
     normal = weighted.T @ columns.reshape(-1, size)
-    covariance, parts, moves = fit.covariance.copy(), dict(fit.parts), dict(fit.moves)
     for cause, own in changes.items():
         right = np.stack([weighted.T @ change.ravel() for change in own], axis=1)
-        moved = np.linalg.lstsq(normal, right, rcond=None)[0]
-        covariance = covariance + moved @ moved.T
-        parts[cause] = np.hypot(parts.get(cause, 0.0), np.linalg.norm(moved, axis=1))
-        moves[cause] = moved if cause not in moves else np.hstack([moves[cause], moved])
-    return replace(fit, covariance=covariance, parts=parts, moves=moves)
+        fit = moved_by(fit, cause, np.linalg.lstsq(normal, right, rcond=None)[0])
+    return fit
 
 
 def total(parts: Mapping[str, float]) -> float:
@@ -112,20 +106,20 @@ def total(parts: Mapping[str, float]) -> float:
 
 
 def moved_by(fit: Fit, cause: str, moves: Float) -> Fit:
-    """Return a fit with one more constant error whose effect on the figures is known.
+    """Return a fit with more constant errors whose effects on the figures are known.
 
     Args:
         fit: A fit.
-        cause: Of the error.
-        moves: Of the figures by one standard deviation of it, shape (P,). [of the figures]
+        cause: Of the errors.
+        moves: Of the figures by one standard deviation of each, shape (P,) or (P, errors).
+            [of the figures]
     """
-    part = np.hypot(fit.parts.get(cause, 0.0), np.abs(moves))
-    own = moves[:, None]
-    if cause in fit.moves:
-        own = np.hstack([fit.moves[cause], own])
+    moves = moves.reshape(len(moves), -1)
+    part = np.hypot(fit.parts.get(cause, 0.0), np.linalg.norm(moves, axis=1))
+    own = np.hstack([fit.moves[cause], moves]) if cause in fit.moves else moves
     return replace(
         fit,
-        covariance=fit.covariance + np.outer(moves, moves),
+        covariance=fit.covariance + moves @ moves.T,
         parts={**fit.parts, cause: part},
         moves={**fit.moves, cause: own},
     )

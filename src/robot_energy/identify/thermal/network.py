@@ -15,8 +15,8 @@ from robot_energy.blocks import Float
 from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.stats.cross_validation import GAIN
-from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.stats.cross_validation import GAIN, rms_of
+from robot_energy.identify.stats.regression import one_thread
 from robot_energy.identify.thermal.windows import ThermalRun
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
@@ -88,16 +88,13 @@ def ambient_of(runs: Sequence[Sequence[ThermalRun]]) -> float:
 def fit_network(
     name: str, runs: Sequence[ThermalRun], ambient_degc: float, source: str = ""
 ) -> ThermalFit:
-    """Identify the thermal network of one motor.
+    """Return the thermal network of one motor.
 
     Args:
         name: Of the joint.
         runs: Of this motor.
         ambient_degc: Of the air. [degC]
         source: Where the data come from, for the model file.
-
-    Returns:
-        The fit.
 
     Raises:
         NotIdentifiableError: If there is too little, the motor hardly warms, or the network
@@ -119,13 +116,13 @@ def fit_network(
     errors: dict[str, tuple[Float, Float, Float]] = {}
     for label, keys in (("one node", ONE), ("two nodes", TWO)):
         errors[label] = _held_out(runs, keys, ambient_degc)
-        orders[label] = _rms(errors[label][0] - errors[label][1])
+        orders[label] = rms_of(errors[label][0] - errors[label][1])
     better = orders["one node"] - orders["two nodes"] >= MIN_GAIN
     order = "two nodes" if better else "one node"
     keys = ONE if order == "one node" else TWO
     values, covariance = _fit(runs, keys, ambient_degc)
     _, measured, held = errors[order]
-    rms, held_rms = orders[order], _rms(held - measured)
+    rms, held_rms = orders[order], rms_of(held - measured)
     if not rms < GAIN * held_rms:
         raise NotIdentifiableError(
             f"a free run of {name} errs by {rms:.2f} K on what the fit has not seen, and its first "
@@ -152,17 +149,13 @@ def fit_networks(
     ambient_degc: float | None = None,
     source: str = "",
 ) -> tuple[float, list[ThermalFit], list[str]]:
-    """Identify the thermal network of every motor that the data tell.
+    """Return the temperature of the air [degC], the networks, and why other motors have none.
 
     Args:
         names: Of the joints.
         runs: Of every motor.
         ambient_degc: Of the air; None: see `ambient_of`. [degC]
         source: Where the data come from, for the model file.
-
-    Returns:
-        The temperature of the air [degC], the fits, and why the other motors could not be
-        identified, one sentence each.
 
     Raises:
         NotIdentifiableError: If not one motor can be identified.
@@ -181,8 +174,7 @@ def fit_networks(
         except NotIdentifiableError as error:
             refused.append(error)
     if not fits:
-        first = refused[0]
-        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+        raise refused[0]
     return ambient, fits, [str(error) for error in refused]
 
 
@@ -255,7 +247,11 @@ def _fit(runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float) -> tup
 
     scale = READING_STD * np.sqrt(CORRELATED)
     count = len(keys)
-    size = np.log(max(float(np.mean([_mean_heat(run) for run in runs])), 1e-6) * 900.0 / 10.0)
+    size = np.log(
+        max(float(np.mean([np.mean(run.drive_heat + run.friction_heat) for run in runs])), 1e-6)
+        * 900.0
+        / 10.0
+    )
     middle = np.array([PRIORS.get(key, (size if key == "motor" else 0.0, 0))[0] for key in keys])
     spread = np.array([PRIORS.get(key, (0, 2.0 if key == "motor" else 10.0))[1] for key in keys])
     low = np.array([{"idle": 0.0, "share": 0.0}.get(key, -np.inf) for key in keys])
@@ -281,10 +277,6 @@ def _fit(runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float) -> tup
     return np.asarray(found.x[:count]), covariance[:count, :count]
 
 
-def _mean_heat(run: ThermalRun) -> float:
-    return float(np.mean(run.drive_heat + run.friction_heat))
-
-
 def _held_out(
     runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float
 ) -> tuple[Float, Float, Float]:
@@ -306,10 +298,6 @@ def _held_out(
         parts.append((free[known], measured[known], np.full(len(known), last)))
     predicted, measured, held = (np.concatenate(column) for column in zip(*parts, strict=True))
     return predicted, measured, held
-
-
-def _rms(values: Float) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _entry(

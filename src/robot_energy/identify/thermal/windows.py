@@ -49,14 +49,8 @@ class ThermalRun:
         Args:
             row: How many.
         """
-        return replace(
-            self,
-            time=self.time[:row],
-            drive_heat=self.drive_heat[:row],
-            friction_heat=self.friction_heat[:row],
-            awake=self.awake[:row],
-            motor_temperature_degc=self.motor_temperature_degc[:row],
-        )
+        names = ("time", "drive_heat", "friction_heat", "awake", "motor_temperature_degc")
+        return replace(self, **{name: getattr(self, name)[:row] for name in names})
 
 
 def without_networks(model: RobotModel) -> RobotModel:
@@ -123,14 +117,6 @@ def _runs(stamp_ns: Int, drive: Float, friction: Float, degc: Float) -> list[The
         readings = np.full(count, np.nan)
         read = np.isfinite(degc[rows])
         readings[window[read]] = degc[rows][read]  # the last one stays
-        runs.append(
-            ThermalRun(
-                np.arange(count) * WINDOW,
-                heats[0],
-                heats[1],
-                awake,
-                readings,
-                float(degc[rows[0]]),
-            )
-        )
+        starts, first = np.arange(count) * WINDOW, float(degc[rows[0]])
+        runs.append(ThermalRun(starts, heats[0], heats[1], awake, readings, first))
     return runs

@@ -15,10 +15,9 @@ import robots
 from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.dc_link import fit_link, with_link
-from robot_energy.identify.data.bags import Bag
+from robot_energy.identify.data.bags import Bag, folds_of
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.run_all import identify_everything
-from robot_energy.identify.stats.bag_folds import folds_of
 from robot_energy.identify.stats.held_out_energy import held_out_energy
 from robot_energy.model import load, save, validate
 from robot_energy.motion import random_program, tool_above

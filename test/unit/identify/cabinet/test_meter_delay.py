@@ -9,14 +9,14 @@ import pytest
 
 from plants import PROGRAM, two_link_profile
 from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.identify.cabinet.meter_delay import (
+from robot_energy.identify.data.bags import Bag
+from robot_energy.identify.data.recordings import read_recording, undone
+from robot_energy.identify.drives.all_drives import find_drives
+from robot_energy.identify.drives.delays import (
     estimate_meter_delay,
     estimate_time_constant,
     with_meters_earlier,
 )
-from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.data.recordings import read_recording, without_low_pass
-from robot_energy.identify.drives.all_drives import find_drives
 from robot_energy.identify.drives.drive_data import drive_data
 from robot_energy.identify.drives.total_power import fit_total
 from robot_energy.identify.drives.total_sums import sums
@@ -147,4 +147,4 @@ def test_a_ramp_behind_a_low_pass_lags_by_its_time_constant():
         MeterMeaning.MEAN_OVER_INTERVAL,
         MeterLocation.GRID,
     )
-    np.testing.assert_allclose(without_low_pass(meter, 0.3).power, ramp, rtol=1e-9)
+    np.testing.assert_allclose(undone(meter, 0.0, 0.3).power, ramp, rtol=1e-9)

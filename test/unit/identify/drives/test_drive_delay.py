@@ -10,8 +10,8 @@ import pytest
 import drive_reports
 from drive_reports import contents
 from robot_energy.cli.main import main
+from robot_energy.identify.drives.delays import estimate_power_delay, with_delay_undone
 from robot_energy.identify.drives.drive_data import drive_data_of_logs
-from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
 from robot_energy.identify.drives.drives import fit_drives
 from robot_energy.logs.recording import FileAccount, LogBlock, write_bag
 

@@ -9,8 +9,7 @@ from robot_energy.identify.dynamics.base_parameters import (
     not_excited,
     numerical_rank,
 )
-from robot_energy.identify.dynamics.columns import standard_columns
-from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.dynamics.torque_model import TorqueModel, standard_columns
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
 

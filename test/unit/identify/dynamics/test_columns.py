@@ -6,9 +6,9 @@ import pytest
 import robots
 from excited import fourier_motion
 from robot_energy.errors import ModelFileError
-from robot_energy.identify.data.signals import Motion
-from robot_energy.identify.dynamics.columns import Estimate, standard_columns
+from robot_energy.identify.dynamics.torque_model import Estimate, standard_columns
 from robot_energy.model import RobotModel
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 
@@ -93,7 +93,7 @@ def test_offset_is_a_constant_of_each_joint_and_has_no_place_in_a_model():
 
 
 def test_coupled_joints_alone_have_friction_and_inertia_of_their_own():
-    motion = Motion(np.zeros((1, 2)), np.array([[0.5, -2.0]]), np.array([[3.0, 4.0]]))
+    motion = Trajectory(np.zeros((1, 2)), np.array([[0.5, -2.0]]), np.array([[3.0, 4.0]]))
     for kind, expected in (
         ("joint_viscous", -2.0),
         ("joint_coulomb", -1.0),
@@ -109,7 +109,7 @@ def test_coupled_joints_alone_have_friction_and_inertia_of_their_own():
 
 def test_coupled_motor_drags_both_joints():
     """By hand: motor 2 turns with C = [[100, 0], [10, -50]]; its share at joint 1 is -1/5."""
-    motion = Motion(np.zeros((1, 2)), np.array([[5.0, 3.0]]), np.zeros((1, 2)))
+    motion = Trajectory(np.zeros((1, 2)), np.array([[5.0, 3.0]]), np.zeros((1, 2)))
     torque = column_of("viscous").torque(motion, TRANSMISSION)[0]
     seen = 3.0 - 5.0 / 5.0
     np.testing.assert_allclose(torque, [[5.0, -0.2 * seen], [0.0, seen]])

@@ -11,9 +11,9 @@ from plants import PROGRAM, two_link_profile
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.observations import Filters
 from robot_energy.identify.data.signals import Channels, stretches
-from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy.identify.dynamics.torque_model import standard_columns
 from robot_energy.model import load, save, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot

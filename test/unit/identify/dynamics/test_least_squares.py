@@ -10,9 +10,8 @@ from threadpoolctl import threadpool_limits
 import robots
 from excited import recorded
 from robot_energy.identify.data.observations import Filters, observe
-from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import fit_rows
-from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.dynamics.torque_model import TorqueModel, standard_columns
 from robot_energy.identify.stats.regression import Method, factor
 from robot_energy.model import validate
 from robot_energy.physics.drivetrain import Drivetrain

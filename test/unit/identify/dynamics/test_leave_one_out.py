@@ -8,14 +8,17 @@ import pytest
 import robots
 from excited import fourier_motion, monitor_torque, recorded
 from robot_energy.identify.data.observations import Filters, observe
-from robot_energy.identify.data.signals import Channels, Motion
-from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
+from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.dynamics.consistent import Prior
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.leave_one_out import across_recordings
-from robot_energy.identify.dynamics.torque_delay import estimate_delay
-from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.dynamics.work import motor_work, share_off
+from robot_energy.identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
+from robot_energy.identify.dynamics.torque_model import (
+    ParameterColumn,
+    TorqueModel,
+    standard_columns,
+)
+from robot_energy.identify.dynamics.validation import estimate_delay
+from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 
 ARM = robots.two_link()
@@ -26,7 +29,7 @@ def other_motion(seed, noise=0.02, loaded=0.0, duration=12.0, size=1.0):
     """The arm on a motion of its own."""
     time = np.arange(round(duration * 500.0)) / 500.0
     path = fourier_motion(2, time, seed)
-    motion = Motion(*(size * part for part in path.__dict__.values()))
+    motion = Trajectory(*(size * part for part in path.__dict__.values()))
     model = ARM
     if loaded:
         payload = [
@@ -200,8 +203,8 @@ def test_a_firm_prior_decides_what_the_rows_do_not_tell():
     weight = np.full(2, 1.0)
     firm = Prior(np.zeros(size), np.full(size, 1e-9))  # nothing moves: no delay is better
     loose = Prior(np.zeros(size), np.full(size, np.inf))
-    stuck = estimate_delay(rows, weight, firm, 0.005, 5, 0.1)
-    free = estimate_delay(rows, weight, loose, 0.005, 5, 0.1)
+    stuck = estimate_delay(rows, weight, firm, 0.005, 0.1)
+    free = estimate_delay(rows, weight, loose, 0.005, 0.1)
     assert abs(stuck.gain) < 1e-3
     assert free.gain > 0.1
     assert free.value == pytest.approx(0.003, abs=2e-4)

@@ -9,11 +9,14 @@ from hypothesis import strategies as st
 
 import robots
 from robot_energy.errors import MotionError, RobotDescriptionError
-from robot_energy.identify.data.signals import Motion, stretches
-from robot_energy.identify.dynamics.columns import standard_columns
+from robot_energy.identify.data.signals import stretches
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.excitation.criterion import ExcitationCriterion, sampled
-from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
+from robot_energy.identify.dynamics.torque_model import standard_columns
+from robot_energy.identify.excitation.excitation import (
+    ExcitationCriterion,
+    ExcitationSettings,
+    optimise_excitation,
+)
 from robot_energy.identify.excitation.limits import ExcitationLimits, Floor
 from robot_energy.identify.stats.regression import SCATTER
 from robot_energy.model import load
@@ -21,6 +24,7 @@ from robot_energy.motion import (
     FourierBasis,
     FourierMotion,
     MotionLimits,
+    Trajectory,
     random_program,
     tool_above,
 )
@@ -61,7 +65,7 @@ def test_limits_of_the_urdf_are_kept_with_their_margin(found, criterion):
     assert np.abs(path.joint_position[:, 1]).max() <= 0.9 * 2.5 * slack
     assert (np.abs(path.joint_velocity).max(axis=0) <= 0.9 * np.array([4.0, 2.0]) * slack).all()
     assert (np.abs(path.joint_acceleration).max(axis=0) <= np.array([5.4, 8.1]) * slack).all()
-    motion = Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)
+    motion = path
     rigid = Robot.from_model(model).joint_torque(
         motion.joint_position, motion.joint_velocity, motion.joint_acceleration
     )
@@ -103,7 +107,7 @@ def test_no_search_breaks_a_limit(seed, margin, harmonics, period, acceleration)
         harmonics=harmonics, period=period, starts=1, iterations=3, seed=seed
     )
     result = optimise_excitation(arm(), limits, choice)
-    motion = sampled(result.motion, np.linspace(0.0, period, 5_000))
+    motion = result.motion.sample(np.linspace(0.0, period, 5_000))
     assert max(use.max() for use in limits.largest(motion).values()) <= 1.0 + 1e-3
     assert max(use.max() for use in result.use.values()) <= 1.0
 
@@ -112,7 +116,7 @@ def stepped(motion, order, step):
     """The motion with position, velocity or acceleration of the second joint moved."""
     channels = [motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
     channels[order] = channels[order] + [0.0, step]
-    return Motion(*channels)
+    return Trajectory(*channels)
 
 
 def test_slopes_are_those_of_the_cost():
@@ -121,7 +125,7 @@ def test_slopes_are_those_of_the_cost():
     judge = ExcitationCriterion(arm(), limits, standard_columns(0.5))
     basis = FourierBasis(3, 5.0)
     weights = np.random.default_rng(4).normal(size=(basis.size, 2))
-    motion = sampled(FourierMotion(basis, weights), np.arange(60) / 12.0)
+    motion = FourierMotion(basis, weights).sample(np.arange(60) / 12.0)
     for criterion in ("condition", "determinant"):
         slope = judge.slopes(motion, criterion)
         for order in range(3):
@@ -138,8 +142,8 @@ def test_smooth_use_is_never_below_the_true_one():
     basis = FourierBasis(5, 8.0)
     random = np.random.default_rng(5)
     for _ in range(20):
-        motion = sampled(
-            FourierMotion(basis, random.normal(size=(basis.size, 2))), np.arange(100) * 0.08
+        motion = FourierMotion(basis, random.normal(size=(basis.size, 2))).sample(
+            np.arange(100) * 0.08
         )
         smooth, parts = limits.smooth(motion)
         largest = limits.largest(motion)
@@ -158,7 +162,7 @@ def test_payload_that_the_torque_cannot_lift_far_is_kept_low():
     xml = free.urdf_xml.replace('effort="40"', 'effort="0"').replace('effort="100"', 'effort="0"')
     unbound = ExcitationLimits(free.with_urdf(xml, "two_link"), 6.0)
     assert np.isinf(unbound.torque).all()
-    use = unbound.largest(sampled(bound.motion, np.linspace(0, 6, 100)))
+    use = unbound.largest(bound.motion.sample(np.linspace(0, 6, 100)))
     assert use["torque"].max() == 0.0
 
 

@@ -1,4 +1,9 @@
-"""Delay and low pass of the power meter behind the joint states, from the data.
+"""Delays behind the joint states, from the data: of the power of the drives, of the power meter.
+
+A drive reports its power on another way than its position: filtered, or in a message of its
+own that counts from when it was recorded. The fit is shaft power and the columns of the
+losses (`identify.drives.losses`), all with free factors, of each drive. Shifts are whole samples
+of the joint states, so that no interpolation smooths the noise of some of them only.
 
 A meter averages, filters and sends on a way of its own. For every delay the readings are
 moved, and shaft power and the columns of the losses, summed over all drives, are averaged
@@ -13,23 +18,26 @@ what the drives feed back counts as 0 in it, and the DC link as empty. It is und
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.identify.data.recordings import Recording, without_low_pass
-from robot_energy.identify.drives.drive_data import DriveData, drive_data
-from robot_energy.identify.drives.drive_delay import MIN_GAIN
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower
+from robot_energy.identify.data.recordings import undone
+from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import piece_means
 from robot_energy.identify.stats.cross_validation import contiguous_folds, splits
-from robot_energy.identify.stats.lag import Delay, best_delay, held_out_errors
+from robot_energy.identify.stats.lag import Delay, applied, best_delay, held_out_errors
 from robot_energy.identify.stats.regression import qr_r
 from robot_energy.inputs.meter.power_curve import MeterLimits
 
-SPAN = 0.5  # s: delays up to this are tried,
+DRIVE_SPAN = 0.1  # s: delays of drives up to this are tried,
+DRIVE_STEPS = 25  # on each side of zero, at most
+MIN_GAIN = 0.05  # of the held-out error: a second of motion has 1 % for chance delays
+MIN_DRIVE_ROWS = 200
+CHUNK = 50_000  # rows compressed at once, so that memory does not grow with the recording
+SPAN = 0.5  # s: delays of meters up to this are tried,
 SHARE = 0.01  # and up to this share of the recorded time: seconds of motion hide long ones
 STEPS = 20  # on each side of zero,
 FINE = 10  # then on each side of the best of them
@@ -37,20 +45,15 @@ MIN_ROWS = 100
 MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
 
-def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
-    """Estimate one delay for all recordings.
+def estimate_meter_delay(data: DriveData) -> Delay | None:
+    """Return one delay for all recordings; None where the readings are too few to tell.
 
     Args:
         data: Samples of all drives, with meters.
-        span: Delays from minus to plus this are tried, a hundredth of the recorded time at
-            most. [s]
-
-    Returns:
-        The estimate; None where the readings are too few to tell.
     """
     if not np.isfinite(data.period) or data.period <= 0.0:
         return None
-    span = min(span, SHARE * len(data) * data.period)
+    span = min(SPAN, SHARE * len(data) * data.period)
     columns = _columns(data)
     coarse = span * np.arange(-STEPS, STEPS + 1) / STEPS
     error = _errors(data, [(lag, columns) for lag in coarse.tolist()])
@@ -66,14 +69,13 @@ def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
 
 
 def estimate_time_constant(data: DriveData) -> Delay | None:
-    """Estimate the time constant of a low pass in the meters of all recordings.
+    """Return the time constant of a low pass in the meters of all recordings.
+
+    It is applied only where no delay alone explains the readings as well. None where the readings
+    are too few to tell, or are those of a counter.
 
     Args:
         data: Samples of all drives, with meters.
-
-    Returns:
-        The estimate, applied only where no delay alone explains the readings as well; None where
-        the readings are too few to tell, or are those of a counter.
     """
     counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
     if counted or not np.isfinite(data.period) or data.period <= 0.0:
@@ -110,40 +112,17 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
     return np.where(known, np.concatenate(parts), np.nan)
 
 
-def meter_time_constant_of(
-    recordings: Sequence[Recording], powers: Sequence[MeasuredDrivePower | None] | None = None
-) -> Delay | None:
-    """Estimate one low pass for the meters of recordings, by the torque of their model.
+def meter_lags(read: Callable[[float], DriveData]) -> tuple[Delay | None, Delay | None]:
+    """Return low pass and delay of meters, None where not told; the delay without the low pass.
 
     Args:
-        recordings: Run with one model.
-        powers: Measured power of the drives of each, None without.
-
-    Returns:
-        The time constant; None without a meter, or where the readings are too few to tell.
+        read: Gives the samples of all drives with a low pass [s] of the meters undone.
     """
-    if all(part.meter is None for part in recordings):
-        return None
-    powers = powers or [None] * len(recordings)
-    return estimate_time_constant(drive_data(recordings, powers, measured_torque=False))
-
-
-def meter_delay_of(
-    recordings: Sequence[Recording], powers: Sequence[MeasuredDrivePower | None] | None = None
-) -> Delay | None:
-    """Estimate one delay for the meters of recordings, by the torque of their model.
-
-    Args:
-        recordings: Run with one model.
-        powers: Measured power of the drives of each, None without.
-
-    Returns:
-        The estimate; None without a meter, or where the readings are too few to tell.
-    """
-    if all(part.meter is None for part in recordings):
-        return None
-    powers = powers or [None] * len(recordings)
-    return estimate_meter_delay(drive_data(recordings, powers, measured_torque=False))
+    data = read(0.0)
+    if all(meter is None for meter in data.meters):
+        return None, None
+    low_pass = estimate_time_constant(data)
+    return low_pass, estimate_meter_delay(read(applied(low_pass)))
 
 
 def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.0) -> DriveData:
@@ -156,15 +135,12 @@ def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.
     """
     if delay == 0.0 and time_constant == 0.0:
         return data
-    moved = tuple(
-        None if meter is None else _earlier(without_low_pass(meter, time_constant), delay)
-        for meter in data.meters
+    return replace(
+        data,
+        meters=tuple(
+            None if meter is None else undone(meter, delay, time_constant) for meter in data.meters
+        ),
     )
-    return replace(data, meters=moved)
-
-
-def _earlier(meter: MeterBlock, delay: float) -> MeterBlock:
-    return replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
 
 
 def _columns(data: DriveData) -> Float:
@@ -179,7 +155,7 @@ def _moved(
     power: list[Float] = []
     means: list[Float] = []
     stamp, stretch = data.stamp_ns[rows], data.stretch[rows]
-    for pieces in limits.pieces(_earlier(meter, lag)):
+    for pieces in limits.pieces(undone(meter, lag)):
         kept, mean = piece_means(pieces, stamp, stretch, columns)
         place = np.full((len(pieces), columns.shape[1]), np.nan)
         place[np.searchsorted(pieces.start_ns, kept.start_ns)] = mean
@@ -214,3 +190,87 @@ def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | No
         for part in means / size
     ]
     return np.concatenate(error, axis=1)
+
+
+def estimate_power_delay(data: DriveData) -> Delay | None:
+    """Return one delay for all drives; None where the samples are too few to tell.
+
+    Args:
+        data: Samples of all drives, power as recorded.
+    """
+    period = data.period
+    if not np.isfinite(period) or period <= 0.0:
+        return None
+    reach = max(3, round(min(DRIVE_SPAN, SHARE * len(data) * period) / period))
+    stride = -(-reach // DRIVE_STEPS)
+    lags = stride * np.arange(-(reach // stride), reach // stride + 1)
+    curves = [
+        curve
+        for joint in range(len(data.names))
+        if (curve := _curve(data, joint, lags)) is not None
+    ]
+    if not curves:
+        return None
+    # Every drive counts by its noise: what is left at its own best delay.
+    error = np.zeros_like(curves[0])
+    for curve in curves:
+        error += curve / max(float(curve.sum(axis=0).min()), np.finfo(float).tiny)
+    undelayed = error[:, len(lags) // 2]
+    return best_delay(lags * period, error, undelayed, float(lags[-1]) * period, MIN_GAIN)
+
+
+def with_delay_undone(data: DriveData, delay: float) -> DriveData:
+    """Return the samples with the power of the drives as it is a while later.
+
+    Args:
+        data: Samples of all drives.
+        delay: By which the power lags. [s]
+
+    Returns:
+        The same rows; NaN where a stretch ends before the power arrives.
+    """
+    if delay == 0.0:
+        return data
+    power = np.full_like(data.drive_power, np.nan)
+    wanted = data.stamp_ns + round(delay / NANOSECOND)
+    for number in np.unique(data.stretch):
+        rows = np.flatnonzero(data.stretch == number)
+        origin = data.stamp_ns[rows[0]]
+        time, later = data.stamp_ns[rows] - origin, wanted[rows] - origin
+        for joint in range(power.shape[1]):
+            # NaN beside an instant makes its interpolation NaN: nothing is bridged.
+            power[rows, joint] = np.interp(
+                later, time, data.drive_power[rows, joint], left=np.nan, right=np.nan
+            )
+    return replace(data, drive_power=power)
+
+
+def _curve(data: DriveData, joint: int, lags: Int) -> Float | None:
+    """Squared held-out error of one drive, by fold and lag, shape (folds, lags)."""
+    rows = _rows(data, joint, lags)
+    if len(rows) < MIN_DRIVE_ROWS:
+        return None
+    triangles: list[Float] = []
+    for _, test in splits(contiguous_folds(len(rows))):
+        part = rows[test]
+        triangle = np.zeros((0, 5 + len(lags)))
+        for first in range(0, len(part), CHUNK):
+            some = part[first : first + CHUNK]
+            columns = data.loss_columns(some, joint)
+            target = data.drive_power[some[:, None] + lags, joint]
+            both = np.column_stack([columns, data.shaft_power[some, joint], target])
+            triangle = qr_r(np.concatenate([triangle, both]))
+        triangles.append(triangle)
+    return held_out_errors(triangles, 5)
+
+
+def _rows(data: DriveData, joint: int, lags: Int) -> Int:
+    """Rows with torque, speed and, at every lag, power; the same rows for all lags."""
+    row = np.arange(len(data))
+    first = np.searchsorted(data.stretch, data.stretch, side="left")
+    last = np.searchsorted(data.stretch, data.stretch, side="right") - 1
+    inside = (row + lags[0] >= first) & (row + lags[-1] <= last)
+    rows = row[inside & np.isfinite(data.shaft_power[:, joint])]
+    known = np.concatenate([[0], np.cumsum(np.isfinite(data.drive_power[:, joint]))])
+    whole = known[rows + lags[-1] + 1] - known[rows + lags[0]] == lags[-1] - lags[0] + 1
+    return rows[whole]
