@@ -226,7 +226,9 @@ def replay(
         spans = _spans(bag, result, time_range) if time_range else {}
         changes: list[PayloadChange] = []
         with closing(
-            _outputs(bag, result, spans, writer is not None, processes, progress)
+            _outputs(
+                bag, result, spans, writer is not None, on_output is not None, processes, progress
+            )
         ) as outputs:
             for output, more in outputs:
                 result.jobs.step(pipeline.account)
@@ -259,17 +261,18 @@ def _outputs(
     bag: BagReader,
     result: Replay,
     spans: dict[str, LogTimes],
-    by_second: bool,
+    written: bool,
+    observed: bool,
     processes: int,
     progress: Progress | None,
 ) -> Generator[tuple[Output, tuple[PayloadChange, ...]]]:
     """Run the stages; yield what each step gave, and the payloads that were set in it."""
     pipeline = result.pipeline
     inputs = BagInputs(result.joint_states, result.temperatures, result.meter, [], result.auxiliary)
-    steps = read_steps(bag, inputs, result.topics, spans, by_second, result.jobs)
+    steps = read_steps(bag, inputs, result.topics, spans, written, result.jobs)
     if processes > 2:
         steps = read_ahead(steps)
-    steps = torque_steps(steps, pipeline.torque, result.payload)
+    steps = torque_steps(steps, pipeline.torque, result.payload, written or observed)
     if processes > 1:
         steps = read_ahead(steps)
     with closing(steps):

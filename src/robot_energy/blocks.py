@@ -211,6 +211,12 @@ class TorqueBlock(Block):
     motor_torque_measured: Float
     payload_mass: Float
 
+    def motor_side(self) -> TorqueBlock:
+        """Return the same for no joint at the joint side: what follows needs the motors only."""
+        none = np.empty((len(self), 0))
+        sides = ("joint_position", "joint_velocity", "joint_acceleration", "joint_torque_rigid")
+        return self._with({**self.__dict__, **dict.fromkeys(sides, none)})
+
 
 @dataclass(frozen=True)
 class TemperatureBlock(Block):

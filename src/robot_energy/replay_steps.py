@@ -197,7 +197,7 @@ def read_steps(
 
 
 def torque_steps(
-    steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader
+    steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader, whole: bool
 ) -> Generator[BagStep]:
     """Compute the torque of what was read.
 
@@ -205,6 +205,7 @@ def torque_steps(
         steps: From `read_steps`.
         stage: Computes it.
         payload: Puts payloads into force.
+        whole: Whether the joint side is of use to anybody; it is left out otherwise.
 
     Yields:
         The steps with torque, the last one with both stages.
@@ -218,6 +219,8 @@ def torque_steps(
             step.torque, step.joints = stage.step(step.joints), None
         if step.inputs is not None:
             step.torque, step.stages = stage.flush(), (stage, payload)
+        if step.torque is not None and not whole:
+            step.torque = step.torque.motor_side()
         yield step
 
 

@@ -12,9 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import isfinite
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robot_energy import kernels
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.integration import NO_SEGMENT
 from robot_energy.blocks import (
@@ -296,22 +299,56 @@ class Comparison(ExactSum):
     def _integrate(
         self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int
     ) -> Compared:
-        edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
-        np.maximum(edges, start, out=edges)
-        np.minimum(edges, until, out=edges)
-        edges.sort(kind="stable")
-        edges = edges[differences(edges, start - 1) > 0]
-        bounds = np.stack([edges[:-1], edges[1:]])
-        row_p, in_p = predicted.index(*bounds)
-        row_m, in_m = measured.index(*bounds)
-        both = in_p & in_m
-        if not both.all():
-            bounds, row_p, row_m = bounds[:, both], row_p[both], row_m[both]
-        duration_ns = bounds[1] - bounds[0]
-        energy = np.empty((len(duration_ns), 2))
-        for column, (pieces, row) in enumerate(((measured, row_m), (predicted, row_p))):
-            low, high = pieces.value(row, bounds)
-            energy[:, column] = (low + high) * (0.5 * NANOSECOND * duration_ns)
+        if kernels.compiled is None:
+            result, energy = _compared(predicted, measured, start, until)
+        else:
+            result, energy = _compiled(kernels.compiled, predicted, measured, start, until)
         self.add(energy)
-        self.compared_ns += int(duration_ns.sum())
-        return Compared(measured.end_ns[row_m], duration_ns, energy[:, 0], energy[:, 1])
+        self.compared_ns += int(result.duration_ns.sum())
+        return result
+
+
+def _compiled(
+    compiled: kernels.Compiled,
+    predicted: CoveredPieces,
+    measured: CoveredPieces,
+    start: int,
+    until: int,
+) -> tuple[Compared, Float]:
+    """Return the same as `_compared`."""
+    room = 2 * (len(predicted) + len(measured)) + 2
+    available, duration = np.empty((2, room), dtype=np.int64)
+    energy = np.empty((2, room)).T
+    found = compiled.compare(
+        _arrays(measured), _arrays(predicted), start, until, available, duration, energy
+    )
+    energy = energy[:found].copy(order="F")  # without the rest of the room
+    times = available[:found].copy(), duration[:found].copy()
+    return Compared(*times, energy[:, 0], energy[:, 1]), energy
+
+
+def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
+    return curve.start_ns, curve.end_ns, curve.start_power, curve.end_power
+
+
+def _compared(
+    predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int
+) -> tuple[Compared, Float]:
+    """Return the intervals that both curves cover, and their energies in one array."""
+    edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
+    np.maximum(edges, start, out=edges)
+    np.minimum(edges, until, out=edges)
+    edges.sort(kind="stable")
+    edges = edges[differences(edges, start - 1) > 0]
+    bounds = np.stack([edges[:-1], edges[1:]])
+    row_p, in_p = predicted.index(*bounds)
+    row_m, in_m = measured.index(*bounds)
+    both = in_p & in_m
+    if not both.all():
+        bounds, row_p, row_m = bounds[:, both], row_p[both], row_m[both]
+    duration_ns = bounds[1] - bounds[0]
+    energy = np.empty((len(duration_ns), 2))
+    for column, (pieces, row) in enumerate(((measured, row_m), (predicted, row_p))):
+        low, high = pieces.value(row, bounds)
+        energy[:, column] = (low + high) * (0.5 * NANOSECOND * duration_ns)
+    return Compared(measured.end_ns[row_m], duration_ns, energy[:, 0], energy[:, 1]), energy

@@ -92,6 +92,22 @@ class ExactSum:
         if self._rows >= SETTLED:
             self._settle()
 
+    def add_counted(self, microjoule: Int, remainder: Int, energy: Float) -> None:
+        """Add energies whose sums a kernel has made.
+
+        Args:
+            microjoule: Whole microjoules of the first R registers, shape (R,). [uJ]
+            remainder: What is beyond them, shape (R,). [2^-40 uJ]
+            energy: As `add` takes them, in case a counter is near its end, shape (N, R). [J]
+        """
+        if (np.abs(self._microjoule) > NEAR_FULL).any():
+            self.add(energy)
+            return
+        more, rest = np.zeros_like(self._microjoule), self._remainder.copy()
+        more[: len(microjoule)] = microjoule
+        rest[: len(remainder)] += remainder
+        self._carry(more, rest, False)
+
     def _settle(self) -> None:
         """Add what waits."""
         if not self._waiting:

@@ -5,6 +5,7 @@ Which time counts says `Coverage`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,9 @@ from robot_energy.physics.equations import interval_energy
 from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 
 MAX_ENERGY = 2e6  # of one interval, which sums exactly [J]
+Energies = Callable[[Float, Float], tuple[Float, float, Float]]
+"""Powers at the sample before, shape (R,) [W], and times of the intervals, shape (N,) [s] ->
+energies, shape (N, R) [J], the greatest amount, NaN if one is NaN [J], and the last powers [W]."""
 NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 
 
@@ -41,7 +45,6 @@ class TrapezoidIntegrator:
     time: Coverage = field(default_factory=Coverage)
     _last: tuple[int, int, Float] | None = None
 
-    @np.errstate(invalid="ignore", over="ignore")  # bad samples are gaps
     def step(self, stamp_ns: Int, segment: Int, power: Float) -> SampleIntervals:
         """Take samples and return the intervals that end at them.
 
@@ -54,21 +57,46 @@ class TrapezoidIntegrator:
         Returns:
             One interval per sample.
         """
+        return self.integrate(
+            stamp_ns,
+            segment,
+            lambda: power[0].copy(),
+            lambda before, duration: (
+                *interval_energy(power, before, duration),
+                power[-1].copy(),
+            ),
+        )
+
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples are gaps
+    def integrate(
+        self, stamp_ns: Int, segment: Int, first: Callable[[], Float], energies: Energies
+    ) -> SampleIntervals:
+        """Take samples whose energies are computed elsewhere, likewise.
+
+        Args:
+            stamp_ns: Shape (N,). [ns]
+            segment: Shape (N,).
+            first: Gives the powers at the first sample, shape (R,). [W]
+            energies: Computes the energies.
+
+        Returns:
+            One interval per sample.
+        """
         if self._last is None:
-            self._last = (int(stamp_ns[0]), int(segment[0]), power[0].copy())
+            self._last = (int(stamp_ns[0]), int(segment[0]), first())
             self.time.start_ns = int(stamp_ns[0])
         elapsed = differences(stamp_ns, self._last[0])
         same = differences(segment, self._last[1]) == 0
         observed = same & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
         duration = np.where(observed, elapsed, 0) * NANOSECOND
-        energy, greatest = interval_energy(power, self._last[2], duration)
+        energy, greatest, last = energies(self._last[2], duration)
         if not greatest <= MAX_ENERGY:
             countable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
             energy[~countable] = 0.0
             observed &= countable
         duration_ns = np.where(observed, elapsed, 0)
         self.time.take(elapsed, observed)
-        self._last = (int(stamp_ns[-1]), int(segment[-1]), power[-1].copy())
+        self._last = (int(stamp_ns[-1]), int(segment[-1]), last)
         self.time.end_ns = int(stamp_ns[-1])
         return SampleIntervals(duration_ns, energy)
 

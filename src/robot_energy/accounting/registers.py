@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from robot_energy import kernels
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.held_energy import HeldEnergies, HeldIntegrator
 from robot_energy.accounting.integration import SampleIntervals, TrapezoidIntegrator
 from robot_energy.blocks import Float, PowerBlock
+from robot_energy.physics.equations import interval_energy
 from robot_energy.timeline.coverage import Coverage
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 
@@ -69,12 +71,41 @@ class Registers(ExactSum):
             The intervals, whose energies are in the order of `microjoule`, and the integrals of
             the deviations that became complete.
         """
-        intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
-        self.add(intervals.energy)
+        if kernels.compiled is None:
+            intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
+            self.add(intervals.energy)
+        else:
+            intervals = self._integrated(kernels.compiled, block)
         held = self.held.step(block, intervals.duration_ns)
         if held is not None:
             self.add(held.energy, self.deviations.start)
         return intervals, held
+
+    def _integrated(self, compiled: kernels.Compiled, block: PowerBlock) -> SampleIntervals:
+        """Integrate the powers behind the registers with the kernel."""
+        size = self.deviations.start
+        whole, rest = np.zeros((2, size), dtype=np.int64)
+        sound = False
+
+        def energies(before: Float, duration: Float) -> tuple[Float, float, Float]:
+            nonlocal sound
+            energy, last = np.empty((size, len(block))).T, np.empty(size)
+            before = np.ascontiguousarray(np.broadcast_to(before, size))
+            half = 0.5 * duration
+            sound = compiled.integrate(*_parts(block), before, half, last, energy, whole, rest)
+            if sound:
+                return energy, 0.0, last
+            columns = _columns(block)  # what is no number or too much becomes a gap
+            return *interval_energy(columns, before, duration), columns[-1].copy()
+
+        intervals = self._trapezoid.integrate(
+            block.stamp_ns, block.segment, lambda: _columns(block[slice(0, 1)])[0], energies
+        )
+        if sound:
+            self.add_counted(whole, rest, intervals.energy)
+        else:
+            self.add(intervals.energy)
+        return intervals
 
     def reset(self) -> None:
         """Begin all registers and times at zero, at the newest sample."""
@@ -107,6 +138,14 @@ class Registers(ExactSum):
         """
         start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
         return self.joule[start : start + self.n_joints]
+
+
+def _parts(block: PowerBlock) -> tuple[tuple[Float, ...], tuple[Float, ...]]:
+    """What the kernel makes the same of: powers of the cabinet, and of each joint. [W]"""
+    cabinet = (block.grid_power, block.brake_power, block.loss_dc, block.loss_grid,
+               block.capacitor_power)  # fmt: skip
+    joint = block.rigid_power, block.friction_power, block.drive_loss
+    return tuple(map(np.ascontiguousarray, cabinet)), tuple(map(np.asfortranarray, joint))
 
 
 def _columns(block: PowerBlock) -> Float:

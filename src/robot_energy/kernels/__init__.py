@@ -93,6 +93,61 @@ class Compiled(Protocol):
         """
         ...
 
+    def integrate(
+        self,
+        cabinet: tuple[Array, ...],
+        joint: tuple[Array, ...],
+        before: Array,
+        half: Array,
+        last: Array,
+        energy: Array,
+        microjoule: Array,
+        remainder: Array,
+    ) -> bool:
+        """Energies behind the R registers of a robot, and their sums.
+
+        Args:
+            cabinet: Power from the grid, of the brake resistor, both constant losses, and into the
+                capacitor, shape (N,) each. [W]
+            joint: Rigid, friction and drive loss power, order F, shape (N, n) each. [W]
+            before: Powers behind the registers at the sample before, shape (R,). [W]
+            half: Half of the time of each interval, shape (N,). [s]
+            last: Written to, the powers at the last sample, shape (R,). [W]
+            energy: Written to, order F, shape (N, R). [J]
+            microjoule: Added to, int64, shape (R,). [uJ]
+            remainder: Added to, int64, shape (R,). [2^-40 uJ]
+
+        Returns:
+            Whether each energy is a number up to 2 MJ; else nothing written is of use.
+        """
+        ...
+
+    def compare(
+        self,
+        measured: tuple[Array, ...],
+        predicted: tuple[Array, ...],
+        start: int,
+        until: int,
+        available: Array,
+        duration: Array,
+        energy: Array,
+    ) -> int:
+        """Energies of two curves over what both cover, cut at every edge of either.
+
+        Args:
+            measured: Begins and ends of its pieces [ns] and the powers there [W], shape (M,) each.
+            predicted: The same, shape (P,) each.
+            start: From where they are compared. [ns]
+            until: Up to where. [ns]
+            available: Written to, end of the measured piece of each interval, shape (room,). [ns]
+            duration: Written to, shape (room,). [ns]
+            energy: Written to, measured and predicted, order F, shape (room, 2). [J]
+
+        Returns:
+            How many intervals there are.
+        """
+        ...
+
     def messages(
         self, data: memoryview, table: Array, others: Array, limit: int
     ) -> tuple[int, int, int]:

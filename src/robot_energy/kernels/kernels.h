@@ -63,10 +63,35 @@ typedef struct {
     int64_t count, others_count, end;
 } messages;
 
+#define CABINET_COLUMNS 6 /* of registers: drawn and given grid power, and four losses */
+#define JOINT_COLUMNS 5   /* the same of each joint: shaft, drawn and given; three parts */
+#define MAX_ENERGY 2e6    /* of an interval, which sums exactly [J] */
+
+/* Powers of a block, and what becomes of them; matrices one column after the other. */
+typedef struct {
+    int64_t rows, joints;
+    const double *cabinet[CABINET_COLUMNS - 1]; /* grid, brake, loss_dc, loss_grid, capacitor */
+    const double *joint[JOINT_COLUMNS - 2];     /* rigid, friction, drive loss */
+    const double *before, *half;                /* powers of the row before; half of each time */
+    double *last, *energy;                      /* powers of the last row; energies */
+    int64_t *microjoule, *remainder;            /* sums to be added to */
+} registers;
+
+/* Straight pieces of a power curve in time order. */
+typedef struct {
+    const int64_t *start, *end;
+    const double *start_power, *end_power;
+    int64_t count;
+} pieces;
+
 void inverse_dynamics_lanes(const chain *tree, const double *q, const double *v,
                             const double *acc, double *tau);
 int local_slopes(const slopes *task);
 void messages_of(const uint8_t *data, uint64_t size, messages *found);
+int integrate_registers(const registers *task);
+int64_t compare_curves(const pieces *measured, const pieces *predicted, int64_t start,
+                       int64_t until, int64_t *available, int64_t *duration, double *energy,
+                       int64_t room);
 void exact_sum_of_column(const char *energy, int64_t stride, int64_t rows, int64_t *microjoule,
                          int64_t *remainder);
 

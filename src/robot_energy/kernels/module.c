@@ -9,7 +9,7 @@
 
 #include "kernels.h"
 
-#define MAX_ARRAYS 8
+#define MAX_ARRAYS 16
 
 typedef struct {
     Py_buffer views[MAX_ARRAYS];
@@ -224,10 +224,132 @@ static PyObject *messages_in(PyObject *self, PyObject *args) {
                          (long long)found.end);
 }
 
+/* Take arrays of a tuple, each an array of doubles in the order of columns; whether all are so. */
+static int take_all(arrays *held, PyObject *given, Py_ssize_t count, int axes, Py_ssize_t rows,
+                    Py_ssize_t columns, const double **found) {
+    if (!PyTuple_Check(given) || PyTuple_Size(given) != count) {
+        PyErr_Format(PyExc_TypeError, "expected a tuple of %zd arrays", count);
+        return 0;
+    }
+    for (Py_ssize_t i = 0; i < count; i++) {
+        Py_buffer *view = take(held, PyTuple_GetItem(given, i), 'd', axes, 0);
+        if (!view) return 0;
+        if (view->shape[0] != rows || (axes == 2 && view->shape[1] != columns)
+            || !dense(view, 1)) {
+            PyErr_SetString(PyExc_ValueError,
+                            "found arrays that do not fit each other or are not by columns");
+            return 0;
+        }
+        found[i] = view->buf;
+    }
+    return 1;
+}
+
+PyDoc_STRVAR(integrate_doc,
+"integrate(cabinet, joint, before, half, last, energy, microjoule, remainder)\n--\n\n"
+"Energies and sums of registers, for `robot_energy.accounting.registers`; whether all count.");
+
+static PyObject *integrate(PyObject *self, PyObject *args) {
+    PyObject *cabinet, *joint, *before_given, *half_given, *last_given, *energy_given, *whole_given,
+        *rest_given;
+    arrays held = {.count = 0};
+    registers task;
+    if (!PyArg_ParseTuple(args, "OOOOOOOO", &cabinet, &joint, &before_given, &half_given,
+                          &last_given, &energy_given, &whole_given, &rest_given))
+        return NULL;
+    Py_buffer *energy = take(&held, energy_given, 'd', 2, 1);
+    Py_buffer *before = energy ? take(&held, before_given, 'd', 1, 0) : NULL;
+    Py_buffer *half = before ? take(&held, half_given, 'd', 1, 0) : NULL;
+    Py_buffer *last = half ? take(&held, last_given, 'd', 1, 1) : NULL;
+    Py_buffer *whole_sum = last ? take(&held, whole_given, 'q', 1, 1) : NULL;
+    Py_buffer *rest_sum = whole_sum ? take(&held, rest_given, 'q', 1, 1) : NULL;
+    if (!rest_sum) return refuse(&held, NULL);
+    Py_ssize_t rows = energy->shape[0], columns = energy->shape[1];
+    task.rows = rows;
+    task.joints = (columns - CABINET_COLUMNS) / JOINT_COLUMNS;
+    if (columns != CABINET_COLUMNS + JOINT_COLUMNS * task.joints || !dense(energy, 1)
+        || before->shape[0] != columns || last->shape[0] != columns || half->shape[0] != rows
+        || whole_sum->shape[0] != columns || rest_sum->shape[0] != columns || !dense(before, 0)
+        || !dense(half, 0) || !dense(last, 0) || !dense(whole_sum, 0) || !dense(rest_sum, 0))
+        return refuse(&held, "found arrays that do not fit each other or are not by columns");
+    if (!take_all(&held, cabinet, CABINET_COLUMNS - 1, 1, rows, 0, task.cabinet)
+        || !take_all(&held, joint, JOINT_COLUMNS - 2, 2, rows, task.joints, task.joint))
+        return refuse(&held, NULL);
+    task.before = before->buf;
+    task.half = half->buf;
+    task.last = last->buf;
+    task.energy = energy->buf;
+    task.microjoule = whole_sum->buf;
+    task.remainder = rest_sum->buf;
+    int sound;
+    Py_BEGIN_ALLOW_THREADS
+    sound = integrate_registers(&task);
+    Py_END_ALLOW_THREADS
+    release(&held);
+    return PyBool_FromLong(sound);
+}
+
+/* Take a curve: begins, ends, powers there. */
+static int take_curve(arrays *held, PyObject *given, pieces *curve) {
+    const char *wrong = "expected a tuple of four arrays of one length that are not empty";
+    if (!PyTuple_Check(given) || PyTuple_Size(given) != 4) {
+        PyErr_SetString(PyExc_TypeError, wrong);
+        return 0;
+    }
+    const void *found[4];
+    for (int i = 0; i < 4; i++) {
+        Py_buffer *view = take(held, PyTuple_GetItem(given, i), i < 2 ? 'q' : 'd', 1, 0);
+        if (!view) return 0;
+        if (!i) curve->count = view->shape[0];
+        if (!curve->count || view->shape[0] != curve->count || !dense(view, 0)) {
+            PyErr_SetString(PyExc_ValueError, wrong);
+            return 0;
+        }
+        found[i] = view->buf;
+    }
+    curve->start = found[0];
+    curve->end = found[1];
+    curve->start_power = found[2];
+    curve->end_power = found[3];
+    return 1;
+}
+
+PyDoc_STRVAR(compare_doc,
+"compare(measured, predicted, start, until, available, duration, energy)\n--\n\n"
+"Energies of two curves over what both cover, for `robot_energy.accounting.comparison`; how many.");
+
+static PyObject *compare(PyObject *self, PyObject *args) {
+    PyObject *measured_given, *predicted_given, *available_given, *duration_given, *energy_given;
+    arrays held = {.count = 0};
+    long long start, until, found;
+    pieces measured, predicted;
+    if (!PyArg_ParseTuple(args, "OOLLOOO", &measured_given, &predicted_given, &start, &until,
+                          &available_given, &duration_given, &energy_given))
+        return NULL;
+    Py_buffer *available = take(&held, available_given, 'q', 1, 1);
+    Py_buffer *duration = available ? take(&held, duration_given, 'q', 1, 1) : NULL;
+    Py_buffer *energy = duration ? take(&held, energy_given, 'd', 2, 1) : NULL;
+    if (!energy || !take_curve(&held, measured_given, &measured)
+        || !take_curve(&held, predicted_given, &predicted))
+        return refuse(&held, NULL);
+    Py_ssize_t room = available->shape[0];
+    if (duration->shape[0] != room || energy->shape[0] != room || energy->shape[1] != 2
+        || !dense(available, 0) || !dense(duration, 0) || !dense(energy, 1))
+        return refuse(&held, "found arrays that do not fit each other or are not by columns");
+    Py_BEGIN_ALLOW_THREADS
+    found = compare_curves(&measured, &predicted, start, until, available->buf, duration->buf,
+                           energy->buf, room);
+    Py_END_ALLOW_THREADS
+    return found < 0 ? refuse(&held, "found too little room")
+                     : (release(&held), PyLong_FromLongLong(found));
+}
+
 static PyMethodDef methods[] = {
     {"inverse_dynamics", inverse_dynamics, METH_VARARGS, inverse_dynamics_doc},
     {"slopes", slopes_of, METH_VARARGS, slopes_doc},
     {"add_exactly", add_exactly, METH_VARARGS, add_exactly_doc},
+    {"integrate", integrate, METH_VARARGS, integrate_doc},
+    {"compare", compare, METH_VARARGS, compare_doc},
     {"messages", messages_in, METH_VARARGS, messages_doc},
     {NULL, NULL, 0, NULL},
 };

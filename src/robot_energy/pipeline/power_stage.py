@@ -120,6 +120,7 @@ class PowerStage:
         Returns:
             Power samples, or None while every sample still waits.
         """
+        block = block.motor_side()
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])
         stamp = block.stamp_ns
