@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.held_rows import HeldRows, joined
+from robot_energy.held_rows import HeldRows, joined, taken
 
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
@@ -113,7 +113,7 @@ class Block:
         """Return the samples ``rows``; what is one per block stays."""
         return self._with(
             {
-                name: value[rows] if isinstance(value, np.ndarray | HeldRows) else value
+                name: taken(value, rows) if isinstance(value, np.ndarray | HeldRows) else value
                 for name, value in self.__dict__.items()
             }
         )

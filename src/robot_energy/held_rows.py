@@ -24,6 +24,7 @@ class HeldRows:
     values: NDArray[np.floating[Any]]
     row: NDArray[np.int64]
     begins: NDArray[np.bool_]
+    ndim = 1  # of arrays of one value per sample, which it is cut as
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
         """Return what holds at some of the samples."""
@@ -53,6 +54,19 @@ class HeldRows:
         return self.values[self.row].astype(dtype or np.float64, copy=False)
 
 
+def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Any:
+    """Return some samples of what a block of samples holds of one attribute.
+
+    Args:
+        values: Array, first axis along the samples, or `HeldRows`.
+        rows: Which samples.
+    """
+    if isinstance(rows, slice) or values.ndim != 2:
+        return values[rows]
+    places = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+    return values.T.take(places, axis=1).T  # each column contiguous
+
+
 def joined(values: Sequence[Any]) -> Any:
     """Join what blocks of samples hold of one attribute.
 
@@ -63,5 +77,7 @@ def joined(values: Sequence[Any]) -> Any:
         Their samples one after the other; of what is one per block, the first.
     """
     if isinstance(values[0], np.ndarray):
-        return np.concatenate(values)
+        if values[0].ndim != 2:
+            return np.concatenate(values)
+        return np.concatenate([part.T for part in values], axis=1).T  # each column contiguous
     return HeldRows.concatenate(values) if isinstance(values[0], HeldRows) else values[0]

@@ -249,10 +249,9 @@ def _cut(
     """Cut into steps that fit the caches; at whole seconds for the registers' rate; for jobs."""
     if block is None:
         return [first]
-    cuts = np.arange(ROWS, len(block), ROWS)
+    cuts = {*range(ROWS, len(block), ROWS)}
     if by_second:
-        cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
-    cuts = np.union1d(cuts, jobs.cuts(block.stamp_ns))
-    bounds = [0, *cuts.tolist(), len(block)]
+        cuts = {*(np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1).tolist()}
+    bounds = [0, *sorted(cuts.union(jobs.cuts(block.stamp_ns).tolist())), len(block)]
     parts = [block[slice(start, stop)] for start, stop in pairwise(bounds)]
     return [replace(first, joints=parts[0]), *(BagStep(joints=part) for part in parts[1:])]
