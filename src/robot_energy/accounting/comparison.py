@@ -328,7 +328,8 @@ def _compiled(
 
 
 def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
-    return curve.start_ns, curve.end_ns, curve.start_power, curve.end_power
+    each = (curve.start_ns, curve.end_ns, curve.start_power, curve.end_power)
+    return tuple(map(np.ascontiguousarray, each))
 
 
 def _compared(

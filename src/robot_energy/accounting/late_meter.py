@@ -9,12 +9,14 @@ reading is that of a time some tenths of a second ago, so the greatest ``|p - y|
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections import deque
+from itertools import accumulate
 from math import exp
 
 import numpy as np
 
+from robot_energy import kernels
 from robot_energy.blocks import NANOSECOND, Float, Int, differences
 
 SLOT_NS = 20_000_000  # between two samples of the power
@@ -22,6 +24,8 @@ RECENT_NS = 200_000_000
 MAX_SLOTS = 20_000  # that wait for the meter: minutes
 KEPT = 16  # time constants that an old sample may still ask for: a minute or more
 NANOWATT = 1e9
+MANY = 50  # powers that are worth the kernel
+NO_STAMP = -(2**63)  # what the kernel takes where nothing was before
 
 
 class LateMeter:
@@ -42,7 +46,7 @@ class LateMeter:
         self._since: list[int] = []  # from when on each is known but the first
         self._constants = self._constants[-1:]
         self._slot = -1
-        self._waiting: list[tuple[int, float]] = []
+        self._waiting: list[tuple[Int, Float]] = []
         self._power = self._behind = 0.0  # at the newest slot, and what the meter shows beyond it
         self._recent: deque[tuple[int, int]] = deque()  # |p - y| that none exceeds later [nW]
         self._stamps: list[int] = []
@@ -74,37 +78,61 @@ class LateMeter:
         slot = stamp_ns // SLOT_NS
         begins = (differences(slot, self._slot) != 0) & np.isfinite(power)
         self._slot = int(slot[-1])
-        self._waiting += zip(stamp_ns[begins].tolist(), power[begins].tolist(), strict=True)
+        if begins.any():
+            self._waiting.append((stamp_ns[begins], power[begins]))
 
     def follow(self) -> None:
         """Let the meter show what was taken, as all time constants until then are known."""
         if not self._waiting:
             return
-        recent, stamps, sums, since = self._recent, self._stamps, self._sums, self._since
-        before, total = stamps[-1] if stamps else 0, sums[-1]
-        last, behind = self._power, self._behind
-        constant = self._constants[-1]
-        changing = since and since[-1] > self._waiting[0][0]
-        for stamp, power in self._waiting:
-            if changing:
-                constant = self._constants[bisect_right(since, stamp)]
-            if constant > 0.0 and stamps:
+        stamp, power = (np.concatenate(each) for each in zip(*self._waiting, strict=True))
+        self._waiting.clear()
+        constant = np.array(self._constants)[np.searchsorted(self._since, stamp, side="right")]
+        if kernels.compiled is not None and len(stamp) >= MANY:
+            most = self._followed(kernels.compiled, stamp, power, constant)
+        else:
+            most = self._follow(stamp, power, constant)
+        self._stamps += stamp.tolist()
+        self._sums += accumulate(most, initial=self._sums.pop())
+
+    def _follow(self, stamp_ns: Int, power: Float, constant: Float) -> list[int]:
+        """Follow powers one by one; return the greatest |p - y| of the newest at each. [nW]"""
+        recent, last, behind, most = self._recent, self._power, self._behind, list[int]()
+        before = self._stamps[-1] if self._stamps else None
+        rows = zip(stamp_ns.tolist(), power.tolist(), constant.tolist(), strict=True)
+        for stamp, now, slow in rows:
+            if slow > 0.0 and before is not None:
                 passed = (stamp - before) * NANOSECOND
-                behind = behind * exp(-passed / constant) + (last - power)
+                behind = behind * exp(-passed / slow) + (last - now)
             else:
                 behind = 0.0
-            last, before = power, stamp
+            last, before = now, stamp
             late = round(abs(behind) * NANOWATT)
             while recent and recent[-1][1] <= late:
                 recent.pop()
             recent.append((stamp, late))
             while recent[0][0] <= stamp - RECENT_NS:
                 recent.popleft()
-            total += recent[0][1]
-            stamps.append(stamp)
-            sums.append(total)
+            most.append(recent[0][1])
         self._power, self._behind = last, behind
-        self._waiting.clear()
+        return most
+
+    def _followed(
+        self, compiled: kernels.Compiled, stamp_ns: Int, power: Float, constant: Float
+    ) -> list[int]:
+        """Return the same by the kernel."""
+        state, kept = np.array([self._power, self._behind]), len(self._recent)
+        most, span = np.empty(len(stamp_ns), dtype=np.int64), np.empty(2, dtype=np.int64)
+        stamps, lates = np.empty((2, kept + len(stamp_ns)), dtype=np.int64)
+        stamps[:kept], lates[:kept] = np.array(self._recent, dtype=np.int64).reshape(-1, 2).T
+        before = self._stamps[-1] if self._stamps else NO_STAMP
+        compiled.follow(
+            stamp_ns, power, constant, before, RECENT_NS, kept, state, stamps, lates, most, span
+        )
+        stay = slice(*span.tolist())
+        self._recent = deque(zip(stamps[stay].tolist(), lates[stay].tolist(), strict=True))
+        self._power, self._behind = state.tolist()
+        return most.tolist()
 
     def of_readings(self, end_ns: Int, duration_ns: Int) -> Float:
         """Return how far the meter may be off for its lateness alone.

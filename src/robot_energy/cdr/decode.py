@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy import kernels
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.encode import Encoder, stamp_columns
-from robot_energy.cdr.plan import Column, Plan, make_plan, nested, read
+from robot_energy.cdr.plan import Column, Plan, View, make_plan, nested, read
 from robot_energy.cdr.schema import (
     ScalarField,
     StringField,
@@ -119,6 +120,12 @@ class _Layout:
         self._row = np.dtype((np.void, found.end))
         self._spans = [self._part(data, start, stop) for start, stop in found.spans]
         self._places = found.constants
+        self._starts, self._stops = np.array(found.spans, dtype=np.int64).reshape(-1, 2).T.copy()
+        views = {path: c for path, c in columns.items() if isinstance(c, View)}
+        plain = all(isinstance(c, str | tuple) or path in views for path, c in columns.items())
+        plain &= all(view.plain for view in views.values())
+        self._views = views if plain and len(views) <= kernels.MAX_COLUMNS else None
+        self._message = data[: found.end]
         self._constants: list[tuple[int, NDArray[np.unsignedinteger[Any]]]] = []
 
     @staticmethod
@@ -148,6 +155,24 @@ class _Layout:
         """Compare the words of each row, shape (m, words)."""
         shape, strides = (len(rows), len(part)), (self.size, part.itemsize)
         return np.asarray(np.ndarray(shape, part.dtype, rows, start, strides) == part)
+
+    def compiled_run(
+        self, index: NDArray[np.int64], buffer: NDArray[np.uint8], offset: NDArray[np.int64]
+    ) -> Run | None:
+        """Return the columns of messages by the kernel; None if it cannot, or some do not agree."""
+        if kernels.compiled is None or self._views is None:
+            return None
+        rows = len(offset)
+        outs = {
+            path: np.empty((rows, *view.shape), view.native, order="F")
+            for path, view in self._views.items()
+        }
+        places = tuple(view.offset for view in self._views.values())
+        agree = kernels.compiled.columns(
+            buffer, offset, self._message, self._starts, self._stops, places, tuple(outs.values())
+        )
+        constants = {p: c for p, c in self.columns.items() if isinstance(c, str | tuple)}
+        return Run(index, {**constants, **outs}) if agree else None
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
         """Return the columns of rows that agree."""
@@ -247,7 +272,13 @@ class Decoder:
         index = pending if every else pending[fits]
         if not len(index):
             return pending
-        rows = layout.gather(batch.buffer, batch.offset if whole and every else batch.offset[index])
+        offset = batch.offset if whole and every else batch.offset[index]
+        run = layout.compiled_run(index, batch.buffer, offset)
+        if run is not None:
+            runs.append(run)
+            self._remember(layout)
+            return pending[:0] if every else np.setdiff1d(pending, index, assume_unique=True)
+        rows = layout.gather(batch.buffer, offset)
         agree = layout.agree(rows)
         if agree is not None:
             index, rows = index[agree], rows[agree]

@@ -36,6 +36,12 @@ class View:
     native: np.dtype[Any]
     is_bool: bool
 
+    @property
+    def plain(self) -> bool:
+        """Whether these are numbers as this machine holds them, one behind the other."""
+        follow = self.strides in ((), (self.dtype.itemsize,))
+        return follow and not self.is_bool and self.dtype.isnative
+
     def of(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """Return the values of rows, in the byte order of the rows.
 

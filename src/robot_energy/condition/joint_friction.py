@@ -38,6 +38,7 @@ from robot_energy.condition.buckets import (
     speed_place,
 )
 from robot_energy.condition.record import FrictionRecord, filled, flat
+from robot_energy.held_rows import joined, taken
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
 MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]
@@ -76,11 +77,16 @@ class FrictionSamples(Block):
         stamp = np.concatenate([block.stamp_ns for block in blocks])
         slot = stamp // slot_ns
         rows = differences(slot, int(slot[0]) - 1).nonzero()[0]
+        ends = np.cumsum([len(block) for block in blocks])
+        parts = np.split(rows, np.searchsorted(rows, ends[:-1]))
+        places = [
+            part - (end - len(block)) for part, end, block in zip(parts, ends, blocks, strict=True)
+        ]
         entries: dict[str, NDArray[Any]] = {"stamp_ns": stamp[rows]}
         for name in cls.__annotations__:
-            columns = [block.__dict__[name].T for block in blocks]
-            whole = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=-1)
-            entries[name] = whole.take(rows, axis=-1).T
+            entries[name] = joined(
+                [taken(block.__dict__[name], at) for block, at in zip(blocks, places, strict=True)]
+            )
         return cls(**entries)
 
 

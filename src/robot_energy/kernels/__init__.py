@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 MAX_JOINTS = 64
 """Joints of a robot that the kernel of the rigid-body torque takes."""
 
+MAX_COLUMNS = 32
+"""Fields of a message that the kernel takes together."""
+
 Array = NDArray[Any]
 
 SWITCH = "ROBOT_ENERGY_KERNELS"
@@ -145,6 +148,63 @@ class Compiled(Protocol):
 
         Returns:
             How many intervals there are.
+        """
+        ...
+
+    def columns(
+        self,
+        buffer: Array,
+        offset: Array,
+        key: bytes,
+        starts: Array,
+        stops: Array,
+        places: tuple[int, ...],
+        outs: tuple[Array, ...],
+    ) -> bool:
+        """Take columns of numbers out of messages of one layout.
+
+        Args:
+            buffer: Bytes of all messages.
+            offset: First byte of each, which has the length of the key, shape (N,).
+            key: A message of the layout.
+            starts: First byte of each span that must agree with the key, int64, shape (S,).
+            stops: First byte behind each, int64, shape (S,).
+            places: First byte of the numbers of each column, up to ``MAX_COLUMNS``.
+            outs: Written to, order F, shape (N,) or (N, k) each: k numbers that follow each other.
+
+        Returns:
+            Whether all messages agree; else nothing written is of use.
+        """
+        ...
+
+    def follow(
+        self,
+        stamp: Array,
+        power: Array,
+        constant: Array,
+        before: int,
+        recent_ns: int,
+        kept: int,
+        state: Array,
+        stamps: Array,
+        lates: Array,
+        most: Array,
+        span: Array,
+    ) -> None:
+        """Show powers as a meter with a low pass does, as `accounting.late_meter` follows them.
+
+        Args:
+            stamp: Rising, shape (N,). [ns]
+            power: Shape (N,). [W]
+            constant: Time constant at each, shape (N,). [s]
+            before: Stamp of the power before the first; -2^63 for none. [ns]
+            recent_ns: How long a power counts among the newest. [ns]
+            kept: How many times are kept of before.
+            state: Newest power, and what the meter shows beyond it; replaced, shape (2,). [W]
+            stamps: Those that are kept, then room for N, shape (kept + N,). [ns]
+            lates: Likewise how late the meter was, falling, shape (kept + N,). [nW]
+            most: Written to, the greatest of the newest times at each, int64, shape (N,). [nW]
+            span: Written to, first and end of what is to be kept, int64, shape (2,).
         """
         ...
 

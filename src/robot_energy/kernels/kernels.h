@@ -84,10 +84,42 @@ typedef struct {
     int64_t count;
 } pieces;
 
+#define MAX_COLUMNS 32 /* fields of a message that are taken together */
+
+/* Numbers of a field: where they lie in a message, and where they go, one column after the other. */
+typedef struct {
+    int64_t place, size, count; /* first byte; bytes of a number; numbers */
+    void *out;
+} numbers;
+
+/* What all messages of a layout share, and what is taken from them. */
+typedef struct {
+    const uint8_t *key;            /* a message; only its spans count */
+    const int64_t *starts, *stops; /* of the bytes that must be those of the key */
+    int64_t spans, columns;
+    numbers column[MAX_COLUMNS];
+} layout;
+
+#define NO_STAMP INT64_MIN
+
+/* Powers that a meter follows; what is kept of earlier ones stands first in stamps and lates. */
+typedef struct {
+    const int64_t *stamp;
+    const double *power, *constant; /* [W], [s] */
+    int64_t rows, kept, before, recent_ns; /* before: newest stamp, or NO_STAMP [ns] */
+    double *state;            /* newest power, and what the meter shows beyond it [W] */
+    int64_t *stamps, *lates;  /* of the newest times, those that none exceeds later [ns], [nW] */
+    int64_t *most;            /* greatest of the newest times at each row [nW] */
+    int64_t *range;           /* of stamps and lates that stay */
+} late;
+
 void inverse_dynamics_lanes(const chain *tree, const double *q, const double *v,
                             const double *acc, double *tau);
 int local_slopes(const slopes *task);
 void messages_of(const uint8_t *data, uint64_t size, messages *found);
+void follow_late(const late *task);
+int64_t take_columns(const uint8_t *buffer, const int64_t *offset, int64_t rows,
+                     const layout *known); /* the first row that does not agree */
 int integrate_registers(const registers *task);
 int64_t compare_curves(const pieces *measured, const pieces *predicted, int64_t start,
                        int64_t until, int64_t *available, int64_t *duration, double *energy,

@@ -344,12 +344,128 @@ static PyObject *compare(PyObject *self, PyObject *args) {
                      : (release(&held), PyLong_FromLongLong(found));
 }
 
+PyDoc_STRVAR(columns_doc,
+"columns(buffer, offset, key, starts, stops, places, outs)\n--\n\n"
+"Take columns out of messages of one layout, for `robot_energy.cdr.decode`; whether all agree.");
+
+static PyObject *columns_of(PyObject *self, PyObject *args) {
+    PyObject *buffer_given, *offset_given, *key_given, *starts_given, *stops_given, *places, *outs;
+    Py_buffer views[2 + MAX_COLUMNS];
+    int count = 0, sound = 0;
+    arrays held = {.count = 0};
+    layout known;
+    if (!PyArg_ParseTuple(args, "OOOOOOO", &buffer_given, &offset_given, &key_given, &starts_given,
+                          &stops_given, &places, &outs))
+        return NULL;
+    Py_buffer *offset = take(&held, offset_given, 'q', 1, 0);
+    Py_buffer *starts = offset ? take(&held, starts_given, 'q', 1, 0) : NULL;
+    Py_buffer *stops = starts ? take(&held, stops_given, 'q', 1, 0) : NULL;
+    if (!stops || PyObject_GetBuffer(buffer_given, &views[count], PyBUF_SIMPLE)) goto end;
+    count++;
+    if (PyObject_GetBuffer(key_given, &views[count], PyBUF_SIMPLE)) goto end;
+    count++;
+    known.key = views[1].buf;
+    known.starts = starts->buf;
+    known.stops = stops->buf;
+    known.spans = starts->shape[0];
+    known.columns = PyTuple_Check(outs) ? PyTuple_Size(outs) : -1;
+    if (known.columns < 0 || known.columns > MAX_COLUMNS || !PyTuple_Check(places)
+        || PyTuple_Size(places) != known.columns || stops->shape[0] != known.spans
+        || !dense(offset, 0) || !dense(starts, 0) || !dense(stops, 0)) {
+        PyErr_SetString(PyExc_ValueError, "found places, columns or spans that do not fit");
+        goto end;
+    }
+    Py_ssize_t size = views[1].len, rows = offset->shape[0];
+    for (int64_t span = 0; span < known.spans; span++)
+        if (!(0 <= known.starts[span] && known.starts[span] <= known.stops[span]
+              && known.stops[span] <= size)) {
+            PyErr_SetString(PyExc_ValueError, "found a span beyond the key");
+            goto end;
+        }
+    for (Py_ssize_t row = 0; row < rows; row++) {
+        int64_t first = ((const int64_t *)offset->buf)[row];
+        if (first < 0 || first > views[0].len - size) {
+            PyErr_SetString(PyExc_ValueError, "found a message beyond the buffer");
+            goto end;
+        }
+    }
+    for (int64_t i = 0; i < known.columns; i++) {
+        Py_buffer *view = &views[count];
+        numbers *column = &known.column[i];
+        column->place = PyLong_AsLongLong(PyTuple_GetItem(places, i));
+        if (PyErr_Occurred()
+            || PyObject_GetBuffer(PyTuple_GetItem(outs, i), view,
+                                  PyBUF_F_CONTIGUOUS | PyBUF_WRITABLE))
+            goto end;
+        count++;
+        column->size = view->itemsize;
+        column->count = view->ndim == 2 ? view->shape[1] : 1;
+        column->out = view->buf;
+        int whole_size = view->itemsize == 1 || view->itemsize == 2 || view->itemsize == 4
+                         || view->itemsize == 8;
+        if (!whole_size || view->ndim < 1 || view->ndim > 2 || view->shape[0] != rows
+            || column->place < 0 || column->place + column->count * column->size > size) {
+            PyErr_SetString(PyExc_ValueError, "found a column that does not fit");
+            goto end;
+        }
+    }
+    Py_BEGIN_ALLOW_THREADS
+    sound = take_columns(views[0].buf, offset->buf, rows, &known) == rows;
+    Py_END_ALLOW_THREADS
+end:
+    while (count) PyBuffer_Release(&views[--count]);
+    release(&held);
+    return PyErr_Occurred() ? NULL : PyBool_FromLong(sound);
+}
+
+PyDoc_STRVAR(follow_doc,
+"follow(stamp, power, constant, before, recent_ns, kept, state, stamps, lates, most, range)\n--\n\n"
+"How late a meter shows each power, for `robot_energy.accounting.late_meter`.");
+
+static PyObject *follow(PyObject *self, PyObject *args) {
+    PyObject *given[8];
+    arrays held = {.count = 0};
+    Py_buffer *views[8] = {NULL};
+    const char kinds[] = "qdddqqqq"; /* stamp, power, constant, state, stamps, lates, most, range */
+    late task;
+    long long before, recent_ns, kept;
+    if (!PyArg_ParseTuple(args, "OOOLLLOOOOO", &given[0], &given[1], &given[2], &before, &recent_ns,
+                          &kept, &given[3], &given[4], &given[5], &given[6], &given[7]))
+        return NULL;
+    for (int i = 0; i < 8; i++)
+        if (!(views[i] = take(&held, given[i], kinds[i], 1, i > 2))) return refuse(&held, NULL);
+    task.rows = views[0]->shape[0];
+    int fits = kept >= 0 && views[3]->shape[0] == 2 && views[7]->shape[0] == 2
+               && views[4]->shape[0] >= kept + task.rows && views[5]->shape[0] >= kept + task.rows;
+    for (int i = 0; i < 8; i++)
+        fits &= dense(views[i], 0) && ((i > 2 && i < 6) || i == 7 || views[i]->shape[0] == task.rows);
+    if (!fits) return refuse(&held, "found arrays that do not fit each other");
+    task.stamp = views[0]->buf;
+    task.power = views[1]->buf;
+    task.constant = views[2]->buf;
+    task.before = before;
+    task.recent_ns = recent_ns;
+    task.kept = kept;
+    task.state = views[3]->buf;
+    task.stamps = views[4]->buf;
+    task.lates = views[5]->buf;
+    task.most = views[6]->buf;
+    task.range = views[7]->buf;
+    Py_BEGIN_ALLOW_THREADS
+    follow_late(&task);
+    Py_END_ALLOW_THREADS
+    release(&held);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef methods[] = {
     {"inverse_dynamics", inverse_dynamics, METH_VARARGS, inverse_dynamics_doc},
     {"slopes", slopes_of, METH_VARARGS, slopes_doc},
     {"add_exactly", add_exactly, METH_VARARGS, add_exactly_doc},
     {"integrate", integrate, METH_VARARGS, integrate_doc},
     {"compare", compare, METH_VARARGS, compare_doc},
+    {"columns", columns_of, METH_VARARGS, columns_doc},
+    {"follow", follow, METH_VARARGS, follow_doc},
     {"messages", messages_in, METH_VARARGS, messages_doc},
     {NULL, NULL, 0, NULL},
 };

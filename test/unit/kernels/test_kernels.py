@@ -15,11 +15,21 @@ from hypothesis import strategies as st
 import robots
 from places import ROOT
 from robot_energy import kernels
+from robot_energy.accounting.comparison import _compared, _compiled
 from robot_energy.accounting.exact_sum import ExactSum
+from robot_energy.accounting.late_meter import LateMeter
+from robot_energy.accounting.registers import Registers
 from robot_energy.bag.mcap_block import walked_block
+from robot_energy.blocks import PowerBlock
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Encoder, stamp_columns
+from robot_energy.held_rows import HeldRows
 from robot_energy.model import load, shipped_models
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.units import MAX_COUNTER
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -225,6 +235,141 @@ def test_sums_have_the_bits_of_numpy_and_are_exact(seed, rows, order, greatest):
     assert (microjoule[0], microjoule[4], remainder[0], remainder[4]) == (0, 0, 0, 0)
 
 
+# Energies of the registers
+
+
+def power_block(rng, rows, joints):
+    """Power samples of any sizes, with gaps and now and then a number that is none."""
+    stamp = np.cumsum(rng.integers(1, 5_000_000, rows))
+    sizes = {name: (rows,) for name in PowerBlock.__dataclass_fields__}
+    sizes |= {name: (rows, joints) for name in ("rigid_power", "friction_power", "drive_loss")}
+    values = {name: np.asfortranarray(rng.normal(size=size) * 1e3) for name, size in sizes.items()}
+    if rng.random() < 0.3:
+        values["friction_power"][rng.integers(rows), 0] = rng.choice([np.nan, np.inf, 1e300])
+    columns = len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * joints
+    held = HeldRows(np.zeros((1, columns)), np.zeros(rows, int), np.arange(rows) == 0)
+    segment = np.cumsum(rng.random(rows) < 0.02)
+    phase = np.ones(rows, dtype=np.uint8)
+    counted = {"stamp_ns": stamp, "segment": segment, "phase": phase, "deviation": held}
+    return PowerBlock(**{**values, **counted})
+
+
+@given(seeds, st.integers(1, 7), st.sampled_from([1, 2, 8, 9, 1023, 1024, 1025, 2100]))
+def test_registers_have_the_bits_of_numpy(seed, joints, rows):
+    block = power_block(np.random.default_rng(seed), rows, joints)
+    cut = np.random.default_rng(seed + 1).integers(rows + 1)
+
+    def count():
+        registers = Registers(joints)
+        found = []
+        for part in (slice(0, cut), slice(cut, None)):
+            if len(block[part]):
+                intervals, _ = registers.step(block[part])
+                found.append((intervals.energy, intervals.duration_ns))
+        energy, duration = (np.concatenate(each) for each in zip(*found, strict=True))
+        return energy, duration, registers.microjoule, registers.remainder, registers.time
+
+    *found, time = count()
+    *expected, time_in_numpy = in_numpy(count)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert time == time_in_numpy
+
+
+def test_a_register_that_is_nearly_full_stays_full():
+    block = power_block(np.random.default_rng(1), 50, 2)
+
+    def count():
+        registers = Registers(2)
+        full = np.full(len(registers.microjoule), MAX_COUNTER - 1000)
+        registers.add_sums(full, np.zeros_like(full))
+        registers.step(block)
+        return registers.microjoule
+
+    np.testing.assert_array_equal(count(), in_numpy(count))
+    assert count().max() == MAX_COUNTER
+
+
+# Comparison of two curves
+
+
+def curve(rng, pieces):
+    """Pieces of a power curve, most of which touch."""
+    times = np.cumsum(rng.integers(1, 9, 2 * pieces)) + int(rng.integers(20))
+    start, end = times[::2], times[1::2]
+    touch = np.append(rng.random(pieces - 1) < 0.8, False)
+    end = np.where(touch, np.append(start[1:], 0), end)
+    return CoveredPieces(start, end, *rng.normal(size=(2, pieces)) * 1e3)
+
+
+@given(seeds, st.integers(1, 30), st.integers(1, 30))
+def test_compared_curves_have_the_bits_of_numpy(seed, one, other):
+    rng = np.random.default_rng(seed)
+    measured, predicted = curve(rng, one), curve(rng, other)
+    start = int(rng.integers(0, 60))
+    until = start + int(rng.integers(1, 200))
+    found, energy = _compiled(kernels.compiled, predicted, measured, start, until)
+    expected, energy_in_numpy = _compared(predicted, measured, start, until)
+    for name, values in expected.__dict__.items():
+        np.testing.assert_array_equal(getattr(found, name), values)
+    np.testing.assert_array_equal(energy, energy_in_numpy)
+
+
+# A meter with a low pass
+
+
+@given(seeds, st.lists(st.integers(1, 400), min_size=1, max_size=4))
+def test_a_late_meter_is_followed_as_in_python(seed, sizes):
+    rng = np.random.default_rng(seed)
+    stamp = np.cumsum(rng.choice([20, 21, 40, 250, 3000], sum(sizes))) * 1_000_000
+    power = np.where(rng.random(sum(sizes)) < 0.1, np.nan, rng.normal(size=sum(sizes)) * 1e3)
+    ends = np.cumsum(sizes)
+    constants = rng.choice([0.0, 0.05, 0.3], len(sizes))
+
+    def show():
+        meter = LateMeter(0.1)
+        for begin, end, constant in zip(ends - sizes, ends, constants, strict=True):
+            meter.take(stamp[begin:end], power[begin:end])
+            meter.follow()
+            meter.learn(int(stamp[end - 1]) - 30_000_000, float(constant))
+        return meter.of_readings(stamp, np.full_like(stamp, 100_000_000))
+
+    np.testing.assert_array_equal(show(), in_numpy(show))
+
+
+# Columns of messages
+
+
+@given(seeds, st.integers(1, 60), st.booleans())
+def test_columns_are_those_of_numpy(seed, count, other_names):
+    rng = np.random.default_rng(seed)
+    encoder = Encoder(
+        "sensor_msgs/msg/JointState",
+        {"name": ("a", "bc")},
+        {"position": 2, "velocity": 2, "effort": 0},
+    )
+    stamp = rng.integers(1, 2**60, count)
+    position, velocity = rng.normal(size=(2, count, 2))
+    values = {"position": position, "velocity": velocity, "effort": np.empty((count, 0))}
+    rows = encoder.encode({**stamp_columns(stamp), **values}, count)
+    messages = [bytes(row) for row in rows]
+    if other_names:
+        place = int(rng.integers(count))
+        messages[place] = messages[place].replace(b"bc", b"xy")
+    lengths = np.array([len(one) for one in messages])
+    buffer = np.frombuffer(b"".join(messages), dtype=np.uint8)
+    batch = RawBatch("/t", encoder.msgtype, stamp, buffer, np.cumsum(lengths) - lengths, lengths)
+
+    def decoded():
+        fields = ("name", "header.stamp.sec", "header.stamp.nanosec", "position", "velocity")
+        return [
+            (run.rows.tolist(), {k: np.asarray(v).tolist() for k, v in run.columns.items()})
+            for run in Decoder(encoder.msgtype, fields).decode(batch).runs
+        ]
+
+    assert decoded() == in_numpy(decoded)
+
+
 # Messages of a bag
 
 
@@ -295,6 +440,33 @@ def test_a_length_beyond_all_numbers_ends_the_walk():
          ValueError),
         ("slopes", (np.zeros(3, int), np.zeros((3, 1)), np.zeros((3, 1)), 1, *[0] * 4, 1.0),
          ValueError),
+        ("integrate", ((np.zeros(2),) * 4, (np.zeros((2, 1)),) * 3, np.zeros(11), np.zeros(2),
+                       np.zeros(11), np.zeros((11, 2)).T, np.zeros(11, int), np.zeros(11, int)),
+         TypeError),
+        ("integrate", ((np.zeros(3),) * 5, (np.zeros((2, 1)),) * 3, np.zeros(11), np.zeros(2),
+                       np.zeros(11), np.zeros((11, 2)).T, np.zeros(11, int), np.zeros(11, int)),
+         ValueError),
+        ("integrate", ((np.zeros(2),) * 5, (np.zeros((2, 1)),) * 3, np.zeros(11), np.zeros(2),
+                       np.zeros(11), np.zeros((12, 2)).T, np.zeros(11, int), np.zeros(11, int)),
+         ValueError),
+        ("compare", ((np.zeros(0, int),) * 4, (np.zeros(0, int),) * 4, 0, 1, np.zeros(1, int),
+                     np.zeros(1, int), np.zeros((2, 1)).T), ValueError),
+        ("compare", ((np.zeros(1, int), np.ones(1, int), np.zeros(1), np.zeros(1)),) * 2
+         + (0, 1, np.zeros(0, int), np.zeros(0, int), np.zeros((2, 0)).T), ValueError),
+        ("follow", (np.zeros(3, int), np.zeros(3), np.zeros(2), 0, 1, 0, np.zeros(2),
+                    np.zeros(3, int), np.zeros(3, int), np.zeros(3, int), np.zeros(2, int)),
+         ValueError),
+        ("follow", (np.zeros(3, int), np.zeros(3), np.zeros(3), 0, 1, 1, np.zeros(2),
+                    np.zeros(3, int), np.zeros(3, int), np.zeros(3, int), np.zeros(2, int)),
+         ValueError),
+        ("columns", (bytes(9), np.array([5]), bytes(5), np.zeros(0, int), np.zeros(0, int), (), ()),
+         ValueError),
+        ("columns", (bytes(9), np.array([4]), bytes(5), np.array([2]), np.array([6]), (), ()),
+         ValueError),
+        ("columns", (bytes(9), np.array([4]), bytes(5), np.zeros(0, int), np.zeros(0, int), (0,),
+                     (np.zeros(1),)), ValueError),
+        ("columns", (bytes(9), np.array([0]), bytes(9), np.zeros(0, int), np.zeros(0, int), (0,),
+                     (np.zeros(2),)), ValueError),
         ("inverse_dynamics", (np.ones((1, 27)), np.zeros(3), *[np.zeros((2, 1))] * 4), ValueError),
         ("inverse_dynamics", (np.zeros((65, 27)), np.zeros(3), *[np.zeros((2, 65))] * 4),
          ValueError),
