@@ -59,7 +59,7 @@ def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> A
 
     Args:
         values: Array, first axis along the samples, or `HeldRows`.
-        rows: Which samples.
+        rows: Which samples: a slice, a mask of shape (N,), or numbers.
     """
     if isinstance(rows, slice) or values.ndim != 2:
         return values[rows]

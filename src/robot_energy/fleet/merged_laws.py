@@ -41,6 +41,7 @@ from robot_energy.physics.friction import viscous_law
 
 FINE = 40  # steps of the scale of the exponential law, about the best of the coarse ones
 SMOOTH = 1e-3  # weight of no bend at a node against its mean square of speed
+ROUNDING = 1e-12  # sum of squares of a nuisance that is none, such as gravity about an upright axis
 DAMPING = 1e-6  # of a column of length 1, where a bag does not show a nuisance
 
 
@@ -91,7 +92,7 @@ def without_nuisances(gram: Float) -> Float:
     """
     own = [OFFSET, PAYLOAD, INERTIA]
     inner = gram[:, own][:, :, own]
-    length = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), 1e-30))
+    length = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), ROUNDING))
     unit = inner / (length[:, :, None] * length[:, None, :]) + DAMPING * np.eye(len(own))
     right = gram[:, own] / length[:, :, None]
     return gram - np.swapaxes(right, 1, 2) @ np.linalg.solve(unit, right)

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from robot_energy.errors import StateFileError
-from robot_energy.files.output_files import write_all
 from robot_energy.files.placement import sync_folder
 from robot_energy.store.adoption import Adoption
 from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_newer, unwrap, wrap
@@ -121,7 +120,7 @@ class SlotPair(Generic[T]):
             existed = path.exists()
             file = self._open_slot(path)
             try:
-                write_all(file, content)
+                _write_all(file, content)
                 os.ftruncate(file, len(content))
                 os.fsync(file)
             finally:
@@ -266,3 +265,9 @@ def _wrapped(error: OSError, path: Path) -> StateFileError:
         "a folder that can be written, on a disk with space",
         "counting goes on in memory and the next checkpoint tries again",
     )
+
+
+def _write_all(file: int, content: bytes) -> None:
+    done = 0
+    while done < len(content):
+        done += os.pwrite(file, content[done:], done)

@@ -46,14 +46,11 @@ class Recorder(Document):
     def heading(self, text, depth=2):
         self.parts.append(("heading", text, depth))
 
-    def paragraph(self, text="", *kind):
-        self.parts.append(("paragraph", text))
+    def paragraph(self, text="", kind="paragraph"):
+        self.parts.append((kind, text))
 
     def note(self, text):
         self.parts.append(("note", text))
-
-    def command(self, text):
-        self.parts.append(("command", text))
 
     def table(self, title, columns, rows, total=None):
         self.parts.append(("table", title, columns, rows, total))
