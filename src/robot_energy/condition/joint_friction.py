@@ -13,9 +13,8 @@ speed and temperature. A part of five seconds is taken or refused as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,6 @@ from robot_energy.blocks import (
     Float,
     Int,
     PowerBlock,
-    differences,
 )
 from robot_energy.condition.buckets import (
     DEGC_BUCKETS,
@@ -38,7 +36,7 @@ from robot_energy.condition.buckets import (
     speed_place,
 )
 from robot_energy.condition.record import FrictionRecord, filled, flat
-from robot_energy.held_rows import joined, taken
+from robot_energy.held_rows import taken
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
 MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]
@@ -67,27 +65,15 @@ class FrictionSamples(Block):
     loss_grid: Float
 
     @classmethod
-    def of(cls, blocks: Sequence[PowerBlock], slot_ns: int) -> Self:
-        """Return the first sample of each slot of time.
+    def of(cls, block: PowerBlock, rows: Int) -> Self:
+        """Return some samples of a block.
 
         Args:
-            blocks: In the order of time, at least one; the first sample begins a slot.
-            slot_ns: Length of a slot. [ns]
+            block: Power samples.
+            rows: Their numbers, rising, shape (N,).
         """
-        stamp = np.concatenate([block.stamp_ns for block in blocks])
-        slot = stamp // slot_ns
-        rows = differences(slot, int(slot[0]) - 1).nonzero()[0]
-        ends = np.cumsum([len(block) for block in blocks])
-        parts = np.split(rows, np.searchsorted(rows, ends[:-1]))
-        places = [
-            part - (end - len(block)) for part, end, block in zip(parts, ends, blocks, strict=True)
-        ]
-        entries: dict[str, NDArray[Any]] = {"stamp_ns": stamp[rows]}
-        for name in cls.__annotations__:
-            entries[name] = joined(
-                [taken(block.__dict__[name], at) for block, at in zip(blocks, places, strict=True)]
-            )
-        return cls(**entries)
+        names = ("stamp_ns", *cls.__annotations__)
+        return cls(**{name: taken(block.__dict__[name], rows) for name in names})
 
 
 @dataclass(frozen=True)

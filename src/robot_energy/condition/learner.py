@@ -158,8 +158,7 @@ class ConditionLearner:
         self.end_ns: int | None = None
         self._windows = MeterWindows(3, curve)  # predicted, friction, added
         self._readings: list[MeterBlock] = []  # since the last part
-        self._open: list[PowerBlock] = []  # of the part that has not ended
-        self._part: int | None = None
+        self._begin_part()
         self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
 
@@ -241,8 +240,24 @@ class ConditionLearner:
             if self._part is not None and part != self._part:
                 self._end_part()
             self._part = part
-            whole = start == 0 and stop == len(block)
-            self._open.append(block if whole else block[slice(start, stop)])
+            self._take(block, slice(start, stop))
+
+    def _begin_part(self) -> None:
+        """Keep nothing of the part so far."""
+        self._part: int | None = None
+        self._open: list[FrictionSamples] = []
+        self._slot = -1  # of the newest sample
+        self._newest_ns = 0
+        self._stuck = False  # whether a thermometer was, at any sample
+
+    def _take(self, block: PowerBlock, within: slice) -> None:
+        """Keep the first sample of each slot."""
+        slot = block.stamp_ns[within] // SLOT_NS
+        rows = differences(slot, self._slot).nonzero()[0]
+        self._slot, self._newest_ns = int(slot[-1]), int(block.stamp_ns[within][-1])
+        self._stuck |= bool((block.quality[within] & STUCK).any())
+        if len(rows):
+            self._open.append(FrictionSamples.of(block, rows + within.start))
 
     def flush(self) -> None:
         """Learn from the part that has not ended, as at the end of a bag."""
@@ -283,18 +298,17 @@ class ConditionLearner:
 
     def restart(self) -> None:
         """Drop what waits, as after an error."""
-        self._open.clear()
-        self._part = None
+        self._begin_part()
 
     @np.errstate(invalid="ignore", over="ignore")
     def _end_part(self) -> None:
         """Learn from the samples of a part."""
-        blocks, self._open = self._open, []
-        self._part = None
+        samples, stuck = FrictionSamples.concatenate(self._open), self._stuck
+        self.end_ns = self._newest_ns
+        self._begin_part()
         for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
             self._windows.measure(MeterBlock.concatenate(list(alike)))
         self._readings.clear()
-        samples = FrictionSamples.of(blocks, SLOT_NS)
         use, friction, known = self._use, samples.friction_power, None
         if use.any:
             velocity, degc = samples.motor_velocity, samples.motor_temperature_degc
@@ -302,7 +316,6 @@ class ConditionLearner:
             if self.applies:
                 friction = friction / known  # by the model file
         part = self.reader.read(samples, friction)
-        stuck = any((block.quality & STUCK).any() for block in blocks)
         if part is not None:
             used = self.friction.step(part)
             if not stuck:
@@ -313,7 +326,6 @@ class ConditionLearner:
             until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
             windows = self._windows.step(samples.stamp_ns, samples.segment, power, until)
             self._learn_from_meter(windows, samples.motor_temperature_degc[-1], stuck)
-        self.end_ns = int(blocks[-1].stamp_ns[-1])
         self._use = self._figures()
 
     def _learn_from_meter(
