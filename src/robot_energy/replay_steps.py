@@ -31,8 +31,8 @@ from robot_energy.units import SECOND_NS
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-ROWS = 10240  # samples in one step at most
-MESSAGES = 10240  # of parts that are read together, at most; three chunks of most recorders
+ROWS = 13312  # samples in one step at most
+MESSAGES = 13312  # of parts that are read together, at most; four chunks of most recorders
 
 
 LoadReadings = tuple[MeterBlock | None, MeterBlock | None]
@@ -235,12 +235,19 @@ def _joined(parts: Iterator[dict[str, RawBatch]]) -> Iterator[dict[str, RawBatch
             for t, batch in part.items()
         )
         if held and (messages + count > MESSAGES or falls):
-            whole, held, messages = RawBatch.joined(held), list[dict[str, RawBatch]](), 0
-            yield whole
+            yield _taken(held)
+            messages = 0
         held.append(part)
         messages += count
     if held:
-        yield RawBatch.joined(held)
+        yield _taken(held)
+
+
+def _taken(held: list[dict[str, RawBatch]]) -> dict[str, RawBatch]:
+    """Join what is held, and hold nothing."""
+    whole = RawBatch.joined(held)
+    held.clear()
+    return whole
 
 
 def _cut(

@@ -159,8 +159,13 @@ class EnergyAccount:
             if fresh is None:
                 return None, None
             block = fresh
-        intervals, held = self.registers.step(block)
-        shaft = self.shaft.step(block, intervals)
+        effort = not bool(np.isnan(block.shaft_power_measured).all())
+        intervals, held = self.registers.step(block, effort or self._averager is not None)
+        shaft = None
+        if effort:
+            shaft = self.shaft.step(block, intervals)
+        else:
+            self.shaft.leave_out()
         compared = self._compare(block)
         self.judgement.step(compared)
         imported = intervals.energy[:, CABINET_REGISTERS.index("grid_import")]

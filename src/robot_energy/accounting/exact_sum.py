@@ -65,6 +65,11 @@ class ExactSum:
         self._settle()
         return self._remainder
 
+    @property
+    def nearly_full(self) -> bool:
+        """Whether a sum is so near its end that energies must be added one by one."""
+        return bool((np.abs(self._microjoule) > NEAR_FULL).any())
+
     def mark(self) -> SumMark:
         """Return where the sums stand, for `go_back`."""
         return self._microjoule, self._remainder, self._waiting, self._rows
@@ -98,9 +103,9 @@ class ExactSum:
         Args:
             microjoule: Whole microjoules of the first R registers, shape (R,). [uJ]
             remainder: What is beyond them, shape (R,). [2^-40 uJ]
-            energy: As `add` takes them, in case a counter is near its end, shape (N, R). [J]
+            energy: As `add` takes them, for a counter that is `nearly_full`, shape (N, R). [J]
         """
-        if (np.abs(self._microjoule) > NEAR_FULL).any():
+        if self.nearly_full:
             self.add(energy)
             return
         more, rest = np.zeros_like(self._microjoule), self._remainder.copy()
@@ -122,7 +127,7 @@ class ExactSum:
         end = begin + energy.shape[1]
         start = 0
         while start < len(energy):
-            full = bool((np.abs(self._microjoule) > NEAR_FULL).any())
+            full = self.nearly_full
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
             more, remainder = np.zeros_like(self._microjoule), self._remainder.copy()

@@ -61,11 +61,14 @@ class Registers(ExactSum):
         self._trapezoid.time = time
 
     @np.errstate(invalid="ignore")
-    def step(self, block: PowerBlock) -> tuple[SampleIntervals, HeldEnergies | None]:
+    def step(
+        self, block: PowerBlock, whole: bool = True
+    ) -> tuple[SampleIntervals, HeldEnergies | None]:
         """Integrate a block.
 
         Args:
             block: Power samples; NaN samples are gaps.
+            whole: Whether all energies are of use, or only that of the first register.
 
         Returns:
             The intervals, whose energies are in the order of `microjoule`, and the integrals of
@@ -75,21 +78,24 @@ class Registers(ExactSum):
             intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
             self.add(intervals.energy)
         else:
-            intervals = self._integrated(kernels.compiled, block)
+            intervals = self._integrated(kernels.compiled, block, whole or self.nearly_full)
         held = self.held.step(block, intervals.duration_ns)
         if held is not None:
             self.add(held.energy, self.deviations.start)
         return intervals, held
 
-    def _integrated(self, compiled: kernels.Compiled, block: PowerBlock) -> SampleIntervals:
+    def _integrated(
+        self, compiled: kernels.Compiled, block: PowerBlock, all_of_use: bool
+    ) -> SampleIntervals:
         """Integrate the powers behind the registers with the kernel."""
         size = self.deviations.start
+        kept = size if all_of_use else 1
         whole, rest = np.zeros((2, size), dtype=np.int64)
         sound = False
 
         def energies(before: Float, duration: Float) -> tuple[Float, float, Float]:
             nonlocal sound
-            energy, last = np.empty((size, len(block))).T, np.empty(size)
+            energy, last = np.empty((kept, len(block))).T, np.empty(size)
             before = np.ascontiguousarray(np.broadcast_to(before, size))
             half = 0.5 * duration
             sound = compiled.integrate(*_parts(block), before, half, last, energy, whole, rest)

@@ -56,8 +56,12 @@ class ShaftEnergySums(ExactSum):
         joule = self.joule[start : start + self.n_joints]
         return np.where(self.compared_ns > 0, joule, np.nan)
 
+    def leave_out(self) -> None:
+        """Note that a block has no effort at all."""
+        self._last = np.full_like(self._last, np.nan)
+
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
-    def step(self, block: PowerBlock, intervals: SampleIntervals) -> Float | None:
+    def step(self, block: PowerBlock, intervals: SampleIntervals) -> Float:
         """Integrate a block.
 
         Args:
@@ -66,12 +70,9 @@ class ShaftEnergySums(ExactSum):
 
         Returns:
             Measured shaft energy of each interval, shape (N, n), NaN where the effort does
-            not cover it and 0 in a gap; None if it covers nothing. [J]
+            not cover it and 0 in a gap. [J]
         """
         n_joints, measured = self.n_joints, block.shaft_power_measured
-        if bool(np.isnan(measured).all()):
-            self._last = np.full_like(self._last, np.nan)
-            return None
         power = np.empty((len(block) + 1, 2 * n_joints), order="F")
         power[0], positive, negative = self._last, power[1:, :n_joints], power[1:, n_joints:]
         np.maximum(measured, 0.0, out=positive)

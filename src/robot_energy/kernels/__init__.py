@@ -116,7 +116,7 @@ class Compiled(Protocol):
             before: Powers behind the registers at the sample before, shape (R,). [W]
             half: Half of the time of each interval, shape (N,). [s]
             last: Written to, the powers at the last sample, shape (R,). [W]
-            energy: Written to, order F, shape (N, R). [J]
+            energy: Written to, of the first registers, order F, shape (N, R) or less. [J]
             microjoule: Added to, int64, shape (R,). [uJ]
             remainder: Added to, int64, shape (R,). [2^-40 uJ]
 

@@ -69,11 +69,11 @@ typedef struct {
 
 /* Powers of a block, and what becomes of them; matrices one column after the other. */
 typedef struct {
-    int64_t rows, joints;
+    int64_t rows, joints, kept;                 /* kept: columns whose energies are written */
     const double *cabinet[CABINET_COLUMNS - 1]; /* grid, brake, loss_dc, loss_grid, capacitor */
     const double *joint[JOINT_COLUMNS - 2];     /* rigid, friction, drive loss */
     const double *before, *half;                /* powers of the row before; half of each time */
-    double *last, *energy;                      /* powers of the last row; energies */
+    double *last, *energy, *scratch;            /* powers of the last row; energies; one column */
     int64_t *microjoule, *remainder;            /* sums to be added to */
 } registers;
 

@@ -264,11 +264,12 @@ static PyObject *integrate(PyObject *self, PyObject *args) {
     Py_buffer *whole_sum = last ? take(&held, whole_given, 'q', 1, 1) : NULL;
     Py_buffer *rest_sum = whole_sum ? take(&held, rest_given, 'q', 1, 1) : NULL;
     if (!rest_sum) return refuse(&held, NULL);
-    Py_ssize_t rows = energy->shape[0], columns = energy->shape[1];
+    Py_ssize_t rows = energy->shape[0], columns = before->shape[0];
     task.rows = rows;
+    task.kept = energy->shape[1];
     task.joints = (columns - CABINET_COLUMNS) / JOINT_COLUMNS;
     if (columns != CABINET_COLUMNS + JOINT_COLUMNS * task.joints || !dense(energy, 1)
-        || before->shape[0] != columns || last->shape[0] != columns || half->shape[0] != rows
+        || task.kept > columns || last->shape[0] != columns || half->shape[0] != rows
         || whole_sum->shape[0] != columns || rest_sum->shape[0] != columns || !dense(before, 0)
         || !dense(half, 0) || !dense(last, 0) || !dense(whole_sum, 0) || !dense(rest_sum, 0))
         return refuse(&held, "found arrays that do not fit each other or are not by columns");
@@ -281,10 +282,16 @@ static PyObject *integrate(PyObject *self, PyObject *args) {
     task.energy = energy->buf;
     task.microjoule = whole_sum->buf;
     task.remainder = rest_sum->buf;
+    task.scratch = malloc((size_t)(rows ? rows : 1) * sizeof(double));
+    if (!task.scratch) {
+        release(&held);
+        return PyErr_NoMemory();
+    }
     int sound;
     Py_BEGIN_ALLOW_THREADS
     sound = integrate_registers(&task);
     Py_END_ALLOW_THREADS
+    free(task.scratch);
     release(&held);
     return PyBool_FromLong(sound);
 }

@@ -63,7 +63,7 @@ CLONES int integrate_registers(const registers *task) {
     int64_t columns = CABINET_COLUMNS + JOINT_COLUMNS * task->joints;
     lanes peak = {0};
     for (int64_t column = 0; column < columns; column++) {
-        double *energy = task->energy + column * task->rows;
+        double *energy = column < task->kept ? task->energy + column * task->rows : task->scratch;
         power[0] = task->before[column];
         for (int64_t start = 0; start < task->rows; start += PART) {
             int64_t count = task->rows - start < PART ? task->rows - start : PART;
