@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import EnergyRegisters
 from ros2_energy_msgs.srv import (
     CloseInterval,
@@ -176,6 +177,29 @@ def test_where_the_files_are(monkeypatch, tmp_path):
     assert folder_of("") is None
 
 
+def test_an_interval_begins_with_what_has_arrived(bench, messages, tmp_path):
+    node = start(bench, tmp_path)
+    rows = messages["/joint_states"]
+    publisher = bench.publisher(JointState, "joint_states")
+    feed(bench, node, publisher, rows[:200])
+    for timer in node.timers:  # from now on only a service takes what arrives
+        timer.cancel()
+    for row in rows[200:400]:
+        publisher.publish(row)
+    names = map(str, range(10_000))
+    newest_ns = nanoseconds(deserialize_message(bytes(rows[399]), JointState).header.stamp)
+
+    def opened() -> bool:
+        interval = call(bench, node, OpenInterval, "open_interval", name=next(names)).interval
+        return nanoseconds(interval.start) >= newest_ns - 250_000_000
+
+    bench.spin_until(opened, "an interval that begins at the newest joint states")
+
+
+def nanoseconds(stamp: Time) -> int:
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
 def test_intervals_and_reset_by_service(bench, messages, tmp_path):
     node, observer = start(bench, tmp_path), Observer(bench)
     rows = messages["/joint_states"]
@@ -212,7 +236,7 @@ def test_intervals_and_reset_by_service(bench, messages, tmp_path):
     assert closed.coverage == 1.0
     assert np.isnan(closed.measured_energy)
     assert [joint.name for joint in closed.joints] == list(node.model.joint_names)
-    begin, end = (stamp.sec * 10**9 + stamp.nanosec for stamp in (closed.start, closed.end))
+    begin, end = map(nanoseconds, (closed.start, closed.end))
     assert (end - begin) * 1e-9 == pytest.approx(closed.observed_time + closed.gap_time)
     (kept,) = newest(tmp_path).closed_intervals
     assert kept.counted.observed_ns * 1e-9 == closed.observed_time

@@ -17,7 +17,7 @@ from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot, make_rig
 
 START_NS = 1_700_000_000 * 10**9
 SECOND_NS = 10**9
-SETTLED = 2.0  # after this only steadiness counts [s]
+SETTLED = 4.0  # after this only steadiness counts [s]
 
 
 class Sent:
@@ -76,7 +76,7 @@ def test_power_comes_every_so_many_ticks_and_never_in_pairs(
         before = count
     steps = np.diff([tick for tick in sent.ticks if tick > SETTLED * tick_rate])
     assert Counter(steps.tolist()) == {round(tick_rate / power_rate): len(steps)}
-    assert len(steps) > 8 * power_rate
+    assert len(steps) > 6 * power_rate
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_bursts_go_out_one_by_one_and_an_excess_at_once():
 
 def test_a_flush_leaves_nothing_behind():
     sent = Sent()
-    paced = PacedPublisher(sent, ticks=5)
+    paced = PacedPublisher(sent, ticks=5, max_waiting=2)
     paced.add(np.zeros((4, 4), np.uint8))
     paced.tick()
     paced.flush()

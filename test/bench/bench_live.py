@@ -18,7 +18,6 @@ from rich.table import Table
 from robot_energy.model import load, save
 
 HERE = Path(__file__).parent
-TICKS = os.sysconf("SC_CLK_TCK")
 NODES = "ros2_energy_monitor"
 CASES = {
     "plain callback subscriber": [[sys.executable, str(HERE / "plain_subscriber.py")]],
@@ -34,9 +33,9 @@ BARE = "the same node and inputs without them"
 
 
 def cpu_seconds(pid: int) -> float:
-    """Processor time of a process, all threads. [s]"""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS
+    """Processor time of a process, all threads, as the scheduler counts it. [s]"""
+    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
+    return sum(int(task.read_text().split()[0]) for task in tasks) * 1e-9
 
 
 def _node(command: list[str]) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from rclpy.node import Node
+from typing import Any
+
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.accounting.account import EnergyAccount
@@ -10,6 +11,7 @@ from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.model import RobotModel
 from ros2_energy_monitor.base.checkpoints import CLOSING, Checkpoints, folder_of
+from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
 from ros2_energy_monitor.base.publishers import (
     POWER_TOPIC,
@@ -35,7 +37,11 @@ class AccountPublisher:
     """
 
     def __init__(
-        self, node: Node, model: RobotModel, account: EnergyAccount, parameters: AccountParameters
+        self,
+        node: MonitorNode[Any],
+        model: RobotModel,
+        account: EnergyAccount,
+        parameters: AccountParameters,
     ) -> None:
         self._node, self._account, self._joint_names = node, account, model.joint_names
         loads = model.auxiliary or ()
@@ -61,10 +67,12 @@ class AccountPublisher:
             RegisterError: If the state files cannot be used.
         """
         power = RowPublisher(self._node, PowerState, POWER_TOPIC, reliable(100))
-        self._power = PacedPublisher(power, self._ticks)
+        burst = -(-self._node.taken_ticks // self._ticks)  # messages that end together
+        self._power = PacedPublisher(power, self._ticks, max_waiting=burst + 1)
         self._registers = RowPublisher(self._node, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
         self.checkpoints.open()
-        RegisterServices(self._node, self._account, self.checkpoints, self._joint_names).open()
+        names, take = self._joint_names, self._node.take_now
+        RegisterServices(self._node, self._account, self.checkpoints, names, take).open()
 
     def close(self) -> None:
         """End the work on the disk; safe also after an `open` that failed."""

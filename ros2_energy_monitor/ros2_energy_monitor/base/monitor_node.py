@@ -70,7 +70,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     NAME: ClassVar[str]
     UNIQUE_TOPIC: ClassVar[str] = ""  # that no other node may publish
     # Queues are emptied at the last tick within it: a step costs as much for few messages. [s]
-    TAKEN_EVERY: ClassVar[float] = 0.08
+    TAKEN_EVERY: ClassVar[float] = 0.16
     parameters: P
     model: RobotModel
 
@@ -104,6 +104,16 @@ class MonitorNode(ManagedNode, Generic[P]):
     @abstractmethod
     def take(self) -> None:
         """Take what has arrived, run the stage once and publish or queue what it gave."""
+
+    @property
+    def taken_ticks(self) -> int:
+        """Ticks from one emptying of the queues to the next."""
+        return max(1, int(self.TAKEN_EVERY * self.parameters.tick_rate + 1e-9))
+
+    def take_now(self) -> None:
+        """Take what has arrived without waiting for the next time, while active."""
+        if self.active:
+            self.take()
 
     def tick(self) -> None:
         """Publish what is queued, one after the other."""
@@ -217,7 +227,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     def _tick(self) -> None:
         with self._tick_statistics.tick():
             if due := self._ticks <= 1:
-                self._ticks = int(self.TAKEN_EVERY * self.parameters.tick_rate + 1e-9)
+                self._ticks = self.taken_ticks
             else:
                 self._ticks -= 1
             if not self.active:

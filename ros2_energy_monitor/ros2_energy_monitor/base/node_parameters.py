@@ -20,7 +20,7 @@ class Common:
 
     model: str = parameter("Model file of the robot, or the name of a shipped model, e.g. kr16.")
     tick_rate: float = parameter(
-        "How often results are published; queued messages are taken at the last tick within 80 ms "
+        "How often results are published; queued messages are taken at the last tick within 160 ms "
         "[1/s].",
         25.0,
         1.0,

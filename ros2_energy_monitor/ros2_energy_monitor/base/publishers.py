@@ -102,7 +102,7 @@ class PacedPublisher:
         max_waiting: Messages that wait at most after a tick.
     """
 
-    def __init__(self, publisher: RowPublisher, ticks: int = 1, max_waiting: int = 2) -> None:
+    def __init__(self, publisher: RowPublisher, ticks: int, max_waiting: int) -> None:
         self._publisher, self._ticks, self._max_waiting = publisher, ticks, max_waiting
         self._rows: deque[NDArray[np.uint8]] = deque()
         self._since = ticks  # ticks since the last message

@@ -86,7 +86,7 @@ class VirtualRobot(Node):
         self._encoder = RigEncoder(self.rig.joint_names)
         rate, tick_rate = self.parameters.rate, self.parameters.tick_rate
         joints = RowPublisher(self, JointState, "joint_states", reliable(2 * round(rate)))
-        self._joints = PacedPublisher(joints, max_waiting=math.ceil(rate / tick_rate) + 2)
+        self._joints = PacedPublisher(joints, ticks=1, max_waiting=math.ceil(rate / tick_rate) + 2)
         self._temperatures = RowPublisher(
             self, MotorTemperatures, "motor_temperatures", reliable(10)
         )

@@ -29,6 +29,7 @@ class RegisterServices:
         account: The energy account.
         checkpoints: Bring them to disk.
         joint_names: Joints in model order.
+        take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 
     def __init__(
@@ -37,9 +38,10 @@ class RegisterServices:
         account: EnergyAccount,
         checkpoints: Checkpoints,
         joint_names: Sequence[str],
+        take: Callable[[], None],
     ) -> None:
         self._node, self._account, self._checkpoints = node, account, checkpoints
-        self._names = joint_names
+        self._names, self._take = joint_names, take
 
     def open(self) -> None:
         """Create the services."""
@@ -84,6 +86,7 @@ class RegisterServices:
         """Change the account and bring them to disk before the answer."""
         try:
             self._checkpoints.store.require()
+            self._take()
             response.message = change()
         except RegisterError as error:
             response.success, response.message = False, str(error)
