@@ -7,7 +7,6 @@ temperatures without a sensor. Each is proven by repetition on plants drawn at r
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from robot_energy_papers.interval_coverage import (
     coverages,
     repetitions,
 )
-from robot_energy_papers.job_pool import Progress, Steps, job_pool
+from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_papers.learning_study import LearningRow, learning_study
 from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
 from robot_energy_papers.wear_shift import Shift, WearRow, detection
@@ -150,28 +149,19 @@ def reliability_of(found: list[list[Judged]]) -> dict[str, tuple[Float, Float]]:
     return curves
 
 
-def study(
-    folder: Path,
-    seed: int,
-    scale: CertaintyStudySize,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> Certainty:
-    """Return what the whole study finds; it does not depend on the number of processes.
+def study(options: StudyRun, scale: CertaintyStudySize) -> Certainty:
+    """Return what the whole study finds.
 
     Args:
-        folder: Of the study; no bag is kept.
-        seed: Seed of everything that is drawn.
+        options: How it runs.
         scale: How much to do.
-        workers: Processes in addition to this one; 1 means to do all of it here.
-        progress: Called with the share done, 0 to 1.
     """
-    del folder
+    seed = options.seed
     first = 1000 * seed
     plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]
     single = scale.repetitions + scale.hard + scale.band_plants + scale.thermal + scale.wear
-    steps = Steps(single + len(plants), progress)
-    with job_pool(workers, steps.done) as run:
+    steps = Steps(single + len(plants), options.progress)
+    with job_pool(options.workers, steps.done) as run:
         own, hard = (
             [run(repetitions, scale.robots, [first + k], kind) for k in range(number)]
             for number, kind in ((scale.repetitions, False), (scale.hard, True))

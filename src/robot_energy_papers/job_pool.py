@@ -8,12 +8,31 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing import active_children, get_context
+from pathlib import Path
 from typing import Any
 
 from robot_energy.errors import RigError
 
 Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class StudyRun:
+    """How a study runs; its figures depend on the seed alone.
+
+    Attributes:
+        folder: For the bags that are kept; it exists.
+        seed: Seed of everything that is drawn.
+        workers: Processes in addition to this one; 1 means to do all of it here.
+        progress: Called with the share done, 0 to 1.
+    """
+
+    folder: Path
+    seed: int
+    workers: int = 1
+    progress: Progress | None = None
 
 
 class Steps:

@@ -16,7 +16,7 @@ from robot_energy.rig.record import RigRecording
 from robot_energy_papers.calibration import Calibration, calibrate
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
 from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
-from robot_energy_papers.job_pool import Progress, Steps, job_pool
+from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_papers.kr16_sensitivity import holding_table, rise_table
 from robot_energy_papers.models import FOLLOWS, Identified, identify
 from robot_energy_papers.sensitivity import SensitivityTable
@@ -213,27 +213,19 @@ class PaperA:
         return min(usable, key=lambda index: abs(self.rows[index].robot_degc - degc))
 
 
-def study(
-    folder: Path,
-    seed: int,
-    scale: PaperAStudySize,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> PaperA:
-    """Return what the whole study finds; it does not depend on the number of processes.
+def study(options: StudyRun, scale: PaperAStudySize) -> PaperA:
+    """Return what the whole study finds.
 
     Args:
-        folder: For the bags; it exists.
-        seed: Seed of programs and rigs.
+        options: How it runs.
         scale: How much to do.
-        workers: Processes in addition to this one; 1 means to do all of it here.
-        progress: Called with the share done, 0 to 1.
     """
+    seed = options.seed
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
-    steps = Steps(len(rigs) + scale.plants + 5, progress, SHARE_BEFORE_FITS)
-    with job_pool(workers, steps.done) as run:
+    steps = Steps(len(rigs) + scale.plants + 5, options.progress, SHARE_BEFORE_FITS)
+    with job_pool(options.workers, steps.done) as run:
         training, testing = (
-            run(record, folder, seed, scale) for record in (_record_training, record_test)
+            run(record, options.folder, seed, scale) for record in (_record_training, record_test)
         )
         effects = [run(effect_row, name, rig, scale.rigs, seed) for name, rig in rigs.items()]
         calibration = run(calibrate, profile, seed, scale.programs, scale.moves)
@@ -260,8 +252,8 @@ def study(
             calibration.result(),
             hold.result() | rise.result(),
         )
-    if progress is not None:
-        progress(1.0)
+    if options.progress is not None:
+        options.progress(1.0)
     return found
 
 

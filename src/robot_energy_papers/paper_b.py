@@ -13,7 +13,7 @@ from robot_energy.motion import JointMotion
 from robot_energy.rig import RigConfig, load_profile, random_profile
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
 from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
-from robot_energy_papers.job_pool import Progress, Steps
+from robot_energy_papers.job_pool import Steps, StudyRun
 from robot_energy_papers.machines import (
     ARM,
     MACHINES,
@@ -175,18 +175,15 @@ class PaperB:
         }
 
 
-def study(
-    folder: Path, seed: int, scale: PaperBStudySize, progress: Progress | None = None
-) -> PaperB:
+def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
     """Return what all studies find.
 
     Args:
-        folder: For the bags; it exists.
-        seed: Seed of motions and rigs.
+        options: How it runs.
         scale: How much to do.
-        progress: Called with the share done, 0 to 1.
     """
-    step = Steps(STEPS + scale.plants, progress).done
+    seed, folder = options.seed, options.folder
+    step = Steps(STEPS + scale.plants, options.progress).done
     start, profile = load("mantis"), load_profile("mantis")
     first = seed * SEED_STEP
     train = excitation(start, profile, first + 1, scale.iterations)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from robot_energy.optimization.search import cheapest
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import load_profile
 from robot_energy_papers.band_coverage import BODY, SHORT_TRAINING, TRAINING, Recorded
-from robot_energy_papers.job_pool import Progress, Steps, job_pool
+from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_papers.judged_savings import JudgedChoice, JudgedSaving, PlantAtWork
 from robot_energy_papers.savings_study import judge_plant, run_as, task_of
 
@@ -96,27 +95,18 @@ class Savings:
     curves: list[OverrideCurve]
 
 
-def study(
-    folder: Path,
-    seed: int,
-    scale: SavingsStudySize,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> Savings:
+def study(options: StudyRun, scale: SavingsStudySize) -> Savings:
     """Return what the whole study finds.
 
     Args:
-        folder: Of the study; no bag is kept.
-        seed: Seed of everything that is drawn.
+        options: How it runs.
         scale: How much to do.
-        workers: Processes in addition to this one; 1 means to do all of it here.
-        progress: Called with the share done, 0 to 1.
     """
-    del folder
+    seed = options.seed
     first = 1000 * seed + FRESH
     parts = -(-scale.limits // PER_JOB)
-    steps = Steps(scale.plants + parts + 1, progress)
-    with job_pool(workers, steps.done) as run:
+    steps = Steps(scale.plants + parts + 1, options.progress)
+    with job_pool(options.workers, steps.done) as run:
         judged = [run(_judged, first + k, scale) for k in range(scale.plants)]
         checked = [
             run(

@@ -74,25 +74,17 @@ def alert_rules() -> str:
          "{{ $labels.joint }} of {{ $labels.robot }} is above 100 degC",
          "Let it cool, and look for the cause."),
     ]  # fmt: skip
-    return _yaml(
+    listed = [
         {
-            "groups": [
-                {
-                    "name": "robot_energy",
-                    "rules": [
-                        {
-                            "alert": name,
-                            "expr": expression,
-                            "for": time,
-                            "labels": {"severity": "warning"},
-                            "annotations": {"summary": summary, "description": remedy},
-                        }
-                        for name, expression, time, summary, remedy in rules
-                    ],
-                }
-            ]
+            "alert": name,
+            "expr": expression,
+            "for": time,
+            "labels": {"severity": "warning"},
+            "annotations": {"summary": summary, "description": remedy},
         }
-    )
+        for name, expression, time, summary, remedy in rules
+    ]
+    return _yaml({"groups": [{"name": "robot_energy", "rules": listed}]})
 
 
 def grafana_dashboard() -> dict[str, Any]:

@@ -6,7 +6,6 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from robot_energy.cli.command import Command, Group, add_option
 from robot_energy.cli.terminal import console, progress, write_json
@@ -81,18 +80,17 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.html import write_page
     from robot_energy.report.printing import print_document
+    from robot_energy_papers.job_pool import StudyRun
     from robot_energy_papers.pages import document, print_template
 
     name = args.paper.replace("-", "_")
     module = f"robot_energy_papers.{name}"
     paper, page = (import_module(module + part) for part in ("", "_page"))
-    options: dict[str, Any] = {}
-    if "workers" in args:
-        options["workers"] = args.workers or (1 if args.quick else WORKERS)
+    workers = getattr(args, "workers", 1) or (1 if args.quick else WORKERS)
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, testing") as report:
             scale = paper.QUICK if args.quick else paper.FULL
-            result = paper.study(folder / BAGS, args.seed, scale, progress=report, **options)
+            result = paper.study(StudyRun(folder / BAGS, args.seed, workers, report), scale)
         context = {**page.context(result), "command": _command(args)}
         write_page(document(name, context, page.pieces(result)), folder / REPORT)
         write_json(str(folder / FIGURES), page.figures(result))

@@ -15,6 +15,7 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
+from robot_energy_papers.job_pool import StudyRun
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
@@ -144,7 +145,7 @@ def test_other_processes_give_the_figures_of_this_one(tmp_path):
     shares = []
     for name in ("there", "here"):
         (tmp_path / name).mkdir()
-    result = study(tmp_path / "there", 3, TINY, 2, shares.append)
+    result = study(StudyRun(tmp_path / "there", 3, 2, shares.append), TINY)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     rig = configurations(())[ALL]
