@@ -133,6 +133,17 @@ def _near(word: str, names: Sequence[str]) -> str:
     return next(iter(get_close_matches(word, names, n=1, cutoff=LIKELY)), "")
 
 
+class _Version(Action):
+    """Says the version, and whether the compiled kernels are in use."""
+
+    def __call__(self, parser: ArgumentParser, *_: Any) -> None:
+        from robot_energy import kernels  # loads numpy
+
+        form = "without compiled kernels" if kernels.compiled is None else "with compiled kernels"
+        print(f"robot-energy {__version__} {form}")
+        parser.exit()
+
+
 def build_parser() -> ArgumentParser:
     """Return the parser of the command and all sub-commands."""
     parser = Parser(
@@ -142,7 +153,7 @@ def build_parser() -> ArgumentParser:
         "traces of KUKA controllers, and any table as CSV, gzip, Parquet or DIAdem.",
         epilog=EPILOG,
     )
-    parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     # Those of other packages, such as that of the papers, by the entry points they declare.

@@ -14,7 +14,7 @@ import pytest
 from command_line import refused
 from logbook import WHEEL_MAPPING, wheel_bag, wheel_model, write_csv
 from places import ROOT
-from robot_energy import __version__
+from robot_energy import __version__, kernels
 from robot_energy.cli import main
 from robot_energy.cli.main import EXTRAS
 
@@ -85,7 +85,9 @@ def test_simulate_records_a_bag_that_replays(
 
 def test_wrong_arguments_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"robot-energy {__version__}\n"
+    said = capsys.readouterr().out
+    form = "without" if kernels.compiled is None else "with"
+    assert said == f"robot-energy {__version__} {form} compiled kernels\n"
     assert main(["replay", "--help"]) == 0
     assert "examples:" in capsys.readouterr().out
     for args in (
