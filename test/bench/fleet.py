@@ -28,7 +28,7 @@ from robot_energy.fleet.run import FleetRun, Replays, in_turn, on_dask, run_flee
 BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_warm"
 ROBOTS = 20
 WARM_UP = 8  # bags
-GROUP = 20  # bags between two looks at the clock
+GROUP = 100  # bags between two looks at the clock
 LONGEST_LIFE = 8.0  # of a worker until the next one is killed [s]
 
 

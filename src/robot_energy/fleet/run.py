@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import threading
@@ -23,9 +24,10 @@ from robot_energy.shown_text import shown
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
-PER_THREAD = 4  # bags at the scheduler for each thread of its workers
-MIN_WAITING = 16
-BATCH = 8  # bags that are sent to the scheduler at once
+PER_THREAD = 16  # bags at the scheduler for each thread of its workers
+MIN_WAITING = 64
+BATCH = 16  # bags that are sent to the scheduler at once
+TOGETHER = 0.2  # s; rows that come within it are fetched by one message
 LOST = "10s"  # after which a worker that is gone and does not come back is replaced
 HEAL_EVERY = 2.0  # s; the workers are also counted so often
 TIMEOUT = "30s"  # for the scheduler to answer
@@ -273,34 +275,51 @@ def _kept(cluster: Any, workers: int) -> Generator[None]:
 
 
 def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int) -> Source:
+    """Rows of bags, until all are there or the scheduler is lost."""
+    from distributed.client import FutureCancelledError
+
+    try:
+        yield from _as_they_come(client, bags, models, max_scratch)
+    except (FutureCancelledError, asyncio.CancelledError, OSError) as error:
+        if client.status == "running":
+            raise
+        raise DatasetError(
+            "the scheduler was lost",
+            "one that runs until the end",
+            "run the command again: what the dataset holds is not done twice",
+        ) from error
+
+
+def _as_they_come(
+    client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int
+) -> Source:
     """Few bags at a time are at the scheduler, however many there are."""
     from distributed import as_completed
-    from distributed.client import FutureCancelledError
     from distributed.scheduler import KilledWorker
 
     kept: dict[str, Any] = {}
     asked: dict[str, FleetBag] = {}
     waiting = cast("Any", as_completed())
 
-    def next_row() -> tuple[FleetBag, BagRow]:
-        future = next(waiting)
-        bag = asked.pop(future.key)
-        try:
-            row = cast("BagRow", future.result())
-        except KilledWorker:
-            died = DatasetError(
-                f"workers died {ALLOWED_FAILURES} times while they replayed {bag.place.address}",
-                "workers with enough memory",
-                "raise --memory, or split the bag",
-            )
-            row = refused(bag, died)
-        except FutureCancelledError as error:
-            raise DatasetError(
-                "the scheduler was lost",
-                "one that runs until the end",
-                "run the command again: what the dataset holds is not done twice",
-            ) from error
-        return bag, row
+    def next_rows() -> Source:
+        """The next row, and by the same message those that soon follow, until few are left."""
+        futures = [next(waiting)]
+        if len(asked) > BATCH:
+            time.sleep(TOGETHER)
+        futures += waiting.next_batch(block=False)
+        rows = client.gather({one.key: one for one in futures}, errors="skip")
+        for future in futures:
+            bag = asked.pop(future.key)
+            try:
+                row = rows.get(future.key) or future.result()
+            except KilledWorker:
+                died = DatasetError(
+                    f"workers died {ALLOWED_FAILURES} times under {bag.place.address}",
+                    "workers with enough memory",
+                    "raise --memory, or split the bag",
+                )
+                row = refused(bag, died)
+            yield bag, cast("BagRow", row)
 
     room, checked = 0, float("-inf")
     while batch := list(islice(bags, BATCH)):
@@ -309,7 +328,7 @@ def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratc
             checked = now
             room = max(MIN_WAITING, PER_THREAD * sum(client.nthreads().values()))
         while len(asked) + len(batch) > room:
-            yield next_row()
+            yield from next_rows()
         for own in {bag.model_digest for bag in batch} - kept.keys():
             # as a task, which another worker can repeat if one dies
             kept[own] = client.submit(_same, models[own], key=f"model-{own}")
@@ -322,7 +341,7 @@ def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratc
                 client.map(replay_bag, new.values(), theirs, max_scratch=max_scratch, key=[*new])
             )
     while asked:
-        yield next_row()
+        yield from next_rows()
 
 
 def _same(model: RobotModel) -> RobotModel:

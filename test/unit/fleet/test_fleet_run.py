@@ -154,9 +154,9 @@ def test_few_bags_are_at_the_scheduler_however_many_there_are(hall, sequential, 
 
     models, dataset = FleetModels(), Dataset(tmp_path / "d")
     one = list_bags(str(hall / "r1"), models, "kr16", {})[0]
-    bags = [replace(one, programme=str(number)) for number in range(40)]
+    bags = [replace(one, programme=str(number)) for number in range(2 * (MIN_WAITING + BATCH))]
     done = run_fleet(bags, models.models, dataset, counted)
-    assert done.read == 40
+    assert done.read == len(bags)
     assert max(most) <= MIN_WAITING + BATCH
 
 
@@ -296,7 +296,7 @@ def scheduler(tmp_path):
             assert all(still_runs(process) for process in processes)
             with suppress(OSError, ValueError):
                 address = json.loads(file.read_text())["address"]
-        yield address
+        yield address, processes[0]
     finally:
         for process in reversed(processes):
             process.terminate()
@@ -304,8 +304,24 @@ def scheduler(tmp_path):
             process.wait()
 
 
+def test_a_scheduler_that_is_lost_is_said_and_what_was_done_stays(
+    hall, sequential, tmp_path, scheduler, monkeypatch
+):
+    monkeypatch.setattr("robot_energy.fleet.run.TIMEOUT", "1s")  # to come back
+    address, process = scheduler
+
+    def killed(done):
+        process.kill()
+
+    with pytest.raises(DatasetError, match="scheduler was lost"), on_dask(address) as replays:
+        replayed(hall, tmp_path / "d", replays, killed)
+    assert 1 <= len(list((tmp_path / "d").rglob("*.parquet"))) < 10
+    replayed(hall, tmp_path / "d")
+    assert content(tmp_path / "d") == content(sequential[0])
+
+
 def test_workers_of_another_command_give_the_same_bits(hall, sequential, tmp_path, scheduler):
-    with on_dask(scheduler) as replays:
+    with on_dask(scheduler[0]) as replays:
         done = replayed(hall, tmp_path / "d", replays)
     assert (done.read, len(done.refused)) == (9, 1)
     assert content(tmp_path / "d") == content(sequential[0])
