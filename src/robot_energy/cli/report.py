@@ -88,7 +88,7 @@ def _run(args: Namespace) -> int:
     write_page(page, args.out)
     out = console()
     for report, _ in replays:
-        out.print(f"{report.bag}: {headline(report)}", soft_wrap=True)
+        out.print(f"{report.bag}: {headline(report)}")
     wrote(out, args.out, "report")
     return DAMAGED if damaged else 0
 
