@@ -148,10 +148,7 @@ def cabinet_document(report: CabinetReport, page: Document) -> None:
         page: Where to.
     """
     losses_section(report.losses, page)
-    if report.meter_delay is not None:
-        page.paragraph(delay_text("the meter", report.meter_delay))
-    if report.meter_time_constant is not None:
-        page.paragraph(low_pass_text("the meter", report.meter_time_constant))
+    delay_lines("the meter", report.meter_delay, report.meter_time_constant, page)
     if report.link is not None:
         link_section(report.link, page)
     if report.link_reason:
@@ -249,33 +246,26 @@ def link_section(fit: LinkFit, page: Document) -> None:
     )
 
 
-def delay_text(what: str, delay: Delay) -> str:
-    """Return a delay behind the joint states in one line.
+def delay_lines(what: str, delay: Delay | None, low_pass: Delay | None, page: Document) -> None:
+    """Add a delay behind the joint states, and the time constant of a low pass, a line each.
 
     Args:
         what: Of what.
-        delay: The estimate.
+        delay: The estimate; None adds nothing.
+        low_pass: The estimate; likewise.
+        page: Where to.
     """
-    return (
-        f"delay of {what} behind the joint states: "
-        f"{uncertain(1e3 * delay.value, 1e3 * delay.std)} ms would lower the held-out error by "
-        f"{percent(delay.gain)}: {delay_use(delay, 'undone')}"
-    )
-
-
-def low_pass_text(what: str, constant: Delay) -> str:
-    """Return the time constant of a low pass in one line.
-
-    Args:
-        what: Of what.
-        constant: The estimate.
-    """
-    if constant.value == 0.0:
-        return f"no low pass in {what} lowers the held-out error"
-    return (
-        f"low pass in {what}: {uncertain(1e3 * constant.value, 1e3 * constant.std)} ms would lower "
-        f"the held-out error by {percent(constant.gain)}: {delay_use(constant, 'undone')}"
-    )
+    found = {f"delay of {what} behind the joint states": delay, f"low pass in {what}": low_pass}
+    for name, one in found.items():
+        if one is None:
+            continue
+        if one is low_pass and one.value == 0.0:
+            page.paragraph(f"no {name} lowers the held-out error")
+        else:
+            page.paragraph(
+                f"{name}: {uncertain(1e3 * one.value, 1e3 * one.std)} ms would lower the held-out "
+                f"error by {percent(one.gain)}: {delay_use(one, 'undone')}"
+            )
 
 
 def delay_use(delay: Delay, done: str) -> str:
