@@ -12,7 +12,7 @@ from robot_energy.cdr import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS, JOINT_FIELDS
-from robot_energy.page.load_rows import LOAD_ENERGIES, LOAD_POWERS
+from robot_energy.page.rows import LOAD_ENERGIES, LOAD_POWERS
 from robot_energy.timeline.stamps import valid_stamps
 
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")

@@ -13,9 +13,7 @@ from robot_energy.cdr import RawBatch, Run, stamp_ns
 from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
 from robot_energy.page.energy_flow import FlowParts, flow_picture, registers_picture
 from robot_energy.page.history import HistoryRing
-from robot_energy.page.job_rows import job_rows, last_job
 from robot_energy.page.json_numbers import json_number
-from robot_energy.page.load_rows import load_alarms, load_rows, newest_loads
 from robot_energy.page.messages import (
     ENERGIES,
     JOINT_ENERGIES,
@@ -28,6 +26,7 @@ from robot_energy.page.messages import (
     TOTALS,
     PageReaders,
 )
+from robot_energy.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
 from robot_energy.page.settings import CostCounter, PageSettings
 from robot_energy.shown_text import shown
 from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH
