@@ -30,6 +30,7 @@ from robot_energy.fleet.joint_sums import (
     SIGN,
     UPPER,
     VISCOUS,
+    WEAR,
     gram_of,
 )
 from robot_energy.fleet.tables import FleetTables
@@ -149,14 +150,10 @@ def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
         if len(one["wear_features"]) == FEATURES * len(one["wear_stamp_ns"])
     )
     found = [
-        WearRecord(stamp_ns, hours, time, excess, variance, tuple(features))
+        WearRecord(*figures, tuple(features))
         for one in written
-        for stamp_ns, hours, time, excess, variance, features in zip(
-            one["wear_stamp_ns"],
-            one["wear_hours"],
-            one["wear_time"],
-            one["wear_excess"],
-            one["wear_variance"],
+        for *figures, features in zip(
+            *(one[f"wear_{key}"] for key in WEAR),
             np.reshape(one["wear_features"], (-1, FEATURES)).tolist(),
             strict=True,
         )

@@ -17,7 +17,8 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy.units import HOUR_NS, SECOND_NS
 
 MIN_STANDBY = 60.0  # at rest with drives on, from which on it is standby [s]
-OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(5)
+SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
+OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(len(SUMS))
 BIN = 5.0  # width of a bin of temperature [K]
 
 
@@ -66,19 +67,12 @@ class HourSums:
     def table(self) -> list[dict[str, Any]]:
         """Return one row for each hour, of plain values."""
         return [
-            {
-                "hour_ns": hour,
-                "observed_time": float(sums[OBSERVED]),
-                "motion_time": float(sums[MOTION]),
-                "grid_energy": float(sums[ENERGY]),
-                "standby_time": float(sums[STANDBY]),
-                "standby_energy": float(sums[STANDBY_ENERGY]),
-            }
+            {"hour_ns": hour, **dict(zip(SUMS, sums.tolist(), strict=True))}
             for hour, sums in sorted(self.hours.items())
         ]
 
     def _add(self, hour: int, rest: bool, time: float, energy: float) -> None:
-        own = self.hours.setdefault(hour, np.zeros(5))
+        own = self.hours.setdefault(hour, np.zeros(len(SUMS)))
         own[OBSERVED] += time
         own[ENERGY] += energy
         if not rest:
