@@ -65,9 +65,7 @@ def friction_by_temperature(curves: Sequence[FrictionCurve], path: Target) -> No
 def friction_by_week(curves: Sequence[FrictionCurve], path: Target) -> None:
     """Draw friction against the model over time, at equal temperature and speed.
 
-    Args:
-        curves: One or more.
-        path: File to write.
+    Arguments as in `friction_by_temperature`.
     """
 
     def draw(axes: Any, curve: FrictionCurve) -> None:

@@ -12,7 +12,7 @@ from robot_energy.report.canvas import COLOURS, LINES, Target, panels
 from robot_energy.report.document import Column, Document
 from robot_energy.report.evaluation import error_bars
 from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
-from robot_energy.report.power_figure import power_and_energy
+from robot_energy.report.replay_figures import power_and_energy
 from robot_energy.report.series import Role, Series, series_of
 from robot_energy.timeline.pieces import Compared
 

@@ -56,12 +56,7 @@ def friction_document(report: FrictionReport, page: Document) -> None:
 
 
 def friction_tables(report: FrictionReport, page: Document) -> None:
-    """Add the friction of every axis.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add the friction of every axis; arguments as in `friction_document`."""
     unit = report.torque_unit
     page.rows(
         "Friction over motor temperature, "
@@ -141,12 +136,7 @@ def study_document(report: FrictionStudyReport, page: Document) -> None:
 
 
 def cabinet_document(report: CabinetReport, page: Document) -> None:
-    """Add constant losses and DC link.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add constant losses and DC link; arguments as in `friction_document`."""
     losses_section(report.losses, page)
     delay_lines("the meter", report.meter_delay, report.meter_time_constant, page)
     if report.link is not None:
@@ -212,12 +202,7 @@ def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page:
 
 
 def link_section(fit: LinkFit, page: Document) -> None:
-    """Add the energy of the DC link.
-
-    Args:
-        fit: What was found.
-        page: Where to.
-    """
+    """Add the energy of the DC link; arguments as in `losses_section`."""
     page.paragraph(
         "energy of the DC link between rectified and chopper voltage: "
         f"{uncertain(fit.energy, fit.std)} J, 95 % interval {fit.interval[0]:.0f} to "
@@ -294,12 +279,7 @@ def _error_over_energy(fit: LinkFit, path: Target) -> None:
 
 
 def thermal_document(report: ThermalReport, page: Document) -> None:
-    """Add the thermal networks of the motors.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add the thermal networks of the motors; arguments as in `friction_document`."""
     unit = "J/K" if report.heat == "losses" else "A2 s/K"
     page.rows(
         f"Thermal networks, air at {report.ambient_degc:.1f} degC",
@@ -338,12 +318,7 @@ def _thermal_figure(fit: ThermalFit, key: str) -> str | None:
 
 
 def states_document(report: LoadStatesReport, page: Document) -> None:
-    """Add the identified powers of states.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add the identified powers of states; arguments as in `friction_document`."""
     page.table(
         "Power of each state [W]",
         ("load", "state", "power", "given", "readings", "times", "by"),
