@@ -47,8 +47,8 @@ MODULES = {
     """,
     "robot_energy.cli": """
         advise check command commands export fleet_identify fleet_report fleet_run help_text
-        identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
-        identify_excitation identify_friction identify_inputs identify_thermal import_logs info
+        identify_all identify_drives identify_dynamics identify_excitation identify_friction
+        identify_inputs identify_metered identify_thermal import_logs info
         layouts listings main models monitoring numbers optimize predict replay replay_options
         report simulate stopping terminal test tool_options
     """,
@@ -151,8 +151,8 @@ MODULES = {
     "robot_energy.report": """
         advice canvas document drives dynamics energy evaluation fleet fleet_figures formats
         friction_figure headline held_out html identification identify_all jobs kinds layout model
-        optimization parameters power_figure prediction prediction_figure printing recordings
-        repeats replay series temperature_figure
+        optimization parameters prediction prediction_figure printing recordings repeats replay
+        replay_figures series
     """,
     "robot_energy.results": """
         advice auxiliary base check condition drives dynamics energy evaluation fleet identification
