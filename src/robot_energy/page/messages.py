@@ -86,8 +86,7 @@ class PageReaders:
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:
         """Return the fields of the newest usable register message, or None.
 
-        Args:
-            batch: The messages.
+        Argument as in `PageReaders.power`.
         """
         runs = _usable(self._registers, batch, "joints.name")
         if not runs:
@@ -106,8 +105,7 @@ class PageReaders:
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
         """Return the newest friction of each joint by its name, or None.
 
-        Args:
-            batch: The messages.
+        Argument as in `PageReaders.power`.
         """
         runs = _usable(self._friction, batch, "joint_names")
         if not runs:

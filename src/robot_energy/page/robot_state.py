@@ -113,8 +113,7 @@ class RobotState:
     def take_friction(self, batch: RawBatch) -> None:
         """Take friction coefficients; the newest count.
 
-        Args:
-            batch: The messages.
+        Argument as in `RobotState.take_registers`.
         """
         found = self._readers.friction(batch)
         if found is not None:
@@ -150,16 +149,10 @@ class RobotState:
             return True
         return now - self._received > max(STALE_AFTER, STALE_PERIODS * self._newest["period"])
 
-    @property
-    def registers(self) -> dict[str, Any] | None:
-        """Fields of the newest register message, as `PageReaders.registers` returns them."""
-        return self._registers
-
     def power(self, now: float) -> dict[str, Any]:
         """Return the few figures that change several times a second, as plain values.
 
-        Args:
-            now: As of `take_power`. [s]
+        Argument as in `RobotState.stale`.
         """
         newest = self._newest
         stale = self.stale(now)
@@ -181,8 +174,7 @@ class RobotState:
     def snapshot(self, now: float) -> dict[str, Any]:
         """Return everything but the history as plain values; None where unknown or stale.
 
-        Args:
-            now: As of `take_power`. [s]
+        Argument as in `RobotState.stale`.
         """
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN

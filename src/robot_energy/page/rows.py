@@ -122,11 +122,7 @@ def last_job(intervals: Sequence[Fields]) -> dict[str, Any] | None:
 
 
 def job_rows(intervals: Sequence[Fields]) -> list[dict[str, Any]]:
-    """Return the newest intervals as plain values, the newest first.
-
-    Args:
-        intervals: Newest last.
-    """
+    """Return the newest intervals as plain values, newest first; argument as in `last_job`."""
     return [
         {
             "id": int(one["id"]),

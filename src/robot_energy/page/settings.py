@@ -154,6 +154,7 @@ class CostCounter:
 
     Attributes:
         since_ns: Beginning of the energy that is priced; None before the first. [ns]
+        price: In force at the last register; None before the first. [currency/kWh]
     """
 
     def __init__(self, settings: PageSettings) -> None:
@@ -161,7 +162,7 @@ class CostCounter:
         self._sum = 0.0
         self._last: tuple[int, int, float] | None = None  # start, stamp, energy
         self.since_ns: int | None = None
-        self._price: float | None = None
+        self.price: float | None = None
 
     def add(self, start_ns: int, stamp_ns: int, energy: float) -> None:
         """Take a register.
@@ -175,7 +176,7 @@ class CostCounter:
             return
         if not self._settings.time_of_use:
             self._sum = energy / JOULE_PER_KWH * self._settings.price_per_kwh
-            self.since_ns, self._price = start_ns, self._settings.price_per_kwh
+            self.since_ns, self.price = start_ns, self._settings.price_per_kwh
             return
         if self._last is None or start_ns != self._last[0] or energy < self._last[2]:
             self._sum, self.since_ns = 0.0, stamp_ns
@@ -183,18 +184,13 @@ class CostCounter:
             _, before_ns, before = self._last
             price = self._settings.price_at((before_ns + stamp_ns) // 2) or 0.0
             self._sum += (energy - before) / JOULE_PER_KWH * price
-        self._price = self._settings.price_at(stamp_ns)
+        self.price = self._settings.price_at(stamp_ns)
         self._last = (start_ns, stamp_ns, energy)
 
     @property
     def cost(self) -> float | None:
         """Cost since `since_ns`; None before the first register. [currency]"""
         return None if self.since_ns is None else self._sum
-
-    @property
-    def price(self) -> float | None:
-        """Price in force at the last register. [currency/kWh]"""
-        return self._price
 
 
 def load_settings(path: str) -> PageSettings:

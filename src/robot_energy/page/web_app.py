@@ -101,7 +101,7 @@ class PageApp:
         if request.method not in ("GET", "HEAD", "POST"):
             return PlainTextResponse("expected GET\n", 405, {"allow": "GET, HEAD"})
         writes = request.method == "POST"
-        private = self._access.private and request.url.path not in OPEN_PATHS
+        private = not self._access.loopback and request.url.path not in OPEN_PATHS
         if (writes and self._access.allow_control) or private:
             if not self._access.permits(headers.get("authorization")):
                 return PlainTextResponse(
