@@ -284,7 +284,7 @@ def run_replay(
         if option.name in given:
             option.check(given[option.name], "replay")
     read, notes = driver_inputs(given.get("inputs"), given.get("robot"))
-    settings = {name: given[name] for name in SETTINGS if name in given}
+    settings: dict[str, Any] = {name: given[name] for name in SETTINGS if name in given}
     if "learning" in given:
         settings["learning"] = member_named(Learning, "learning", given["learning"])
     if read is not None:

@@ -150,9 +150,9 @@ def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
         if len(one["wear_features"]) == FEATURES * len(one["wear_stamp_ns"])
     )
     found = [
-        WearRecord(*figures, tuple(features))
+        WearRecord(stamp_ns, hours, time, excess, variance, tuple(features))
         for one in written
-        for *figures, features in zip(
+        for stamp_ns, hours, time, excess, variance, features in zip(
             *(one[f"wear_{key}"] for key in WEAR),
             np.reshape(one["wear_features"], (-1, FEATURES)).tolist(),
             strict=True,

@@ -34,7 +34,6 @@ from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.units import SECOND_NS
 
-PART = 1 << 20  # bytes that are hashed at once
 Row = dict[str, Any]
 
 
@@ -147,8 +146,7 @@ def _hash_of(path: Path, place: BagPlace) -> str:
         if name == FILE_NAME:
             continue
         with (path / name if place.is_folder else path).open("rb") as file:
-            while part := file.read(PART):
-                whole.update(part)
+            hashlib.file_digest(file, lambda: whole)
     return whole.hexdigest()
 
 

@@ -7,10 +7,11 @@ from itertools import pairwise
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from robot_energy.config_file import load
 from robot_energy.errors import PageError
+from robot_energy.model.figure import ModelEntry
 from robot_energy.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -23,11 +24,7 @@ Clock = Annotated[str, Field(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$|^24:00$")
 Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PricePeriod(_Strict):
+class PricePeriod(ModelEntry):
     """A time of the day with a price of its own.
 
     Attributes:
@@ -57,7 +54,7 @@ class PricePeriod(_Strict):
         return (today and minute >= begin) or (yesterday and minute < end)
 
 
-class PageSettings(_Strict):
+class PageSettings(ModelEntry):
     """Settings of the page; all have defaults.
 
     Attributes:
