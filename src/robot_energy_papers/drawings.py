@@ -221,9 +221,9 @@ def over_time(
     Raises:
         ReportError: If the file cannot be written.
     """
-    with canvas(path, (WIDE, 2.5 * -(-len(curves) // columns) + 0.5), title) as figure:
-        grid = panels(figure, len(curves), columns)
-        for panel, (name, lines) in zip(grid.flat, curves.items(), strict=False):
+    labels = ("time [s]", unit)
+    with panels(path, [*curves], (0.0, 2.5), (WIDE, 0.5), labels, columns, title) as (figure, grid):
+        for panel, lines in zip(grid, curves.values(), strict=True):
             for line in lines:
                 rows = slice(None, None, max(1, len(line.time) // MAX_POINTS))
                 panel.plot(
@@ -236,11 +236,8 @@ def over_time(
                 panel.set_ylim(min(0.0, 1.1 * float(low)), 1.1 * float(high))
             elif limits is not None:
                 panel.set_ylim(*limits)
-            panel.set_title(name, fontsize=9, loc="left")
             panel.set_ylabel(unit)
-        for panel in grid[-1]:
-            panel.set_xlabel("time [s]")
-        _legend(figure, grid.flat)
+        _legend(figure, grid)
 
 
 def reliability(curves: Mapping[str, tuple[Float, Float]], path: Target) -> None:
@@ -253,20 +250,17 @@ def reliability(curves: Mapping[str, tuple[Float, Float]], path: Target) -> None
     Raises:
         ReportError: If the file cannot be written.
     """
-    with canvas(path, (WIDE, 3.0 * -(-len(curves) // 2) + 0.5)) as figure:
-        grid = panels(figure, len(curves), 2)
-        for panel, (name, (nominal, observed)) in zip(grid.flat, curves.items(), strict=False):
+    labels = "stated [%]", "holds the truth [%]"
+    with panels(path, [*curves], (0.0, 3.0), (WIDE, 0.5), labels, 2) as (figure, grid):
+        for panel, (nominal, observed) in zip(grid, curves.values(), strict=True):
             panel.plot([0.0, PERCENT], [0.0, PERCENT], color=GREY, linewidth=0.8, label="right")
             panel.plot(
                 PERCENT * nominal, PERCENT * observed, color=COLOURS["predicted"], label="observed"
             )
-            panel.set_title(name, fontsize=9, loc="left")
-            panel.set_ylabel("holds the truth [%]")
+            panel.set_ylabel(labels[1])
             panel.set_xlim(0.0, PERCENT)
             panel.set_ylim(0.0, PERCENT)
-        for panel in grid[-1]:
-            panel.set_xlabel("stated [%]")
-        _legend(figure, grid.flat)
+        _legend(figure, grid)
 
 
 def bars(

@@ -19,7 +19,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.condition.learner import Learning
-from robot_energy.fleet.hour_sums import HourSums
+from robot_energy.fleet.bag_sums import HourSums
 from robot_energy.fleet.joint_sums import JointSums
 from robot_energy.fleet.report import fleet_report
 from robot_energy.fleet.tables import FleetTables, Rows, tables_of

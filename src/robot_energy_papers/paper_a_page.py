@@ -13,7 +13,7 @@ from robot_energy.blocks import Float
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.report.identification import friction_tables, losses_section
-from robot_energy.report.power_figure import power_and_energy
+from robot_energy.report.replay_figures import power_and_energy
 from robot_energy.report.series import Series, compared_series
 from robot_energy.results.base import json_value
 from robot_energy.results.identification import FrictionReport

@@ -47,8 +47,8 @@ MODULES = {
     """,
     "robot_energy.cli": """
         advise check command commands export fleet_identify fleet_report fleet_run help_text
-        identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
-        identify_excitation identify_friction identify_inputs identify_thermal import_logs info
+        identify_all identify_drives identify_dynamics identify_excitation identify_friction
+        identify_inputs identify_metered identify_thermal import_logs info
         layouts listings main models monitoring numbers optimize predict replay replay_options
         report simulate stopping terminal test tool_options
     """,
@@ -61,9 +61,8 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        api bag_figures bag_joints bag_list bag_row dataset dataset_columns findings hour_sums
-        identify joint_sums merged_friction merged_laws meter_errors report run sisters tables
-        wear_history
+        api bag_joints bag_list bag_row bag_sums dataset dataset_columns findings identify
+        joint_sums merged_friction merged_laws report run sisters tables wear_history
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps
@@ -111,7 +110,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.layouts": """
-        foxglove plotjuggler plots rqt viewers
+        foxglove plotjuggler plots viewers
     """,
     "robot_energy.logs": """
         columns diadem log_import mapped_log mapping recording rows table ur_rtde
@@ -134,9 +133,8 @@ MODULES = {
         task time_law timed_moves trajectory_form
     """,
     "robot_energy.page": """
-        access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
-        load_rows messages metrics monitoring recording robot_state saved_page settings web_app
-        web_server
+        access alarms energy_flow headless_browser history hub json_numbers messages metrics
+        monitoring recording robot_state rows saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet collision derivative drive drivetrain effort effort_check electrical_power equations
@@ -153,12 +151,12 @@ MODULES = {
     "robot_energy.report": """
         advice canvas document drives dynamics energy evaluation fleet fleet_figures formats
         friction_figure headline held_out html identification identify_all jobs kinds layout model
-        optimization parameters power_figure prediction prediction_figure printing recordings
-        repeats replay series temperature_figure
+        optimization parameters prediction prediction_figure printing recordings repeats replay
+        replay_figures series
     """,
     "robot_energy.results": """
         advice auxiliary base check condition drives dynamics energy evaluation fleet identification
-        model optimization optimization_figures prediction replay schema
+        model optimization prediction replay schema
     """,
     "robot_energy.rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply

@@ -82,7 +82,7 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
 
 def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     # Matplotlib is slow to import and of no use to the live part.
-    from robot_energy.report.power_figure import power_and_energy
+    from robot_energy.report.replay_figures import power_and_energy
     from robot_energy.report.series import compared_series
 
     first = replay(bag, model, keep_curves=True)

@@ -205,11 +205,7 @@ def waiting_pose(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
 def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     """Return what a regenerative supply would keep of the energy in the brake resistor.
 
-    ``S = eta E_brake``.
-
-    Args:
-        evidence: Of the recordings.
-        model: Of the robot.
+    ``S = eta E_brake``; arguments as in `waiting_pose`.
     """
     if model.cabinet.regeneration_efficiency is not None or evidence.brake_energy <= 0.0:
         return None

@@ -198,8 +198,7 @@ class BagSource:
     def friction_data(self, model: RobotModel) -> list[FrictionData]:
         """Return what is needed to identify friction, one entry per joint.
 
-        Args:
-            model: Of the robot.
+        Argument as in `BagSource.recordings`.
         """
         from robot_energy.identify.friction.samples import friction_data
 
@@ -209,8 +208,7 @@ class BagSource:
     def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         """Return evenly sampled motion and torque of each recording by its name.
 
-        Args:
-            model: Of the robot.
+        Argument as in `BagSource.recordings`.
         """
         from robot_energy.identify.data.recordings import channels_of
 

@@ -29,8 +29,7 @@ from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.task import Task, make_task
 from robot_energy.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy.physics.collision import SelfCollision, touching_moves
-from robot_energy.results.optimization import OptimizationReport
-from robot_energy.results.optimization_figures import optimization_report, with_supply
+from robot_energy.results.optimization import OptimizationReport, optimization_report, with_supply
 
 TEMPERATURES = 3  # at which a range is looked at
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]

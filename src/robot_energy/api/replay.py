@@ -39,6 +39,7 @@ from robot_energy.time_series import TimeSeries
 NONE = "none"  # instead of a topic: use none of the bag's
 FALLBACK = "fallback"  # instead of a temperature: the model's
 FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed; the command refuses the same
+SETTINGS = ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap", "power_period")
 CHECKED = (
     *(
         Parameter(name, float, MISSING, "", low, 1e6, ())
@@ -277,54 +278,46 @@ def run_replay(
     if unknown := sorted(options.keys() - ReplayOptions.__annotations__.keys()):
         known = ", ".join(sorted(ReplayOptions.__annotations__))
         raise TypeError(f"replay has no option {', '.join(unknown)}; expected: {known}")
+    every: dict[str, Any] = {**options, "power_period": power_period}
+    given = {name: value for name, value in every.items() if value is not None}
     for option in CHECKED:
-        value = power_period if option.name == "power_period" else options.get(option.name)
-        if value is not None:
-            option.check(value, "replay")
-    read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
-    settings: dict[str, Any] = {
-        name: options.get(name)
-        for name in ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap")
-    }
-    settings["power_period"] = power_period
-    if (learning := options.get("learning")) is not None:
-        settings["learning"] = member_named(Learning, "learning", learning)
-    given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
+        if option.name in given:
+            option.check(given[option.name], "replay")
+    read, notes = driver_inputs(given.get("inputs"), given.get("robot"))
+    settings: dict[str, Any] = {name: given[name] for name in SETTINGS if name in given}
+    if "learning" in given:
+        settings["learning"] = member_named(Learning, "learning", given["learning"])
     if read is not None:
-        given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}
-    effort = options.get("effort") or (NONE if read is None else read.joint_states.effort_meaning)
-    dating: dict[str, Any] = {
-        name: options.get(name) for name in ("stamp_source", "reorder_window")
-    }
+        settings = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **settings}
+    effort = given.get("effort") or (NONE if read is None else read.joint_states.effort_meaning)
     states = replace(
         JointStateSource() if read is None else read.joint_states,
-        **{name: value for name, value in dating.items() if value is not None},
+        **{name: given[name] for name in ("stamp_source", "reorder_window") if name in given},
     )
-    temperatures = options.get("temperatures")
-    payload = options.get("payload")
+    temperatures, payload = given.get("temperatures"), given.get("payload")
     result = bag_replay.replay(
         bag,
         model,
         topics=Topics(
-            _topics(options.get("joint_states")) or None,
+            _topics(given.get("joint_states")) or None,
             None if temperatures is None else tuple(t for t in _topics(temperatures) if t != NONE),
-            options.get("meter"),
+            given.get("meter"),
             "" if payload == NONE else payload,
         ),
-        settings=Settings(effort=effort_meaning(effort), **given),
-        out=options.get("out"),
-        overwrite=options.get("overwrite", False),
+        settings=Settings(effort=effort_meaning(effort), **settings),
+        out=given.get("out"),
+        overwrite=given.get("overwrite", False),
         keep_curves=keep_curves,
         keep_means=power_period is not None,
         keep_compared=keep_compared,
-        progress=options.get("progress"),
+        progress=given.get("progress"),
         inputs=read,
         states=states,
         on_output=on_output,
-        time_range=TimeRange(options.get("start"), options.get("end")),
-        learned=options.get("learned"),
-        jobs=load_jobs(jobs) if (jobs := options.get("jobs")) else (),
-        processes=options.get("processes", 1),
+        time_range=TimeRange(given.get("start"), given.get("end")),
+        learned=given.get("learned"),
+        jobs=load_jobs(jobs) if (jobs := given.get("jobs")) else (),
+        processes=given.get("processes", 1),
     )
     result.notes[:0] = notes
     return result

@@ -57,25 +57,21 @@ def _run(args: Namespace) -> int:
 
 
 def _show(result: CheckResult) -> None:
-    out = console()
-
-    def show(text: str, style: str = "") -> None:
-        out.print(text, style=style, soft_wrap=True, highlight=False, markup=False)
-
+    show = console().print
     errors = len(result.errors)
-    show(f"{result.recording} with {result.model}", "bold")
+    show(f"{result.recording} with {result.model}", style="bold")
     if errors:
-        show(f"{errors} mistake{'s' if errors > 1 else ''} found", STYLES["error"])
+        show(f"{errors} mistake{'s' if errors > 1 else ''} found", style=STYLES["error"])
     else:
         show(f"no mistake found; checked: {', '.join(result.checked) or 'nothing'}")
     for finding in result.findings:
-        show(f"{finding.severity}: {finding.sentence}{_certainty(finding)}",
-             STYLES[finding.severity])  # fmt: skip
+        text = f"{finding.severity}: {finding.sentence}{_certainty(finding)}"
+        show(text, style=STYLES[finding.severity])
         if finding.remedy:
             place = f"   # {finding.remedy_in}" if finding.remedy_in else ""
             show(f"    remedy: {finding.remedy}{place}")
     for name, why in result.skipped.items():
-        show(f"not checked: {name} ({why})", STYLES["note"])
+        show(f"not checked: {name} ({why})", style=STYLES["note"])
     show("")
 
 

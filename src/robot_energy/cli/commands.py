@@ -10,12 +10,11 @@ from robot_energy.cli import (
     fleet_report,
     fleet_run,
     identify_all,
-    identify_auxiliary,
-    identify_cabinet,
     identify_drives,
     identify_dynamics,
     identify_excitation,
     identify_friction,
+    identify_metered,
     identify_thermal,
     import_logs,
     info,
@@ -38,12 +37,11 @@ IDENTIFY = Group(
     "Identify a model from recordings; held-out figures say how good it is.",
     "what",
     "WHAT",
-    lambda: [
-        one.COMMAND for one in (
-            identify_all, identify_excitation, identify_friction, identify_dynamics,
-            identify_cabinet, identify_drives, identify_thermal, identify_auxiliary,
-        )
-    ],
+    lambda: (
+        identify_all.COMMAND, identify_excitation.COMMAND, identify_friction.COMMAND,
+        identify_dynamics.COMMAND, identify_metered.CABINET, identify_drives.COMMAND,
+        identify_thermal.COMMAND, identify_metered.AUXILIARY,
+    ),
 )  # fmt: skip
 FLEET = Group(
     "fleet",

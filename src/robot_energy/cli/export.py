@@ -65,7 +65,7 @@ def _run(args: Namespace) -> int:
     write_file(args.out, data, KINDS[suffix], WHAT)
     out = console()
     for sentence in (*result.problems, *result.notes):
-        out.print(sentence, soft_wrap=True)
+        out.print(sentence)
     wrote(out, args.out, f"{len(result.power)} rows")
     return DAMAGED if result.replay.problems else 0
 

@@ -173,8 +173,7 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
     out, time_ = console(), report.observed_time
     out.print(
         f"{counted(report.bags, 'bag')}: {report.replayed} replayed, {report.there} there already, "
-        f"{len(report.refused)} refused, {len(report.damaged)} damaged; dataset {shown(args.out)}",
-        soft_wrap=True,
+        f"{len(report.refused)} refused, {len(report.damaged)} damaged; dataset {shown(args.out)}"
     )
     if report.replayed:
         hours = time_ / 3600.0
@@ -182,18 +181,17 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
             f"{hours:.3f} recorded hours in {report.elapsed_time:.1f} s "
             f"({time_ / report.elapsed_time:.0f} recorded seconds per second); "
             f"{report.row_size / 1e3 / max(hours, 1e-9):.0f} kB of rows per recorded hour; "
-            f"most memory of a worker {report.peak_memory / 1e6:.0f} MB",
-            soft_wrap=True,
+            f"most memory of a worker {report.peak_memory / 1e6:.0f} MB"
         )
     for reason, count in why_refused(report.refused)[:SHOWN]:
-        out.print(f"  {count} refused: {reason}", soft_wrap=True)
+        out.print(f"  {count} refused: {reason}")
     for bag in report.damaged[:SHOWN]:
         problems = "; ".join(bag.problems)
-        out.print(f"  damaged, read in part: {bag.bag}: {problems}", soft_wrap=True)
+        out.print(f"  damaged, read in part: {bag.bag}: {problems}")
     if more := len(report.damaged[SHOWN:]):
-        out.print(f"  {more} more damaged: see `robot-energy fleet report`", soft_wrap=True)
+        out.print(f"  {more} more damaged: see `robot-energy fleet report`")
     if report.jobs_left_out:
-        out.print(f"  {jobs_left_out(report.jobs_left_out)}", soft_wrap=True)
+        out.print(f"  {jobs_left_out(report.jobs_left_out)}")
     if args.json is not None:
         wrote(out, args.json, "all figures as JSON")
 

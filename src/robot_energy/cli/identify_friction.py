@@ -63,16 +63,15 @@ def _run(args: Namespace) -> int:
     from robot_energy.report.identification import friction_document, study_document
     from robot_energy.results.identification import FrictionReport, FrictionStudyReport
 
-    IdentifyInputs(args).check_results()
+    given = IdentifyInputs(args)
+    given.check_results()
     why = "figures from a log are relative and make no model file"
-    IdentifyInputs(args).check_source(needs_effort=True, relative=why)
+    given.check_source(needs_effort=True, relative=why)
     if (args.train is None) != (args.test is None):
         raise ModelFileError("--train and --test belong together", "both or none")
-    source = IdentifyInputs(args).names()
+    source = given.names()
     if args.train is not None:
-        axes = (
-            _log(args) if args.log else IdentifyInputs(args).bags().friction_data(load(args.model))
-        )
+        axes = _log(given) if args.log else given.bags().friction_data(load(args.model))
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
         page = Document("Friction at temperatures that were not seen", source)
         study_document(studies, page)
@@ -84,7 +83,7 @@ def _run(args: Namespace) -> int:
         from robot_energy.identify.friction.shape import share_shape
         from robot_energy.identify.plausibility import check_friction
 
-        axes = _log(args)
+        axes = _log(given)
         fits, refused = fit_axes(axes)
         if args.share_shape:
             fits = share_shape(fits, axes)
@@ -93,9 +92,7 @@ def _run(args: Namespace) -> int:
     else:
         from robot_energy.api.identify import identify_friction
 
-        result = identify_friction(
-            IdentifyInputs(args).bags(), args.model, share_shape=args.share_shape
-        )
+        result = identify_friction(given.bags(), args.model, share_shape=args.share_shape)
         report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")
     friction_document(report, page)
@@ -107,10 +104,10 @@ def _run(args: Namespace) -> int:
     return 0
 
 
-def _log(args: Namespace) -> list[FrictionData]:
+def _log(given: IdentifyInputs) -> list[FrictionData]:
     from robot_energy.identify.friction.samples import friction_data_of_log
 
-    parts, names = IdentifyInputs(args).columns_of_log()
+    parts, names = given.columns_of_log()
     return [friction_data_of_log(parts, names, j) for j in range(len(names))]
 
 

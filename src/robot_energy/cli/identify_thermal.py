@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
-from typing import Any
+from typing import TYPE_CHECKING
 
 from robot_energy.cli.command import Command, Options
 from robot_energy.cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
 from robot_energy.cli.numbers import number
 from robot_energy.cli.terminal import present
+
+if TYPE_CHECKING:
+    from robot_energy.results.identification import ThermalReport
 
 DESCRIPTION = """\
 Identify the heat capacity and the time constants of every motor from recordings with motor
@@ -37,39 +40,32 @@ def _degc(text: str) -> float:
 def _run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.identification import thermal_document
-    from robot_energy.results.identification import ThermalReport
 
-    IdentifyInputs(args).check_results()
-    IdentifyInputs(args).check_source(
-        relative="the heat of a log is relative and makes no model file"
-    )
+    given = IdentifyInputs(args)
+    given.check_results()
+    given.check_source(relative="the heat of a log is relative and makes no model file")
     model = None
     if args.log:
-        report = _of_log(args)
+        report = _of_log(given, args.ambient)
     else:
         from robot_energy.api.identify import identify_thermal
 
-        result = identify_thermal(
-            IdentifyInputs(args).bags(), args.model, ambient_degc=args.ambient
-        )
+        result = identify_thermal(given.bags(), args.model, ambient_degc=args.ambient)
         report, model = result.found, result.model
-    assert isinstance(report, ThermalReport)
-    page = Document(
-        "Thermal networks of the motors", f"Identified from {IdentifyInputs(args).names()}."
-    )
+    page = Document("Thermal networks of the motors", f"Identified from {given.names()}.")
     thermal_document(report, page)
     present(args, report, page, model=model)
     return 0
 
 
-def _of_log(args: Namespace) -> Any:
+def _of_log(given: IdentifyInputs, ambient_degc: float | None) -> ThermalReport:
     from robot_energy.identify.thermal.network import fit_networks
     from robot_energy.identify.thermal.windows import runs_of_log
     from robot_energy.results.identification import ThermalReport
 
-    parts, names = IdentifyInputs(args).columns_of_log()
+    parts, names = given.columns_of_log()
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]
-    ambient, fits, refused = fit_networks(names, runs, args.ambient)
+    ambient, fits, refused = fit_networks(names, runs, ambient_degc)
     return ThermalReport("squared_current", ambient, tuple(fits), tuple(refused))
 
 

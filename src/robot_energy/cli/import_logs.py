@@ -42,7 +42,7 @@ def _print(report: ImportReport) -> None:
         ("/energy/payload", report.payloads),
     ]
     for topic, count in topics:
-        out.print(f"  {topic:<20} {count or 'none'}", soft_wrap=True)
+        out.print(f"  {topic:<20} {count or 'none'}")
     for account in report.files:
         reasons = ", ".join(
             f"{count} {reason.replace('_', ' ')} (first at line {account.first_line[reason]})"
@@ -50,11 +50,10 @@ def _print(report: ImportReport) -> None:
         )
         out.print(
             f"{account.path}: {account.received} rows, {account.accepted} used, "
-            f"rejected: {reasons or 'none'}",
-            soft_wrap=True,
+            f"rejected: {reasons or 'none'}"
         )
     for note in report.notes:
-        out.print(f"note: {note}", soft_wrap=True)
+        out.print(f"note: {note}")
 
 
 COMMAND = Group(

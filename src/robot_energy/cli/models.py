@@ -32,12 +32,9 @@ def _run_list(args: Namespace) -> int:
     for name, path in models.items():
         model = load(path)
         tags = tags_text(count_tags(model))
-        out.print(
-            f"{name:<8} {model.robot.type}; {len(model.joints)} joints; figures: {tags}",
-            soft_wrap=True,
-        )
+        out.print(f"{name:<8} {model.robot.type}; {len(model.joints)} joints; figures: {tags}")
     for folder in sorted({path.parent for path in models.values()}):
-        out.print(f"files in {folder}", soft_wrap=True)
+        out.print(f"files in {folder}")
     return 0
 
 
@@ -93,23 +90,19 @@ def _run_init(args: Namespace) -> int:
     show = console().print
     show(
         f"{arm.robot_name}: {len(arm.joints)} joints, {arm.moving_mass:.1f} kg, class "
-        f"{arm.robot_class.name} ({arm.class_source})",
-        soft_wrap=True,
-        highlight=False,
+        f"{arm.robot_class.name} ({arm.class_source})"
     )
     for name, why in arm.left_out:
-        show(f"- not modelled: {name} ({why})", soft_wrap=True, highlight=False)
+        show(f"- not modelled: {name} ({why})")
     for remark in remarks:
-        show(f"- {remark}", soft_wrap=True, highlight=False)
+        show(f"- {remark}")
     wrote(console(), out, "model file")
     show(
         "All figures that the URDF does not give are assumed. Next:\n"
         f"  robot-energy replay BAG --model {out}\n"
         f"  robot-energy identify all BAGS... --model {out} --effort MEANING "
         "--out identified.yaml\n"
-        "MEANING is what your driver sends as effort: motor_torque, joint_torque or motor_current.",
-        soft_wrap=True,
-        highlight=False,
+        "MEANING is what your driver sends as effort: motor_torque, joint_torque or motor_current."
     )
     return 0
 

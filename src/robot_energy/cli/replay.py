@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from robot_energy.page.recording import RecordedPage
     from robot_energy.page.settings import PageSettings
     from robot_energy.pipeline import Output
-    from robot_energy.report.temperature_figure import TemperatureHistory
+    from robot_energy.report.replay_figures import TemperatureHistory
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -89,8 +89,8 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.report.document import Document
     from robot_energy.report.replay import ReplayCurves, replay_document
+    from robot_energy.report.replay_figures import TemperatureHistory
     from robot_energy.report.series import curves_of
-    from robot_energy.report.temperature_figure import TemperatureHistory
     from robot_energy.results.replay import replay_report
 
     named = model_named(args)
@@ -199,7 +199,7 @@ def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> N
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     from robot_energy.blocks import MeterLocation
-    from robot_energy.report.power_figure import power_and_energy
+    from robot_energy.report.replay_figures import power_and_energy
     from robot_energy.report.series import curves_of
 
     first = results[0]

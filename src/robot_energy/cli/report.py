@@ -88,7 +88,7 @@ def _run(args: Namespace) -> int:
     write_page(page, args.out)
     out = console()
     for report, _ in replays:
-        out.print(f"{report.bag}: {headline(report)}", soft_wrap=True)
+        out.print(f"{report.bag}: {headline(report)}")
     wrote(out, args.out, "report")
     return DAMAGED if damaged else 0
 
@@ -97,8 +97,8 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     from robot_energy.api.replay import fixed_friction, run_replay
     from robot_energy.model import load
     from robot_energy.report.replay import ReplayCurves
+    from robot_energy.report.replay_figures import TemperatureHistory
     from robot_energy.report.series import curves_of
-    from robot_energy.report.temperature_figure import TemperatureHistory
     from robot_energy.results.replay import replay_report
 
     model, change = load(model_named(args)), None

@@ -98,7 +98,7 @@ def _run(args: Namespace) -> int:
         f"{args.duration:g} s of the virtual rig ({args.robot}), {drawn_energy}",
     )
     for topic, count in recording.messages.items():
-        out.print(f"  {topic:<20} {count}", soft_wrap=True)
+        out.print(f"  {topic:<20} {count}")
     return 0
 
 

@@ -48,7 +48,8 @@ _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
 def console() -> Console:
     """Return the console for results: as wide as the terminal, or 100 plain columns.
 
-    Text is made safe to show; what is formatted already (tables) is left as it is.
+    Text is made safe to show and keeps its lines; what is formatted already (tables) is left as
+    it is.
     """
     from rich.console import Console
 
@@ -59,6 +60,7 @@ def console() -> Console:
 
         def print(self, *objects: Any, **options: Any) -> None:
             plain = (terminal_text(one, self) if isinstance(one, str) else one for one in objects)
+            options.setdefault("soft_wrap", all(isinstance(one, str) for one in objects))
             super().print(*plain, **options)
 
         def on_broken_pipe(self) -> None:

@@ -18,12 +18,7 @@ from robot_energy.shown_text import shown
 class OutputFolder:
     """A folder that appears whole, with all its files, or not at all.
 
-    Args:
-        path: The folder.
-        foreign: Names what in a folder is not ours.
-        overwrite: Replace a folder that is there, if all in it is ours.
-        inputs: Files and folders that the command reads.
-        error: Class of the errors.
+    Arguments as in `check_folder`.
 
     Raises:
         RobotEnergyError: If it cannot be made, or must not be replaced.

@@ -68,9 +68,7 @@ def read_regular(path: str | Path, max_bytes: int) -> bytes:
 def read_regular_text(path: str | Path, max_bytes: int) -> str:
     """Return the text of a regular UTF-8 file of bounded size, with line feeds alone.
 
-    Args:
-        path: The file.
-        max_bytes: Its largest size. [bytes]
+    Arguments as in `read_regular`.
 
     Raises:
         OSError: If it cannot be read, is not a regular file or is larger.

@@ -1,4 +1,13 @@
-"""The rows of joints as arrays, one row for each bag."""
+"""The rows of joints as arrays, one row for each bag, and what its sums say of each joint.
+
+That is friction against the model, and a wrong payload. Both are fitted together, so that neither
+stands for the other: friction has the sign of the velocity, a load keeps its sign where the joint
+turns back.
+
+``y = multiplier friction_model + m p + m' i + offset``
+
+with m' for inertia alone, whose accelerations are less certain than gravity.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +19,28 @@ import polars as pl
 
 from robot_energy.blocks import Float, Int
 from robot_energy.condition.wear_records import FEATURES, WearRecord
-from robot_energy.fleet.bag_figures import BagFigures, bag_figures
 from robot_energy.fleet.joint_sums import (
     COLUMNS,
+    INERTIA,
+    MEASURED,
+    MODEL,
     NODES,
+    OFFSET,
+    PAYLOAD,
     SIGN,
     UPPER,
     VISCOUS,
+    WEAR,
     gram_of,
 )
 from robot_energy.fleet.tables import FleetTables
 
 PART = 2000  # bags whose sums are held at once
 POOLED = 2  # nodes of temperature that make one share
+WORK = len(range(0, NODES, POOLED)) + 2
+MIN_ROWS = 200  # samples of a joint in motion, below which a bag says nothing of it
+TINY = 1e-6  # of the length of a column: less is taken as dependent on the others
+_SHAPE = (COLUMNS, COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -135,11 +153,7 @@ def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
         WearRecord(stamp_ns, hours, time, excess, variance, tuple(features))
         for one in written
         for stamp_ns, hours, time, excess, variance, features in zip(
-            one["wear_stamp_ns"],
-            one["wear_hours"],
-            one["wear_time"],
-            one["wear_excess"],
-            one["wear_variance"],
+            *(one[f"wear_{key}"] for key in WEAR),
             np.reshape(one["wear_features"], (-1, FEATURES)).tolist(),
             strict=True,
         )
@@ -160,5 +174,69 @@ def _work(gram: Float, count: Int) -> Float:
     return np.concatenate([pooled, speeds], axis=-1)
 
 
-_SHAPE = (COLUMNS, COLUMNS)
-WORK = len(range(0, NODES, POOLED)) + 2
+@dataclass(frozen=True)
+class BagFigures:
+    """Figures of B bags.
+
+    Attributes:
+        multiplier: Measured over model friction, shape (B, n); NaN where unknown. [-]
+        mass: More than the model's payload, of gravity alone, shape (B,); NaN: unknown. [kg]
+    """
+
+    multiplier: Float
+    mass: Float
+
+
+def bag_figures(gram: Float, rows: Int) -> BagFigures:
+    """Return the figures of bags.
+
+    Args:
+        gram: Sums of products, shape (B, n, COLUMNS, COLUMNS). [units of both columns]
+        rows: Samples behind them, shape (B, n).
+
+    Returns:
+        One row for each bag.
+    """
+    enough = rows >= MIN_ROWS
+    fitted = _solved(gram, [MODEL, PAYLOAD, INERTIA, OFFSET])
+    multiplier = np.where(enough & (fitted[..., 0] > 0.0), fitted[..., 0], np.nan)
+    square, product, noise = _load(gram, np.maximum(rows, 1))
+    weight = np.where(enough & (noise > 0.0), 1.0 / np.maximum(noise, 1e-12), 0.0)
+    known = (weight * square).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mass = (weight * product).sum(axis=1) / known
+    return BagFigures(multiplier, np.where(known > 0.0, mass, np.nan))
+
+
+def _scaled(gram: Float) -> tuple[Float, Float]:
+    """Products of columns of length 1, and the lengths; what depends on others is damped."""
+    length = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
+    length = np.where(length > 0.0, length, 1.0)
+    unit = gram / (length[..., :, None] * length[..., None, :])
+    return unit + TINY * np.eye(gram.shape[-1]), length
+
+
+def _solved(gram: Float, columns: list[int]) -> Float:
+    """Coefficients of columns in a fit of the measured friction, shape (..., len(columns))."""
+    unit, length = _scaled(gram[..., columns, :][..., columns])
+    right = gram[..., columns, MEASURED] / length
+    return np.linalg.solve(unit, right[..., None])[..., 0] / length
+
+
+def _load(gram: Float, rows: Int) -> tuple[Float, Float, Float]:
+    """Squares of p, its products with y, and variance of y, less friction, inertia, offset."""
+    speed = gram[..., VISCOUS, :].sum(axis=-2)  # products of the velocity with all columns
+    own = np.stack([gram[..., SIGN, :], speed, gram[..., INERTIA, :], gram[..., OFFSET, :]], -2)
+    inner = np.stack(
+        [own[..., SIGN], own[..., VISCOUS].sum(-1), own[..., INERTIA], own[..., OFFSET]], -1
+    )
+    unit, length = _scaled(inner)
+    pair = [PAYLOAD, MEASURED]
+    right = own[..., pair] / length[..., None]
+    left = gram[..., pair, :][..., pair] - np.swapaxes(right, -1, -2) @ np.linalg.solve(unit, right)
+    # of a gravity that hardly changes in a bag, the offset has taken all
+    square = np.where(left[..., 0, 0] > 1e-4 * gram[..., PAYLOAD, PAYLOAD], left[..., 0, 0], 0.0)
+    product = np.where(square > 0.0, left[..., 0, 1], 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        explained = np.where(square > 0.0, product**2 / square, 0.0)
+    return square, product, np.maximum(left[..., 1, 1] - explained, 0.0) / rows

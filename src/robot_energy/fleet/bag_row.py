@@ -23,11 +23,10 @@ from robot_energy.blocks import Phase
 from robot_energy.errors import DatasetError, RobotEnergyError
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.fleet.bag_list import BagPlace, FleetBag
+from robot_energy.fleet.bag_sums import HourSums, MeterErrors
 from robot_energy.fleet.dataset import UNKNOWN_DATE, row_bytes
 from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
-from robot_energy.fleet.hour_sums import HourSums
 from robot_energy.fleet.joint_sums import JointSums
-from robot_energy.fleet.meter_errors import MeterErrors
 from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.identify.stats.regression import one_thread
 from robot_energy.model import RobotModel
@@ -35,7 +34,6 @@ from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.units import SECOND_NS
 
-PART = 1 << 20  # bytes that are hashed at once
 Row = dict[str, Any]
 
 
@@ -148,8 +146,7 @@ def _hash_of(path: Path, place: BagPlace) -> str:
         if name == FILE_NAME:
             continue
         with (path / name if place.is_folder else path).open("rb") as file:
-            while part := file.read(PART):
-                whole.update(part)
+            hashlib.file_digest(file, lambda: whole)
     return whole.hexdigest()
 
 

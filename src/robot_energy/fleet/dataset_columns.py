@@ -92,17 +92,14 @@ RUNS: Columns = {
 }
 JOBS: Columns = {
     "name": TableColumn(TEXT, "", "of the job"),
-    "start_ns": TableColumn(INTEGER, "ns since 1970", "first sample"),
-    "end_ns": TableColumn(INTEGER, "ns since 1970", "last sample"),
-    "observed_ns": TableColumn(INTEGER, "ns", "time predicted"),
-    "gap_ns": TableColumn(INTEGER, "ns", "time not predicted"),
-    **_integers(CABINET_REGISTERS, "microjoule", "uJ", "register {}"),
-    "compared_ns": TableColumn(INTEGER, "ns", "time that meter and prediction cover"),
-    "measured_microjoule": TableColumn(INTEGER, "uJ", "measured over that time"),
-    "predicted_at_meter_microjoule": TableColumn(INTEGER, "uJ", "predicted over that time"),
+    **{name: RUNS[name] for name in (
+        "start_ns", "end_ns", "observed_ns", "gap_ns",
+        *(f"{name}_microjoule" for name in CABINET_REGISTERS),
+        "compared_ns", "measured_microjoule", "predicted_at_meter_microjoule",
+    )},
     "energy_band": TableColumn(FLOAT, "J", "half width of the 90 % band of the net energy"),
     "peak_grid_power": TableColumn(FLOAT, "W", "highest predicted"),
-}
+}  # fmt: skip
 _HOURS = {"hour_ns": ("ns since 1970", "begin of the UTC hour"), "observed_time": ("s", "in it"),
           "motion_time": ("s", "not at rest"), "grid_energy": ("J", "from the grid"),
           "standby_time": ("s", "at rest for 60 s or more, drives on"),

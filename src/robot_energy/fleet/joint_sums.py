@@ -36,6 +36,7 @@ PAYLOAD, INERTIA, MODEL, RIGID, MEASURED = (OFFSET + 1 + number for number in ra
 COLUMNS = MEASURED + 1
 UPPER = np.triu_indices(COLUMNS)
 THINNED_NS = 40_000_000  # one sample of so much time is taken [ns]
+WEAR = ("stamp_ns", "hours", "time", "excess", "variance")  # of the records of the wear alarm
 
 
 class JointSums:
@@ -108,11 +109,7 @@ class JointSums:
                 "motion_time": float(self.time[joint]),
                 "motor_temperature_degc": None if np.isnan(degc[joint]) else float(degc[joint]),
                 "friction_sums": self.grams[joint][UPPER].tolist() if self.rows[joint] else [],
-                "wear_stamp_ns": [record.stamp_ns for record in records],
-                "wear_hours": [record.hours for record in records],
-                "wear_time": [record.time for record in records],
-                "wear_excess": [record.excess for record in records],
-                "wear_variance": [record.variance for record in records],
+                **{f"wear_{key}": [getattr(one, key) for one in records] for key in WEAR},
                 "wear_features": [value for record in records for value in record.features],
             }
             for joint, (name, records) in enumerate(zip(self._names, wear.records(), strict=True))

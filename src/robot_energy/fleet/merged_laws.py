@@ -71,14 +71,8 @@ class JointBags:
         Args:
             bags: Mask of shape (B,), or places.
         """
-        return JointBags(
-            self.name,
-            self.gram[bags],
-            self.rows[bags],
-            self.degc[bags],
-            self.robot[bags],
-            self.stamp_ns[bags],
-        )
+        arrays = {name: array for name, array in vars(self).items() if name != "name"}
+        return JointBags(self.name, **{name: array[bags] for name, array in arrays.items()})
 
 
 def without_nuisances(gram: Float) -> Float:

@@ -10,9 +10,8 @@ from robot_energy.errors import LayoutError
 from robot_energy.files.output_files import FileKind, check_file, write_file
 from robot_energy.kinds import Kind, Kinds
 from robot_energy.layouts.foxglove import foxglove, lichtblick
-from robot_energy.layouts.plotjuggler import plotjuggler
+from robot_energy.layouts.plotjuggler import plotjuggler, rqt
 from robot_energy.layouts.plots import Page, pages
-from robot_energy.layouts.rqt import rqt
 
 MARK = b"robot-energy"
 

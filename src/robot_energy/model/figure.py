@@ -72,13 +72,13 @@ def tag_of(entry: ModelEntry) -> Tag:
     return least_known(own if tag is None else [*own, tag])
 
 
-def without_absent(entries: dict[str, Any], key: str) -> dict[str, Any]:
-    """Return entries without an optional key that is None.
+def without_absent(entries: dict[str, Any], *keys: str) -> dict[str, Any]:
+    """Return entries without optional keys that are None.
 
-    Such a key came later than the files that lack it; a file without it keeps its identity.
+    Such keys came later than the files that lack them; a file without them keeps its identity.
 
     Args:
         entries: A dumped entry of a model file.
-        key: The optional key.
+        *keys: The optional keys.
     """
-    return {name: value for name, value in entries.items() if name != key or value is not None}
+    return {key: value for key, value in entries.items() if key not in keys or value is not None}

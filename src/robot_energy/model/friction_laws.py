@@ -90,10 +90,7 @@ class ExponentialLaw(LawEntry):
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out what is absent: a model without it keeps its identity."""
-        entries = dump(self)
-        for key in ("std", "covariance", "outside"):
-            entries = without_absent(entries, key)
-        return entries
+        return without_absent(dump(self), "std", "covariance", "outside")
 
 
 def _check_covariance(rows: list[list[float]]) -> None:

@@ -133,8 +133,5 @@ class Joint(ModelEntry):
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out absent keys that came later: a model without them keeps its identity."""
-        dumped = without_absent(without_absent(dump(self), "torque_constant"), "thermal")
-        for kind in DRIVE_MODELS.values():
-            if not kind.in_identity:
-                dumped = without_absent(dumped, kind.key)
-        return dumped
+        late = [kind.key for kind in DRIVE_MODELS.values() if not kind.in_identity]
+        return without_absent(dump(self), "torque_constant", "thermal", *late)

@@ -37,13 +37,8 @@ class PageAccess:
 
     @property
     def loopback(self) -> bool:
-        """Whether only this computer reaches the page."""
+        """Whether only this computer reaches the page; if not, reading needs the token."""
         return ipaddress.ip_address(self.address).is_loopback
-
-    @property
-    def private(self) -> bool:
-        """Whether reading needs the token."""
-        return not self.loopback
 
     def sentences(self, url: str) -> list[str]:
         """Return what the start says: the address, and what becomes readable and by whom.

@@ -12,7 +12,7 @@ from robot_energy.cdr import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS, JOINT_FIELDS
-from robot_energy.page.load_rows import LOAD_ENERGIES, LOAD_POWERS
+from robot_energy.page.rows import LOAD_ENERGIES, LOAD_POWERS
 from robot_energy.timeline.stamps import valid_stamps
 
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -86,8 +86,7 @@ class PageReaders:
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:
         """Return the fields of the newest usable register message, or None.
 
-        Args:
-            batch: The messages.
+        Argument as in `PageReaders.power`.
         """
         runs = _usable(self._registers, batch, "joints.name")
         if not runs:
@@ -106,8 +105,7 @@ class PageReaders:
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
         """Return the newest friction of each joint by its name, or None.
 
-        Args:
-            batch: The messages.
+        Argument as in `PageReaders.power`.
         """
         runs = _usable(self._friction, batch, "joint_names")
         if not runs:

@@ -13,9 +13,7 @@ from robot_energy.cdr import RawBatch, Run, stamp_ns
 from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
 from robot_energy.page.energy_flow import FlowParts, flow_picture, registers_picture
 from robot_energy.page.history import HistoryRing
-from robot_energy.page.job_rows import job_rows, last_job
 from robot_energy.page.json_numbers import json_number
-from robot_energy.page.load_rows import load_alarms, load_rows, newest_loads
 from robot_energy.page.messages import (
     ENERGIES,
     JOINT_ENERGIES,
@@ -28,6 +26,7 @@ from robot_energy.page.messages import (
     TOTALS,
     PageReaders,
 )
+from robot_energy.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
 from robot_energy.page.settings import CostCounter, PageSettings
 from robot_energy.shown_text import shown
 from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH
@@ -114,8 +113,7 @@ class RobotState:
     def take_friction(self, batch: RawBatch) -> None:
         """Take friction coefficients; the newest count.
 
-        Args:
-            batch: The messages.
+        Argument as in `RobotState.take_registers`.
         """
         found = self._readers.friction(batch)
         if found is not None:
@@ -151,16 +149,10 @@ class RobotState:
             return True
         return now - self._received > max(STALE_AFTER, STALE_PERIODS * self._newest["period"])
 
-    @property
-    def registers(self) -> dict[str, Any] | None:
-        """Fields of the newest register message, as `PageReaders.registers` returns them."""
-        return self._registers
-
     def power(self, now: float) -> dict[str, Any]:
         """Return the few figures that change several times a second, as plain values.
 
-        Args:
-            now: As of `take_power`. [s]
+        Argument as in `RobotState.stale`.
         """
         newest = self._newest
         stale = self.stale(now)
@@ -182,8 +174,7 @@ class RobotState:
     def snapshot(self, now: float) -> dict[str, Any]:
         """Return everything but the history as plain values; None where unknown or stale.
 
-        Args:
-            now: As of `take_power`. [s]
+        Argument as in `RobotState.stale`.
         """
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN

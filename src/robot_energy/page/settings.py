@@ -7,10 +7,11 @@ from itertools import pairwise
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from robot_energy.config_file import load
 from robot_energy.errors import PageError
+from robot_energy.model.figure import ModelEntry
 from robot_energy.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -23,11 +24,7 @@ Clock = Annotated[str, Field(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$|^24:00$")
 Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PricePeriod(_Strict):
+class PricePeriod(ModelEntry):
     """A time of the day with a price of its own.
 
     Attributes:
@@ -57,7 +54,7 @@ class PricePeriod(_Strict):
         return (today and minute >= begin) or (yesterday and minute < end)
 
 
-class PageSettings(_Strict):
+class PageSettings(ModelEntry):
     """Settings of the page; all have defaults.
 
     Attributes:
@@ -154,6 +151,7 @@ class CostCounter:
 
     Attributes:
         since_ns: Beginning of the energy that is priced; None before the first. [ns]
+        price: In force at the last register; None before the first. [currency/kWh]
     """
 
     def __init__(self, settings: PageSettings) -> None:
@@ -161,7 +159,7 @@ class CostCounter:
         self._sum = 0.0
         self._last: tuple[int, int, float] | None = None  # start, stamp, energy
         self.since_ns: int | None = None
-        self._price: float | None = None
+        self.price: float | None = None
 
     def add(self, start_ns: int, stamp_ns: int, energy: float) -> None:
         """Take a register.
@@ -175,7 +173,7 @@ class CostCounter:
             return
         if not self._settings.time_of_use:
             self._sum = energy / JOULE_PER_KWH * self._settings.price_per_kwh
-            self.since_ns, self._price = start_ns, self._settings.price_per_kwh
+            self.since_ns, self.price = start_ns, self._settings.price_per_kwh
             return
         if self._last is None or start_ns != self._last[0] or energy < self._last[2]:
             self._sum, self.since_ns = 0.0, stamp_ns
@@ -183,18 +181,13 @@ class CostCounter:
             _, before_ns, before = self._last
             price = self._settings.price_at((before_ns + stamp_ns) // 2) or 0.0
             self._sum += (energy - before) / JOULE_PER_KWH * price
-        self._price = self._settings.price_at(stamp_ns)
+        self.price = self._settings.price_at(stamp_ns)
         self._last = (start_ns, stamp_ns, energy)
 
     @property
     def cost(self) -> float | None:
         """Cost since `since_ns`; None before the first register. [currency]"""
         return None if self.since_ns is None else self._sum
-
-    @property
-    def price(self) -> float | None:
-        """Price in force at the last register. [currency/kWh]"""
-        return self._price
 
 
 def load_settings(path: str) -> PageSettings:

@@ -15,7 +15,6 @@ from starlette.routing import Route
 from starlette.types import Message, Receive, Scope, Send
 
 from robot_energy.page.access import PageAccess
-from robot_energy.page.event_stream import EventStream
 from robot_energy.page.hub import ACTIONS, PageHub
 from robot_energy.page.json_numbers import json_text
 from robot_energy.page.metrics import OPENMETRICS, metrics_text
@@ -24,6 +23,8 @@ from robot_energy.page.saved_page import FILES, saved_page, static_file
 MAX_BODY = 2048  # of a request [bytes]
 MAX_TEXT = 200  # characters of the name of a job or the reason of a reset
 BODY_TIMEOUT = 5.0  # for a body to arrive, and for an action [s]
+MAX_STREAMS = 64  # pages that are open at the same time
+BEAT = 1.0  # a stream without news sends a comment this often [s]
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -100,7 +101,7 @@ class PageApp:
         if request.method not in ("GET", "HEAD", "POST"):
             return PlainTextResponse("expected GET\n", 405, {"allow": "GET, HEAD"})
         writes = request.method == "POST"
-        private = self._access.private and request.url.path not in OPEN_PATHS
+        private = not self._access.loopback and request.url.path not in OPEN_PATHS
         if (writes and self._access.allow_control) or private:
             if not self._access.permits(headers.get("authorization")):
                 return PlainTextResponse(
@@ -184,3 +185,65 @@ def _packed(request: Request, content: bytes, kind: str) -> Response:
         return Response(content, media_type=kind)
     headers = {"content-encoding": "gzip", "vary": "accept-encoding"}
     return Response(gzip.compress(content, 5, mtime=0), media_type=kind, headers=headers)
+
+
+class EventStream:
+    """ASGI application of the route of server-sent events; nothing waits for a page.
+
+    A client that reads slowly misses events between, never the newest; the memory for it is
+    that of one event and the buffer of its connection.
+
+    Args:
+        hub: Whose events.
+    """
+
+    def __init__(self, hub: PageHub) -> None:
+        self._hub = hub
+        self._news: set[asyncio.Event] = set()
+
+    def notify(self) -> None:
+        """Say that the hub has news; called in the loop of the server."""
+        for event in self._news:
+            event.set()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send events until the client goes."""
+        if len(self._news) >= MAX_STREAMS:
+            answer = PlainTextResponse(f"{MAX_STREAMS} pages are open already\n", 429)
+            return await answer(scope, receive, send)
+        news = asyncio.Event()
+        self._news.add(news)
+        gone = asyncio.ensure_future(_disconnected(receive))
+        gone.add_done_callback(lambda _: news.set())
+        try:
+            kind = (b"content-type", b"text/event-stream")
+            await send({"type": "http.response.start", "status": 200, "headers": [kind]})
+            if scope["method"] != "HEAD":
+                await self._follow(send, news, gone)
+            await send({"type": "http.response.body", "body": b"", "more_body": False})
+        finally:
+            self._news.discard(news)
+            gone.cancel()
+
+    async def _follow(self, send: Send, news: asyncio.Event, gone: asyncio.Future[None]) -> None:
+        number = state_number = 0
+        while not gone.done():
+            events = self._hub.events
+            chunk = b": beat\n\n"
+            if events.number > number:
+                chunk = events.power
+                if events.state_number > state_number:
+                    chunk = events.state + chunk
+                number, state_number = events.number, events.state_number
+            await send({"type": "http.response.body", "body": chunk, "more_body": True})
+            try:
+                async with asyncio.timeout(BEAT):
+                    await news.wait()
+            except TimeoutError:
+                pass
+            news.clear()
+
+
+async def _disconnected(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass

@@ -6,7 +6,7 @@ same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -87,22 +87,45 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
         _save(figure, path)
 
 
-def panels(figure: Any, count: int, columns: int = 3) -> Any:
-    """Divide a figure into panels, row by row; those that are not needed are hidden.
+@contextmanager
+def panels(
+    path: Target,
+    names: Sequence[str],
+    panel: tuple[float, float],
+    edge: tuple[float, float],
+    labels: tuple[str, str],
+    columns: int = 3,
+    title: str = "",
+) -> Generator[tuple[Any, list[Any]]]:
+    """Open a figure of panels, row by row, and save it as `canvas` does.
 
     Args:
-        figure: From `canvas`.
-        count: How many are needed, >= 1.
-        columns: At most.
+        path: File to write: PNG, SVG or PDF by its suffix; or a buffer for SVG.
+        names: Of the panels, above each; at least one.
+        panel: Width and height of each. [inch]
+        edge: What the figure has beyond them, likewise. [inch]
+        labels: Of the x axes at the bottom and of the y axes at the left.
+        columns: Panels side by side, at most.
+        title: Above the figure.
 
-    Returns:
-        Array of axes, shape (rows, columns); the first `count` of its `flat` are shown.
+    Yields:
+        The figure, and the axes of each panel.
     """
-    wide, high = panel_grid(count, columns)
-    grid: Any = figure.subplots(high, wide, squeeze=False)
-    for axes in list(grid.flat)[count:]:
-        axes.set_visible(False)
-    return grid
+    wide = min(len(names), columns)
+    high = -(-len(names) // wide)
+    size = panel[0] * wide + edge[0], panel[1] * high + edge[1]
+    with canvas(path, size, title) as figure:
+        grid: Any = figure.subplots(high, wide, squeeze=False)
+        for axes in grid[-1]:
+            axes.set_xlabel(labels[0])
+        for axes in grid[:, 0]:
+            axes.set_ylabel(labels[1])
+        for axes, name in zip(grid.flat, names, strict=False):
+            axes.set_title(name, fontsize=9, loc="left")
+        shown_axes, hidden = list(grid.flat)[: len(names)], list(grid.flat)[len(names) :]
+        for axes in hidden:
+            axes.set_visible(False)
+        yield figure, shown_axes
 
 
 def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
@@ -114,17 +137,6 @@ def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
         names: As many as there are places.
     """
     axis.set_ticks(places, [typeset(shown(name, MAX_TICK)) for name in names])
-
-
-def panel_grid(count: int, columns: int = 3) -> tuple[int, int]:
-    """Return the columns and rows that a number of panels takes.
-
-    Args:
-        count: How many panels, 1 or more.
-        columns: How many may stand side by side.
-    """
-    wide = min(count, columns)
-    return wide, -(-count // wide)
 
 
 def check_format(path: Path) -> None:

@@ -13,7 +13,7 @@ from robot_energy.identify.drives.losses import TERMS
 from robot_energy.identify.drives.total_sums import COEFFICIENTS
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap
-from robot_energy.report.canvas import COLOURS, Target, canvas, panel_grid, panels
+from robot_energy.report.canvas import COLOURS, Target, panels
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import (
     fixed,
@@ -23,7 +23,7 @@ from robot_energy.report.formats import (
     significant,
     uncertain,
 )
-from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_text, low_pass_text
+from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_lines
 from robot_energy.results.base import known
 from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
 
@@ -132,8 +132,7 @@ def _drives(fit: DrivesFit, delay: Delay | None, page: Document) -> None:
     if missing:
         names = ", ".join(text for name, text in SPLIT_NAMES.items() if name in missing)
         page.paragraph(f"too few recordings or samples to hold out: {names}")
-    if delay is not None:
-        page.paragraph(delay_text("the power", delay))
+    delay_lines("the power", delay, None, page)
     chosen = DRIVE_MODELS[fit.chosen].label
     page.paragraph(f"the {chosen} is taken, by its held-out RMS error")
     if delay is not None and delay.at_edge:
@@ -186,10 +185,7 @@ def _total(total: TotalPower, page: Document) -> None:
         ],
         total.axes,
     )
-    if total.meter_delay is not None:
-        page.paragraph(delay_text("the meter", total.meter_delay))
-    if total.meter_time_constant is not None:
-        page.paragraph(low_pass_text("the meter", total.meter_time_constant))
+    delay_lines("the meter", total.meter_delay, total.meter_time_constant, page)
     page.notes(total.notes)
 
 
@@ -212,22 +208,16 @@ def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> N
     Raises:
         ShapeError: If there is no map.
     """
-    maps = [(axis.name, axis.map.entry) for axis in axes if axis.map is not None]
+    maps = {axis.name: axis.map.entry for axis in axes if axis.map is not None}
     if not maps:
         raise ShapeError("no efficiency map to draw", "measured power of the drives")
-    columns, rows = panel_grid(len(maps))
-    with canvas(path, (3.2 * columns + 1.2, 2.8 * rows + 0.6), title) as figure:
-        grid = panels(figure, len(maps))
+    labels = "motor velocity [rad/s]", "motor torque [N m]"
+    with panels(path, [*maps], (3.2, 2.8), (1.2, 0.6), labels, title=title) as (figure, grid):
         surface: Any = None
-        for panel, (name, entry) in zip(grid.flat, maps, strict=False):
+        for panel, entry in zip(grid, maps.values(), strict=True):
             surface = _map(panel, entry) or surface
-            panel.set_title(name, fontsize=9, loc="left")
-        for panel in grid[:, 0]:
-            panel.set_ylabel("motor torque [N m]")
-        for panel in grid[-1]:
-            panel.set_xlabel("motor velocity [rad/s]")
         if surface is not None:
-            bar = figure.colorbar(surface, ax=grid, shrink=0.9)
+            bar = figure.colorbar(surface, ax=figure.axes, shrink=0.9)
             bar.set_label("efficiency, mechanical over electrical power")
 
 

@@ -15,7 +15,6 @@ from robot_energy.report.canvas import (
     Target,
     canvas,
     named_ticks,
-    panel_grid,
     panels,
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
@@ -66,9 +65,7 @@ def friction_by_temperature(curves: Sequence[FrictionCurve], path: Target) -> No
 def friction_by_week(curves: Sequence[FrictionCurve], path: Target) -> None:
     """Draw friction against the model over time, at equal temperature and speed.
 
-    Args:
-        curves: One or more.
-        path: File to write.
+    Arguments as in `friction_by_temperature`.
     """
 
     def draw(axes: Any, curve: FrictionCurve) -> None:
@@ -109,19 +106,13 @@ def _grid(
     draw: Callable[[Any, FrictionCurve], None],
     label: str,
 ) -> None:
-    wide, high = panel_grid(len(curves), PANELS)
-    with canvas(path, (2.8 * wide + 0.5, 1.9 * high + 0.5)) as figure:
-        grid = panels(figure, len(curves), PANELS)
-        for axes, curve in zip(grid.flat, curves, strict=False):
+    names, labels = [curve.joint for curve in curves], (label, "friction / model")
+    with panels(path, names, (2.8, 1.9), (0.5, 0.5), labels, PANELS) as (_, grid):
+        for axes, curve in zip(grid, curves, strict=True):
             draw(axes, curve)
             axes.axhline(1.0, color="#9a9a9a", linewidth=0.8)
-            axes.set_title(curve.joint, fontsize=9, loc="left")
             if curve.robots:
                 axes.legend(loc="best")
-        for axes in grid[:, 0]:
-            axes.set_ylabel("friction / model")
-        for axes in grid[-1]:
-            axes.set_xlabel(label)
 
 
 def _drawn(axes: Any, x: Any, middle: Any, robots: Sequence[str], lines: Any) -> None:

@@ -72,11 +72,7 @@ class EnergyFormat:
         return summing([energy / self.factor for energy in energies], self.digits, whole)
 
     def watt_hour(self, energy: float | None) -> str:
-        """Return an energy in Wh, as precise as those in the report's unit.
-
-        Args:
-            energy: None where it is not known. [J]
-        """
+        """Return an energy in Wh, as precise as the others; argument as in `EnergyFormat.joule`."""
         if energy is None:
             return NOTHING
         return f"{number(energy / JOULE_PER_WH, self.watt_hour_digits)} Wh"

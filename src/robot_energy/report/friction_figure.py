@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.errors import ShapeError
 from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.physics.friction import viscous_law
-from robot_energy.report.canvas import COLOURS, Target, canvas, panel_grid, panels
+from robot_energy.report.canvas import COLOURS, Target, panels
 
 MILLI = 1e3
 BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held
@@ -35,19 +35,15 @@ def friction_over_temperature(
     """
     if not fits:
         raise ShapeError("no axis to draw", "at least one")
-    columns, rows = panel_grid(len(fits))
-    with canvas(path, (3.2 * columns + 0.8, 2.6 * rows + 0.6), title) as figure:
-        grid = panels(figure, len(fits))
-        for axes, fit in zip(grid.flat, fits, strict=False):
-            _axis(axes, fit, unit)
-        for axes in grid[:, 0]:
-            axes.set_ylabel(f"viscous [1e-3 {unit} s/rad]")
-        for axes in grid[-1]:
-            axes.set_xlabel("motor temperature [degC]")
-        grid.flat[0].legend(loc="best")
+    names = [f"{fit.name}: Coulomb {fit.coulomb:.3g} {unit}" for fit in fits]
+    labels = "motor temperature [degC]", f"viscous [1e-3 {unit} s/rad]"
+    with panels(path, names, (3.2, 2.6), (0.8, 0.6), labels, title=title) as (_, grid):
+        for axes, fit in zip(grid, fits, strict=True):
+            _axis(axes, fit)
+        grid[0].legend(loc="best")
 
 
-def _axis(axes: Any, fit: FrictionFit, unit: str) -> None:
+def _axis(axes: Any, fit: FrictionFit) -> None:
     low, high = fit.range_degc if np.isfinite(fit.range_degc).all() else UNKNOWN_DEGC
     degc = np.linspace(low - BEYOND, high + BEYOND, 200)
     for name, law in fit.laws.items():
@@ -72,4 +68,3 @@ def _axis(axes: Any, fit: FrictionFit, unit: str) -> None:
     )
     axes.margins(y=0.15)
     axes.set_ylim(bottom=0.0)
-    axes.set_title(f"{fit.name}: Coulomb {fit.coulomb:.3g} {unit}", fontsize=9, loc="left")

@@ -8,11 +8,11 @@ import numpy as np
 
 from robot_energy.blocks import Float, MeterLocation
 from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
-from robot_energy.report.canvas import COLOURS, LINES, Target, canvas, panel_grid, panels
+from robot_energy.report.canvas import COLOURS, LINES, Target, panels
 from robot_energy.report.document import Column, Document
 from robot_energy.report.evaluation import error_bars
 from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
-from robot_energy.report.power_figure import power_and_energy
+from robot_energy.report.replay_figures import power_and_energy
 from robot_energy.report.series import Role, Series, series_of
 from robot_energy.timeline.pieces import Compared
 
@@ -248,10 +248,12 @@ def _torque_over_time(
         ("as given", "fixed", piece.predictions[GIVEN].motor_torque),
         ("new model", "predicted", piece.predictions[last].motor_torque),
     )
-    wide, high = panel_grid(len(names), 2)
-    with canvas(path, (4.6 * wide, 1.7 * high + 0.6)) as figure:
-        grid = panels(figure, len(names), 2)
-        for joint, (axes, name) in enumerate(zip(grid.flat, names, strict=False)):
+    labels = (
+        "time since the start of the recording [s]",
+        "residual [N m]" if residual else "motor torque [N m]",
+    )
+    with panels(path, names, (4.6, 1.7), (0.0, 0.6), labels, 2) as (figure, grid):
+        for joint, axes in enumerate(grid):
             if residual:
                 axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
             else:
@@ -265,16 +267,11 @@ def _torque_over_time(
                     label=label,
                     linewidth=0.9,
                 )
-            axes.set_title(name, fontsize=9, loc="left")
             axes.margins(x=0.0)
             if residual:
                 _limits(axes, measured[:, joint], [torque[:, joint] for _, _, torque in curves])
-        for axes in grid[:, 0]:
-            axes.set_ylabel("residual [N m]" if residual else "motor torque [N m]")
-        for axes in grid[-1]:
-            axes.set_xlabel("time since the start of the recording [s]")
-        handles, labels = grid.flat[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+        handles, texts = grid[0].get_legend_handles_labels()
+        figure.legend(handles, texts, loc="outside upper right", ncols=len(texts))
 
 
 def _limits(axes: object, measured: Float, predicted: Sequence[Float]) -> None:

@@ -56,12 +56,7 @@ def friction_document(report: FrictionReport, page: Document) -> None:
 
 
 def friction_tables(report: FrictionReport, page: Document) -> None:
-    """Add the friction of every axis.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add the friction of every axis; arguments as in `friction_document`."""
     unit = report.torque_unit
     page.rows(
         "Friction over motor temperature, "
@@ -141,17 +136,9 @@ def study_document(report: FrictionStudyReport, page: Document) -> None:
 
 
 def cabinet_document(report: CabinetReport, page: Document) -> None:
-    """Add constant losses and DC link.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add constant losses and DC link; arguments as in `friction_document`."""
     losses_section(report.losses, page)
-    if report.meter_delay is not None:
-        page.paragraph(delay_text("the meter", report.meter_delay))
-    if report.meter_time_constant is not None:
-        page.paragraph(low_pass_text("the meter", report.meter_time_constant))
+    delay_lines("the meter", report.meter_delay, report.meter_time_constant, page)
     if report.link is not None:
         link_section(report.link, page)
     if report.link_reason:
@@ -215,12 +202,7 @@ def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page:
 
 
 def link_section(fit: LinkFit, page: Document) -> None:
-    """Add the energy of the DC link.
-
-    Args:
-        fit: What was found.
-        page: Where to.
-    """
+    """Add the energy of the DC link; arguments as in `losses_section`."""
     page.paragraph(
         "energy of the DC link between rectified and chopper voltage: "
         f"{uncertain(fit.energy, fit.std)} J, 95 % interval {fit.interval[0]:.0f} to "
@@ -249,33 +231,26 @@ def link_section(fit: LinkFit, page: Document) -> None:
     )
 
 
-def delay_text(what: str, delay: Delay) -> str:
-    """Return a delay behind the joint states in one line.
+def delay_lines(what: str, delay: Delay | None, low_pass: Delay | None, page: Document) -> None:
+    """Add a delay behind the joint states, and the time constant of a low pass, a line each.
 
     Args:
         what: Of what.
-        delay: The estimate.
+        delay: The estimate; None adds nothing.
+        low_pass: The estimate; likewise.
+        page: Where to.
     """
-    return (
-        f"delay of {what} behind the joint states: "
-        f"{uncertain(1e3 * delay.value, 1e3 * delay.std)} ms would lower the held-out error by "
-        f"{percent(delay.gain)}: {delay_use(delay, 'undone')}"
-    )
-
-
-def low_pass_text(what: str, constant: Delay) -> str:
-    """Return the time constant of a low pass in one line.
-
-    Args:
-        what: Of what.
-        constant: The estimate.
-    """
-    if constant.value == 0.0:
-        return f"no low pass in {what} lowers the held-out error"
-    return (
-        f"low pass in {what}: {uncertain(1e3 * constant.value, 1e3 * constant.std)} ms would lower "
-        f"the held-out error by {percent(constant.gain)}: {delay_use(constant, 'undone')}"
-    )
+    found = {f"delay of {what} behind the joint states": delay, f"low pass in {what}": low_pass}
+    for name, one in found.items():
+        if one is None:
+            continue
+        if one is low_pass and one.value == 0.0:
+            page.paragraph(f"no {name} lowers the held-out error")
+        else:
+            page.paragraph(
+                f"{name}: {uncertain(1e3 * one.value, 1e3 * one.std)} ms would lower the held-out "
+                f"error by {percent(one.gain)}: {delay_use(one, 'undone')}"
+            )
 
 
 def delay_use(delay: Delay, done: str) -> str:
@@ -304,12 +279,7 @@ def _error_over_energy(fit: LinkFit, path: Target) -> None:
 
 
 def thermal_document(report: ThermalReport, page: Document) -> None:
-    """Add the thermal networks of the motors.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add the thermal networks of the motors; arguments as in `friction_document`."""
     unit = "J/K" if report.heat == "losses" else "A2 s/K"
     page.rows(
         f"Thermal networks, air at {report.ambient_degc:.1f} degC",
@@ -348,12 +318,7 @@ def _thermal_figure(fit: ThermalFit, key: str) -> str | None:
 
 
 def states_document(report: LoadStatesReport, page: Document) -> None:
-    """Add the identified powers of states.
-
-    Args:
-        report: What was found.
-        page: Where to.
-    """
+    """Add the identified powers of states; arguments as in `friction_document`."""
     page.table(
         "Power of each state [W]",
         ("load", "state", "power", "given", "readings", "times", "by"),

@@ -18,11 +18,10 @@ from robot_energy.report.dynamics import dynamics_document
 from robot_energy.report.formats import NOTHING, counted, percent, tags_text
 from robot_energy.report.held_out import PLACES, held_out_document, verdict_line
 from robot_energy.report.identification import (
-    delay_text,
+    delay_lines,
     friction_document,
     link_section,
     losses_section,
-    low_pass_text,
     thermal_document,
 )
 from robot_energy.report.parameters import changes_document
@@ -189,10 +188,7 @@ def _read(report: IdentificationReport, page: Document) -> None:
         ],
         bags,
     )
-    if report.meter_delay is not None:
-        page.paragraph(delay_text("the power meter", report.meter_delay))
-    if report.meter_time_constant is not None:
-        page.paragraph(low_pass_text("the power meter", report.meter_time_constant))
+    delay_lines("the power meter", report.meter_delay, report.meter_time_constant, page)
     page.notes([f"{entry.name}: {problem}" for entry in bags for problem in entry.problems])
 
 

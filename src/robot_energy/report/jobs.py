@@ -99,9 +99,7 @@ def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFor
 def summary_section(page: Document, report: ReplayReport) -> None:
     """Add conditions and results in the order in which energy tests of robots state them.
 
-    Args:
-        page: Where to.
-        report: Of a replay.
+    Arguments as in `job_section`.
     """
     model, time, scale = report.model, report.time, scale_of([report.energy])
     with page.only("page"):

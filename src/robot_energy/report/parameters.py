@@ -35,11 +35,6 @@ class Change:
     after: Figure
 
     @property
-    def std(self) -> float | None:
-        """Standard deviation of the new value."""
-        return self.after.std
-
-    @property
     def weak(self) -> bool:
         """Whether the 95 % interval is wider than the value itself."""
         return self.after.std is not None and Z95 * self.after.std > abs(self.after.value)
@@ -93,7 +88,7 @@ def changes_document(before: RobotModel, after: RobotModel, page: Document) -> N
         Column("unit", "unit"),
         Column("as given", lambda one: one.before and one.before.value, significant(4)),
         Column("now", lambda one: one.after.value, significant(4)),
-        Column("std", "std", significant(2)),
+        Column("std", lambda one: one.after.std, significant(2)),
         Column("known as", lambda one: one.after.tag),
         Column("not identified", lambda one: not_identified(one.after)),
     ]

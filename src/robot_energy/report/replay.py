@@ -27,10 +27,13 @@ from robot_energy.report.formats import (
 )
 from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
 from robot_energy.report.jobs import job_section, summary_section
-from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.prediction_figure import energy_bars
+from robot_energy.report.replay_figures import (
+    TemperatureHistory,
+    power_and_energy,
+    temperature_and_friction,
+)
 from robot_energy.report.series import Series
-from robot_energy.report.temperature_figure import TemperatureHistory, temperature_and_friction
 from robot_energy.results.energy import JointEnergy
 from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
 

@@ -96,13 +96,7 @@ def predicted_series(
 ) -> Series | None:
     """Return the predicted power from the grid, for bags without a meter.
 
-    Args:
-        result: A replay that kept its curves.
-        label: For the legend.
-        role: Decides the colour.
-
-    Returns:
-        The curve, or None where there is nothing to show.
+    Arguments as in `compared_series`; None where there is nothing to show.
     """
     curve, start_ns = result.predicted_curve, result.account.registers.time.start_ns
     rows = None if curve is None else curve.rows()

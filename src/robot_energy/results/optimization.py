@@ -1,9 +1,34 @@
 """Cheaper programs: every figure that terminal, JSON and pages show of them."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.errors import MotionError
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.motion.planned import PlannedMotion
+from robot_energy.optimization.levelling import level_starts, samples_of
+from robot_energy.optimization.plan import Cost, CostTable, Saving
+from robot_energy.optimization.program_form import ProgramForm
+from robot_energy.optimization.rest_states import break_even
+from robot_energy.optimization.run import Optimum, Tried, together
+from robot_energy.optimization.task import Task
+from robot_energy.prediction import START_NS, predict
 from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.model import ModelUsed
+from robot_energy.results.model import ModelUsed, model_used
+
+NOT_CLAIMED = "not claimed: smaller than its uncertainty"
+NOTHING = "changes nothing here"
+COSTS = "needs more energy here"
+DOES_NOT_APPLY = "does not apply"
+MIN_WAIT = 1e-3  # s; less is rounding
+MIN_CHANGE = 1e-6  # of the energy, that is more than rounding [-]
+MAX_DIFFERENCE = 0.01  # between the two ways to predict the choice [-]
+MIN_CYCLES = 20  # of each program, in a test on the robot
 
 
 class CycleFigures(Result):
@@ -138,3 +163,246 @@ class OptimizationReport(Result, name="optimization"):
     how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]
+
+
+def optimization_report(
+    found: Optimum, form: ProgramForm, program: str, notes: Sequence[str] = ()
+) -> OptimizationReport:
+    """Return all figures, after a prediction of the choice by the stages of live operation.
+
+    Args:
+        found: What was found.
+        form: The program.
+        program: Its name.
+        notes: What a reader should know, one sentence each.
+    """
+    task, model = found.task, found.task.chain.model
+    degc = task.chain.motor_temperature_degc
+    motion = form.motion(task, found.plan)
+    held = replace(found.plan, state=(None,) * len(found.plan.state))  # what a prediction can do
+    checked, broken = 0.0, list[str]()
+    for row in degc:
+        prediction = predict(model, motion, row, program)
+        registers = prediction.account.registers
+        checked += registers.cabinet("grid_import") - registers.cabinet("grid_return")
+        broken = prediction.limits.sentences()
+        if broken and form.recorded:  # the robot has made this motion
+            given = form.motion(task, task.base)
+            broken = prediction.limits.sentences(predict(model, given, row, program).limits)
+    checked /= len(degc)
+    expected = task.table.cost(held).energy
+    problems = list(broken)
+    if abs(checked / expected - 1.0) > MAX_DIFFERENCE:
+        problems.append(
+            f"the prediction of live operation gives {checked:.5g} J where {expected:.5g} J were "
+            "expected: trust the figures less"
+        )
+    return OptimizationReport(
+        program=program,
+        model=model_used(model),
+        cycle_time=task.cycle_time,
+        peak_limit=task.peak_limit if math.isfinite(task.peak_limit) else None,
+        before=_cycle(found.base),
+        after=_cycle(found.cost),
+        saving=_saving(found.saving, found.base),
+        measures=tuple(_measure(one, found.base) for one in found.tried),
+        moves=_moves(found, form),
+        rests=_rests(found, form),
+        front=tuple(FrontPoint(c.duration, c.energy, c.peak) for _, c in found.front),
+        temperatures=_temperatures(found),
+        break_even=_break_even(task),
+        starts=(),
+        supply=None,
+        checked_energy=checked,
+        how_to_try=_how_to_try(found),
+        problems=tuple(problems),
+        notes=(*form.notes, *notes, *_notes(found)),
+    )
+
+
+def with_supply(
+    report: OptimizationReport,
+    found: Optimum,
+    form: ProgramForm,
+    others: Sequence[tuple[str, PlannedMotion]],
+    cycle_time: float,
+) -> OptimizationReport:
+    """Return the report with starts of this robot and others that share its supply and model.
+
+    Args:
+        report: Of this robot.
+        found: What was found for it.
+        form: Its program.
+        others: Name and motion of the others; each waits until the cycle is over.
+        cycle_time: Of all. [s]
+
+    Returns:
+        With starts and supply.
+
+    Raises:
+        MotionError: If a motion cannot be predicted, or is longer than the cycle.
+    """
+    task = found.task
+    motion = form.motion(task, found.plan)
+    robots = [(report.program, motion), *others]
+    curves: list[Float] = []
+    for name, one in robots:
+        if one.duration > cycle_time + MIN_WAIT:
+            raise MotionError(
+                f"{name} takes {one.duration:.4g} s", f"at most the cycle time, {cycle_time:g} s"
+            )
+        curves.append(_power(task, name, one, cycle_time))
+    level = level_starts(curves, cycle_time)
+    return replace(
+        report,
+        starts=tuple(
+            StartTime(name, start)
+            for (name, _), start in zip(robots, level.start.tolist(), strict=True)
+        ),
+        supply=CommonSupply(level.peak_before, level.peak, level.mean),
+    )
+
+
+def _power(task: Task, name: str, motion: PlannedMotion, cycle_time: float) -> Float:
+    """Mean power over short steps of one cycle, the wait with the power of the first rest."""
+    degc = task.chain.motor_temperature_degc.mean(axis=0)
+    means = predict(task.chain.model, motion, degc, name).means
+    if means is None:
+        raise MotionError(f"{name} is too short", "a motion of some samples")
+    power = means.mean("grid_import") - means.mean("grid_return")
+    time = (means.stamp_ns - START_NS) * NANOSECOND - 0.5 * means.period
+    count = samples_of(cycle_time)
+    middle = (np.arange(count) + 0.5) * cycle_time / count
+    return np.where(middle > motion.duration, power[0], np.interp(middle, time, power))
+
+
+def _cycle(cost: Cost) -> CycleFigures:
+    return CycleFigures(
+        duration=cost.duration,
+        energy=cost.energy,
+        half=cost.half,
+        mean_power=cost.energy / cost.duration,
+        peak_power=cost.peak,
+        brake_energy=cost.brake,
+    )
+
+
+def _saving(saved: Saving, base: Cost) -> SavingFigures:
+    return SavingFigures(saved.energy, saved.energy / base.energy, saved.half, saved.claimed)
+
+
+def _measure(one: Tried, base: Cost) -> MeasureResult:
+    measure = one.measure
+    cycle = None if one.cost is None else _cycle(one.cost)
+    saved = None if one.saving is None else _saving(one.saving, base)
+    return MeasureResult(
+        measure.name, measure.label, measure.changes, cycle, saved, _verdict(saved)
+    )
+
+
+def _verdict(saved: SavingFigures | None) -> str:
+    if saved is None or saved.relative is None:
+        return DOES_NOT_APPLY
+    if saved.claimed:
+        return f"saves {100 * saved.relative:.1f} %"
+    if abs(saved.relative) < MIN_CHANGE:
+        return NOTHING
+    return COSTS if saved.energy < -saved.half else NOT_CLAIMED
+
+
+def _moves(found: Optimum, form: ProgramForm) -> tuple[MoveChange, ...]:
+    table = found.task.table
+    rows: list[MoveChange] = []
+    for label, was, now in zip(
+        form.labels, found.task.base.row.tolist(), found.plan.row.tolist(), strict=True
+    ):
+        ways, use = table.candidates, table.use
+        rows.append(
+            MoveChange(
+                label,
+                *(float(of[k]) for of in (ways.speed, ways.acceleration) for k in (was, now)),
+                *(float(of[k]) for of in (use.duration, use.energy) for k in (was, now)),
+            )
+        )
+    return tuple(rows)
+
+
+def _rests(found: Optimum, form: ProgramForm) -> tuple[RestChange, ...]:
+    held = found.task.table.held.energy.tolist()
+    return tuple(
+        RestChange(label, duration, "drives hold" if state is None else state.name, power)
+        for label, duration, state, power in zip(
+            form.labels, found.plan.rest.tolist(), found.plan.state, held, strict=True
+        )
+        if duration > 0
+    )
+
+
+def _temperatures(found: Optimum) -> tuple[TemperatureFigures, ...]:
+    rows: list[TemperatureFigures] = []
+    for index, degc in enumerate(found.task.chain.motor_temperature_degc.mean(axis=1).tolist()):
+        own = _at(found.task, index)
+        best = own.table.cost(together(own))
+        rows.append(
+            TemperatureFigures(
+                degc,
+                float(found.base.by_temperature[index]),
+                float(found.cost.by_temperature[index]),
+                best.energy,
+                best.duration,
+            )
+        )
+    return tuple(rows)
+
+
+def _at(task: Task, index: int) -> Task:
+    """The same task at one of its temperatures."""
+    table = task.table
+    use, held, braked = (
+        replace(
+            one,
+            energy=one.by_temperature[:, index],
+            by_temperature=one.by_temperature[:, [index]],
+        )
+        for one in (table.use, table.held, table.braked)
+    )
+    return replace(
+        task, table=CostTable(table.candidates, use, held, braked, table.states, table.elsewhere)
+    )
+
+
+def _break_even(task: Task) -> tuple[BreakEven, ...]:
+    braked = float(task.table.braked.energy.mean())
+    share = float(task.table.held.energy.mean()) / braked if braked > 0 else 1.0
+    return tuple(
+        BreakEven(state.name, break_even(state, share), state.wake_time, state.source)
+        for state in task.table.states
+    )
+
+
+def _how_to_try(found: Optimum) -> tuple[str, ...]:
+    steps = ["run the program as it is until the motors have the temperature stated here"]
+    if (found.plan.row != found.task.base.row).any():
+        steps.append(
+            "set speed and acceleration of each move as listed; `--out` writes the program"
+        )
+    if any(found.plan.state):
+        steps.append("switch the drives at rest as listed")
+    steps.append(
+        "measure both programs in the order as it is, as chosen, as chosen, as it is, at least "
+        f"{MIN_CYCLES} cycles each, at the same motor temperature"
+    )
+    steps.append("compare energy per cycle at the meter, not mean power")
+    return tuple(steps)
+
+
+def _notes(found: Optimum) -> list[str]:
+    notes = ["nothing here was measured: all figures are predictions of the model"]
+    if DRIVE_MODELS[found.task.chain.model.drive].lossless:
+        notes.append("the model knows no drive losses: holding against gravity costs nothing in it")
+    if any("assumed" in state.source for state in found.task.table.states):
+        notes.append(
+            "power and wake-up of brakes, standby and hibernation are assumed: measure them and "
+            "give them with --rest-states"
+        )
+    return notes

@@ -5,8 +5,8 @@ import pytest
 
 from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear_records import FEATURES
-from robot_energy.fleet.bag_figures import bag_figures
-from robot_energy.fleet.hour_sums import HourSums
+from robot_energy.fleet.bag_joints import bag_figures
+from robot_energy.fleet.bag_sums import HourSums
 from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, SIGN, VISCOUS, JointSums, gram_of
 from robot_energy.fleet.merged_friction import fit_merged, score
 from robot_energy.fleet.merged_laws import JointBags, without_nuisances

@@ -18,7 +18,7 @@ from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.trajectory_io import read_csv_trajectory, write_csv
 from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.results.optimization_figures import NOT_CLAIMED
+from robot_energy.results.optimization import NOT_CLAIMED
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 MODEL = load("kr16")

@@ -16,10 +16,10 @@ from page_messages import power_states, registers
 from robot_energy.errors import PageError
 from robot_energy.page import web_server
 from robot_energy.page.access import page_access
-from robot_energy.page.event_stream import MAX_STREAMS
 from robot_energy.page.hub import PageHub
 from robot_energy.page.saved_page import FILES
 from robot_energy.page.settings import PageSettings
+from robot_energy.page.web_app import MAX_STREAMS
 from robot_energy.page.web_server import PageServer
 
 TOKEN = "0123456789abcdef0123"

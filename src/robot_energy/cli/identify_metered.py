@@ -1,0 +1,115 @@
+"""`robot-energy identify cabinet` and `auxiliary`: what power meters tell beside the drives."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.command import Command
+from robot_energy.cli.identify_inputs import (
+    LINK_VOLTAGES,
+    SENSOR_OPTIONS,
+    IdentifyInputs,
+    bag_options,
+    result_options,
+)
+from robot_energy.cli.terminal import present
+
+if TYPE_CHECKING:
+    from robot_energy.api.identify import IdentificationResult
+
+CABINET_DESCRIPTION = """\
+Identify the constant losses of the cabinet from recordings with a power meter (paper A,
+section II-A): while nothing moves, the meter shows the sum of both sides; while the
+robot brakes hard, it shows the grid side alone. The command finds both phases, rest by the
+noise of the velocities. After hard braking the DC link feeds the drives; how much energy it
+stores is found from that, with an interval, and taken if held-out readings are predicted
+better with it.
+
+Record at least ten seconds of rest with active drives, and fast motions that stop hard.
+Identify the drives first (or use `identify all`): drive losses that the model lacks can hide
+the effect of the DC link.
+"""
+CABINET_EPILOG = """\
+example:
+  robot-energy identify cabinet bag --model kr16 --out my_robot.yaml
+"""
+AUXILIARY_DESCRIPTION = """\
+Identify what pump, extruder and other loads outside of the cabinet draw in each of their
+states. A load with a meter of its own needs its readings and its states. For the others the
+recordings need a meter of the outlet that feeds cabinet and loads (--outlet-meter): while the
+robot stands still, what changes with their states is theirs.
+
+Let each load be in each state for some seconds, several times. For the meter of the outlet,
+switch them on their own and not together, while the robot stands with active drives.
+"""
+AUXILIARY_EPILOG = """\
+example:
+  robot-energy identify auxiliary cell --model cell.yaml --out identified.yaml
+"""
+
+
+def _run_cabinet(args: Namespace) -> int:
+    from robot_energy.api.identify import identify_cabinet
+    from robot_energy.report.identification import cabinet_document
+
+    given = IdentifyInputs(args)
+    given.check_results()
+    result = identify_cabinet(given.bags(), args.model, link_voltages=given.link_voltages())
+    return _present(given, result, cabinet_document, "Cabinet", "Constant losses and DC link")
+
+
+def _run_auxiliary(args: Namespace) -> int:
+    from robot_energy.api.identify import identify_auxiliary
+    from robot_energy.report.identification import states_document
+
+    given = IdentifyInputs(args)
+    given.check_results()
+    result = identify_auxiliary(given.bags(), args.model, outlet_meter=args.outlet_meter)
+    return _present(given, result, states_document, "Loads of the cell", "Powers of their states")
+
+
+def _present(
+    given: IdentifyInputs,
+    result: IdentificationResult[Any],
+    document: Callable[..., None],
+    whose: str,
+    what: str,
+) -> int:
+    from robot_energy.report.document import Document
+
+    lead = f"{what} identified from {given.names()}."
+    page = Document(f"{whose} of {result.model.robot.type}", lead)
+    document(result.found, page)
+    present(given.args, result.found, page, model=result.model)
+    return 0
+
+
+CABINET = Command(
+    "cabinet",
+    "constant losses of the grid side and the DC side, energy of the DC link",
+    _run_cabinet,
+    {
+        **bag_options(effort=""),
+        **LINK_VOLTAGES,
+        **SENSOR_OPTIONS,
+        **result_options("these figures"),
+    },
+    CABINET_DESCRIPTION,
+    CABINET_EPILOG,
+)
+AUXILIARY = Command(
+    "auxiliary",
+    "power of the states of loads outside of the cabinet",
+    _run_auxiliary,
+    {
+        **bag_options(effort=""),
+        "--outlet-meter": "the power meter of the recordings sits at the outlet of the cell: it "
+        "sees the cabinet and all loads",
+        **SENSOR_OPTIONS,
+        **result_options("these powers"),
+    },
+    AUXILIARY_DESCRIPTION,
+    AUXILIARY_EPILOG,
+)
