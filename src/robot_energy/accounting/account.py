@@ -170,7 +170,7 @@ class EnergyAccount:
         self.judgement.step(compared)
         imported = intervals.energy[:, CABINET_REGISTERS.index("grid_import")]
         self.counts.count(block, imported, intervals.duration_ns)
-        if self.intervals.any_open:
+        if self.intervals.open_count:
             self.intervals.step(greatest(block.grid_power))
         means = None
         if self._averager is not None:

@@ -100,10 +100,10 @@ class BandCalibration:
         self._late = LateMeter()
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
-        self._forget()
+        self.interrupt()
 
-    def _forget(self) -> None:
-        """Drop what is not scored yet."""
+    def interrupt(self) -> None:
+        """Drop what is not scored yet: nothing is, from the last to the next sample."""
         self._late.jump()
         self._second: int | None = None  # up to which all is scored
         self._noted: list[HeldEnergies] = []
@@ -148,7 +148,7 @@ class BandCalibration:
         noted = _between_falls(begun, len(jumps))
         for number, (start, stop) in enumerate(pairwise(bounds)):
             if number:
-                self._forget()
+                self.interrupt()
             if stop > start:
                 if held is not None:
                     self._noted.append(held[noted[number]])
@@ -357,10 +357,6 @@ class BandCalibration:
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
         self._energies.restore(kept.energy_windows, kept.energy_figures)
         self._late = LateMeter(self._energies.lag)
-
-    def interrupt(self) -> None:
-        """Score nothing from the last to the next sample."""
-        self._forget()
 
 
 def _starts(number: Int) -> Int:
