@@ -68,11 +68,11 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         account: The account.
         identity: Whose they are.
     """
-    registers, comparison = account.registers, account.comparison
+    registers, comparison, counts = account.registers, account.comparison, account.counts
     loads = account.auxiliary.flushed() if account.auxiliary is not None else None
     cabinet, joints = _by_name(registers.remainder, account.shaft.remainder)
     phases = [phase.name for phase in Phase]
-    phase_energy = account.phase_energy_sum
+    phase_energy = counts.phase_energy_sum
     entries, closed = account.intervals.state()
     return AccountRecord(
         identity=identity,
@@ -85,18 +85,18 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
             measured=int(comparison.remainder[0]),
             predicted_at_meter=int(comparison.remainder[1]),
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
-            learned=int(account.learned_energy_sum.remainder[0]),
+            learned=int(counts.learned_energy_sum.remainder[0]),
             outlet_cabinet=int(loads.together.remainder[0]) if loads else 0,
             auxiliary=load_remainders(loads) if loads else {},
         ),
         phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
-        phase_observed_ns=dict(zip(phases, account.phase_ns.tolist(), strict=True)),
-        peak_power_watt=account.peak_power if np.isfinite(account.peak_power) else None,
-        samples=account.samples,
-        learned_energy_microjoule=int(account.learned_energy_sum.microjoule[0]),
+        phase_observed_ns=dict(zip(phases, counts.phase_ns.tolist(), strict=True)),
+        peak_power_watt=counts.peak_power if np.isfinite(counts.peak_power) else None,
+        samples=counts.samples,
+        learned_energy_microjoule=int(counts.learned_energy_sum.microjoule[0]),
         quality_counts={
             str(Quality(bit).name): saturated(count)
-            for bit, count in sorted(account.quality.items())
+            for bit, count in sorted(counts.quality.items())
         },
         restarts=saturated(account.restarts),
         next_interval_id=account.intervals.next_id,
@@ -145,11 +145,11 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     )
     account.comparison.compared_ns += totals.compared_ns
     names = [phase.name for phase in Phase]
-    account.phase_energy_sum.add_sums(
+    account.counts.phase_energy_sum.add_sums(
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
         _integers(*(rest.phases.get(name, 0) for name in names)),
     )
-    account.learned_energy_sum.add_sums(
+    account.counts.learned_energy_sum.add_sums(
         _integers(record.learned_energy_microjoule), _integers(rest.learned)
     )
     if account.auxiliary is not None:
@@ -157,7 +157,7 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     account.intervals.restore(
         record.open_intervals, record.closed_intervals, record.next_interval_id
     )
-    account.intervals.step(account.peak_power)
+    account.intervals.step(account.counts.peak_power)
     account.counts.add(
         record.samples,
         np.nan if record.peak_power_watt is None else record.peak_power_watt,
