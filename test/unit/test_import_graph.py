@@ -23,10 +23,10 @@ MODULES = {
         shown_text time_series units
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary auxiliary_record averaging band_calibration comparison
-        energy_calibration energy_curve event_log exact_sum held_energy integration job_intervals
-        late_meter load_curve meter_checks plain_text prediction_errors record record_repair
-        registers sample_counts settings shaft_comparison totals
+        account account_record auxiliary averaging band_calibration comparison energy_calibration
+        energy_curve exact_sum integration job_intervals late_meter load_curve meter_checks
+        plain_text prediction_errors record record_repair registers sample_counts settings
+        shaft_comparison totals
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds

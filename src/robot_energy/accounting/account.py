@@ -18,12 +18,17 @@ from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
-from robot_energy.accounting.record import AccountRecord, EnergyInterval, Identity, TraceEntry
+from robot_energy.accounting.record import (
+    AccountRecord,
+    EnergyInterval,
+    EventLog,
+    Identity,
+    TraceEntry,
+)
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.settings import AccountSettings

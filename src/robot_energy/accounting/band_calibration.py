@@ -25,7 +25,7 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import EnergyCalibration
-from robot_energy.accounting.held_energy import HeldEnergies
+from robot_energy.accounting.integration import HeldEnergies
 from robot_energy.accounting.late_meter import MAX_SLOTS, SLOT_NS, LateMeter
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
