@@ -21,8 +21,8 @@ from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
+from robot_energy.optimization.measures import Optimum, optimise
 from robot_energy.optimization.plan import CostTable, CyclePlan
-from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.search import cheapest
 from robot_energy.optimization.task import Task, make_task
 from robot_energy.rig import RigConfig, random_profile

@@ -130,8 +130,8 @@ MODULES = {
     """,
     "robot_energy.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures
-        order place plan program_form ptp_form recorded_motion rest_states run search
-        task time_law timed_moves trajectory_form
+        order place plan program_form ptp_form recorded_motion rest_states search task
+        time_law timed_moves trajectory_form
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
@@ -185,7 +185,7 @@ MODULES = {
         wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """
-        reproduce study_folder
+        reproduce
     """,
 }
 # From the ground up; each line may import from itself and from the lines above it.
