@@ -108,7 +108,7 @@ def compare(collected: Collected, offline, account) -> None:
     assert account.comparison.compared_ns == result.account.comparison.compared_ns > 0
     assert account.comparison.measured_energy == result.account.comparison.measured_energy
     assert account.comparison.predicted_energy == result.account.comparison.predicted_energy
-    assert account.quality == result.account.quality
+    assert account.counts.quality == result.account.counts.quality
     assert np.array_equal(account.shaft.microjoule, result.account.shaft.microjoule)
     assert np.array_equal(account.shaft.compared_ns, result.account.shaft.compared_ns)
     assert (account.shaft.compared_ns == account.registers.time.observed_ns).all()

@@ -68,10 +68,8 @@ def test_the_energy_monitor_gives_the_figures_of_the_clean_run(bench, messages):
             assert log.balanced
             expected = 0 if change is list else 3 * len(BAD)
             assert log.rejected["bad_stamp"] == expected, inbox.topic
-        account = node.account
-        figures.append(
-            (account.registers.microjoule.tolist(), repr(account.registers.time), account.samples)
-        )
+        registers, samples = node.account.registers, node.account.counts.samples
+        figures.append((registers.microjoule.tolist(), repr(registers.time), samples))
         bench.remove(node)
     assert figures[0] == figures[1]
     assert figures[0][2] == COUNT
@@ -136,7 +134,7 @@ def test_the_power_monitor_refuses_bad_torques_frictions_and_readings(bench, mes
     node.close()
     assert node._torque.rejections.rejected == {"bad_stamp": len(BAD)}
     assert node._meter.rejections.rejected == {"bad_stamp": len(BAD)}
-    assert node.account.samples == COUNT
+    assert node.account.counts.samples == COUNT
     assert node.account.registers.time.gap_ns == 0
 
 

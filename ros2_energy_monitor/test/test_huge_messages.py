@@ -54,6 +54,6 @@ def test_joint_states_of_four_megabytes_leave_no_trace(bench, messages):
     assert account.rejected["malformed"] == MESSAGES
     assert account.accepted == COUNT
     assert account.balanced
-    assert node.account.samples == COUNT
+    assert node.account.counts.samples == COUNT
     assert not node.ingest.ignored_joints
     assert grown < MAX_GROWTH

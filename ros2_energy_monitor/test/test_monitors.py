@@ -241,7 +241,7 @@ def test_restarted_friction_monitor_does_not_forget(bench, messages):
     bench.spin_until(lambda: torque.joint_states.received == 200, "joint states")
     bench.spin_until(latest, "power")
     assert [joint.motor_temperature_degc for joint in latest().joints] == [40.0] * 6
-    assert not power.account.quality[Quality.TEMPERATURE_MISSING]
+    assert not power.account.counts.quality[Quality.TEMPERATURE_MISSING]
 
 
 def test_silence_is_diagnosed(bench):

@@ -92,8 +92,8 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
         if name == reference:
             measured = comparison.measured_energy
             compared = comparison.compared_ns * NANOSECOND
-            held = result.account.quality.get(int(Quality.EXTRAPOLATED), 0)
-            extrapolated = held / max(result.account.samples, 1)
+            held = result.account.counts.quality.get(int(Quality.EXTRAPOLATED), 0)
+            extrapolated = held / max(result.account.counts.samples, 1)
     truth = entry.recording.motor_temperature_degc.mean(axis=0)
     return SetRow(
         entry.path.name,

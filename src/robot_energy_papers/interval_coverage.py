@@ -6,7 +6,7 @@ losses are those of the shipped model and wrong; and compares each figure with t
 interval is the figure +- 1.96 of its standard deviation, as the model file says it. Within the
 form of the model a plant has no effect without a term in the model file; a hard plant has all.
 
-Do intervals from more recordings meet those from fewer? `more_recordings` counts it.
+Do intervals from more recordings meet those from fewer? `DrawnPlant.more_recordings` counts it.
 """
 
 from __future__ import annotations
@@ -99,77 +99,156 @@ class IntervalCoverage:
     deviations: float
 
 
-def plant(robot: str, seed: int, hard: bool) -> tuple[PlantProfile, RigConfig]:
-    """Return a plant drawn at random and the effects of the rig.
+@dataclass(frozen=True)
+class MoreRecordings:
+    """Intervals of one plant from some recordings and from one more.
 
-    Args:
-        robot: Name of a shipped model, for the bodies.
-        seed: Of the draw.
-        hard: With all effects; else with those alone that the model file has terms for. The
-            chopper then has no hysteresis.
+    Attributes:
+        recordings: How many there were before.
+        figures: That both identified.
+        disjoint: Names of those whose intervals do not meet.
     """
-    profile, sensors = random_profile(robot, seed), SENSORS
-    if hard:
-        return profile, replace(RigConfig.hard(), sensors=sensors)
-    supply = profile.supply
-    middle = 0.5 * (supply.chopper_on_voltage + supply.chopper_off_voltage)
-    supply = replace(supply, chopper_on_voltage=middle + 0.01, chopper_off_voltage=middle - 0.01)
-    config = RigConfig(sensors=sensors).without(*BEYOND_MODEL).having("temperature_error")
-    return replace(profile, supply=supply), config
+
+    recordings: int
+    figures: int
+    disjoint: tuple[str, ...]
 
 
-def given_model(robot: str, seed: int) -> RobotModel:
-    """Return a shipped model whose bodies and rotors are off, as those of a data sheet are.
+@dataclass(frozen=True)
+class DrawnPlant:
+    """A plant drawn at random, recorded, identified and compared with the truth.
 
-    Args:
-        robot: Its name.
-        seed: Of the errors.
-    """
-    model = load(robot)
-    random = np.random.default_rng([seed, 1])
-    links = Robot.from_model(model).link_parameters.reshape(-1, 10)
-    wrong = links * np.exp(WRONG_BODIES * random.standard_normal((len(links), 1)))
-    joints = [
-        joint.model_copy(
-            update={
-                "rotor_inertia": joint.rotor_inertia.model_copy(
-                    update={"value": joint.rotor_inertia.value * float(factor)}
-                )
-            }
-        )
-        for joint, factor in zip(
-            model.joints,
-            np.exp(WRONG_ROTORS * random.standard_normal(len(model.joints))),
-            strict=True,
-        )
-    ]
-    xml = with_link_parameters(model.urdf_xml, model.joint_names, wrong.ravel())
-    return model.changed(joints=joints).with_urdf(xml, model.source)
-
-
-def record_plant(
-    profile: PlantProfile, config: RigConfig, seed: int, folder: Path, drive_power: bool = False
-) -> list[Bag]:
-    """Return a bag per temperature of one robot: other motions and noise, the same sensors.
-
-    Args:
+    Attributes:
         profile: The plant.
-        config: Effects and sensors.
-        seed: Of motions, noise and constant errors.
-        folder: For the bags.
-        drive_power: Whether the power of each drive is measured.
+        config: Effects of the rig, and sensors.
+        seed: Of motions, noise, constant errors and of the errors of the model to begin with.
     """
-    bags: list[Bag] = []
-    for number, degc in enumerate(DEGC):
-        own = len(DEGC) * seed + number
-        program = program_of(profile, own)
-        rig = VirtualRig(profile, program, config, own, degc, degc, device_seed=seed)
-        path = record(rig, SECONDS, folder / f"{degc:.0f}degc", drive_power=drive_power).path
-        powers = None
-        if drive_power:
-            powers = DrivePowerTopics((DRIVE_POWER,)).read(path, rig.joint_names)
-        bags.append(Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS))
-    return bags
+
+    profile: PlantProfile
+    config: RigConfig
+    seed: int
+
+    @classmethod
+    def of(cls, robot: str, seed: int, hard: bool) -> DrawnPlant:
+        """Return a plant drawn at random with the effects of the rig.
+
+        Args:
+            robot: Name of a shipped model, for the bodies.
+            seed: Of everything that is drawn.
+            hard: With all effects; else with those alone that the model file has terms for. The
+                chopper then has no hysteresis.
+        """
+        profile = random_profile(robot, seed)
+        if hard:
+            return cls(profile, replace(RigConfig.hard(), sensors=SENSORS), seed)
+        supply = profile.supply
+        middle = 0.5 * (supply.chopper_on_voltage + supply.chopper_off_voltage)
+        supply = replace(
+            supply, chopper_on_voltage=middle + 0.01, chopper_off_voltage=middle - 0.01
+        )
+        config = RigConfig(sensors=SENSORS).without(*BEYOND_MODEL).having("temperature_error")
+        return cls(replace(profile, supply=supply), config, seed)
+
+    def given_model(self) -> RobotModel:
+        """Return its model, with bodies and rotors that are off as those of a data sheet are."""
+        model = load(self.profile.body)
+        random = np.random.default_rng([self.seed, 1])
+        links = Robot.from_model(model).link_parameters.reshape(-1, 10)
+        wrong = links * np.exp(WRONG_BODIES * random.standard_normal((len(links), 1)))
+        factors = np.exp(WRONG_ROTORS * random.standard_normal(len(model.joints)))
+        joints = [
+            joint.model_copy(
+                update={
+                    "rotor_inertia": joint.rotor_inertia.model_copy(
+                        update={"value": joint.rotor_inertia.value * float(factor)}
+                    )
+                }
+            )
+            for joint, factor in zip(model.joints, factors, strict=True)
+        ]
+        xml = with_link_parameters(model.urdf_xml, model.joint_names, wrong.ravel())
+        return model.changed(joints=joints).with_urdf(xml, model.source)
+
+    def recorded(self, folder: Path, drive_power: bool = False) -> list[Bag]:
+        """Return a bag per temperature: other motions and noise, the same sensors.
+
+        Args:
+            folder: For the bags.
+            drive_power: Whether the power of each drive is measured.
+        """
+        bags: list[Bag] = []
+        for number, degc in enumerate(DEGC):
+            own = len(DEGC) * self.seed + number
+            program = program_of(self.profile, own)
+            rig = VirtualRig(
+                self.profile, program, self.config, own, degc, degc, device_seed=self.seed
+            )
+            path = record(rig, SECONDS, folder / f"{degc:.0f}degc", drive_power=drive_power).path
+            powers = None
+            if drive_power:
+                powers = DrivePowerTopics((DRIVE_POWER,)).read(path, rig.joint_names)
+            bags.append(Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS))
+        return bags
+
+    def judged(self, result: FullIdentification) -> list[Judged]:
+        """Return every identified figure that has a group here, compared with the plant.
+
+        Args:
+            result: The identification.
+        """
+        model, profile = result.model, self.profile
+        found = result.step("dynamics").found
+        figures: list[Judged] = []
+        if isinstance(found, DynamicsFound):
+            figures += _bodies(found.result, profile)
+        figures += _friction(model, profile, self.config)
+        for joint, resistance, constant in zip(
+            model.joints, profile.resistance, profile.torque_constant, strict=True
+        ):
+            if joint.losses is not None:
+                truth = 3.0 * float(resistance) / float(constant) ** 2
+                figures += _of("copper", joint.name, joint.losses.copper, truth)
+        supply, cabinet = profile.supply, model.cabinet
+        for name in ("loss_dc", "loss_grid"):
+            figures += _of("constants", name, getattr(cabinet, name), getattr(supply, name))
+        link = cabinet.capacitor
+        if link is not None:
+            middle = 0.5 * (supply.chopper_on_voltage + supply.chopper_off_voltage)
+            half = 0.5 * (link.chopper_voltage.value**2 - link.nominal_voltage.value**2)
+            truth = 0.5 * supply.capacitance * (middle**2 - supply.rectified_voltage**2)
+            figures += _of("DC link", "energy", link.capacitance, truth / half)
+        return figures
+
+    def identified(self, bags: Sequence[Bag]) -> list[Judged]:
+        """Return what an identification from some of its bags finds, compared with the truth.
+
+        Args:
+            bags: Two or more.
+        """
+        return self.judged(identify_everything(bags, self.given_model(), strict=False))
+
+    def repetition(self, folder: Path) -> list[Judged]:
+        """Return every identified figure, compared with the truth.
+
+        In every second repetition the power of each drive is measured as well.
+
+        Args:
+            folder: For the bags.
+        """
+        return self.identified(self.recorded(folder, drive_power=bool(self.seed % 2)))
+
+    def more_recordings(self, folder: Path) -> list[MoreRecordings]:
+        """Return one entry for each recording that is added to the first two.
+
+        Args:
+            folder: For the bags.
+        """
+        bags = self.recorded(folder)
+        found = [self.identified(bags[:count]) for count in range(2, len(bags) + 1)]
+        return [
+            MoreRecordings(number + 2, *disjoint(fewer, more))
+            for number, (fewer, more) in enumerate(pairwise(found))
+        ]
 
 
 def program_of(profile: PlantProfile, seed: int) -> Program:
@@ -185,55 +264,6 @@ def program_of(profile: PlantProfile, seed: int) -> Program:
     program = random_program(limits, seed, MOVES, accept=above)
     dwell = [DWELL if k % REST_EVERY else REST for k in range(len(program.via))]
     return Program(program.via, limits, dwell)
-
-
-def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
-    """Return every identified figure of a drawn and recorded plant, compared with the truth.
-
-    In every second repetition the power of each drive is measured as well.
-
-    Args:
-        robot: Name of a shipped model, for the bodies.
-        seed: Of everything that is drawn.
-        hard: As of `plant`.
-        folder: For the bags.
-    """
-    profile, config = plant(robot, seed, hard)
-    bags = record_plant(profile, config, seed, folder, drive_power=bool(seed % 2))
-    result = identify_everything(bags, given_model(robot, seed), strict=False)
-    return judged(result, profile, config)
-
-
-def judged(result: FullIdentification, profile: PlantProfile, config: RigConfig) -> list[Judged]:
-    """Return every identified figure that has a group here, compared with the plant.
-
-    Args:
-        result: The identification.
-        profile: The plant.
-        config: Its effects.
-    """
-    model = result.model
-    found = result.step("dynamics").found
-    figures: list[Judged] = []
-    if isinstance(found, DynamicsFound):
-        figures += _bodies(found.result, profile)
-    figures += _friction(model, profile, config)
-    for joint, resistance, constant in zip(
-        model.joints, profile.resistance, profile.torque_constant, strict=True
-    ):
-        if joint.losses is not None:
-            truth = 3.0 * float(resistance) / float(constant) ** 2
-            figures += _of("copper", joint.name, joint.losses.copper, truth)
-    supply, cabinet = profile.supply, model.cabinet
-    for name in ("loss_dc", "loss_grid"):
-        figures += _of("constants", name, getattr(cabinet, name), getattr(supply, name))
-    link = cabinet.capacitor
-    if link is not None:
-        middle = 0.5 * (supply.chopper_on_voltage + supply.chopper_off_voltage)
-        half = 0.5 * (link.chopper_voltage.value**2 - link.nominal_voltage.value**2)
-        truth = 0.5 * supply.capacitance * (middle**2 - supply.rectified_voltage**2)
-        figures += _of("DC link", "energy", link.capacitance, truth / half)
-    return figures
 
 
 def _of(group: str, name: str, figure: Figure, truth: float) -> list[Judged]:
@@ -297,7 +327,7 @@ def repetitions(
     Args:
         robots: Names of shipped models; each seed has the next of them.
         seeds: Of the repetitions.
-        hard: As of `plant`.
+        hard: As of `DrawnPlant.of`.
         progress: Called with robot and seed before each.
     """
     found: list[list[Judged]] = []
@@ -306,7 +336,7 @@ def repetitions(
         if progress is not None:
             progress(robot, seed)
         with TemporaryDirectory() as name:
-            found.append(repetition(robot, seed, hard, Path(name)))
+            found.append(DrawnPlant.of(robot, seed, hard).repetition(Path(name)))
     return found
 
 
@@ -336,46 +366,6 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
             )
         )
     return rows
-
-
-@dataclass(frozen=True)
-class MoreRecordings:
-    """Intervals of one plant from some recordings and from one more.
-
-    Attributes:
-        robot: Name of the model whose bodies the plant has.
-        seed: Of the plant.
-        recordings: How many there were before.
-        figures: That both identified.
-        disjoint: Names of those whose intervals do not meet.
-    """
-
-    robot: str
-    seed: int
-    recordings: int
-    figures: int
-    disjoint: tuple[str, ...]
-
-
-def more_recordings(robot: str, seed: int, hard: bool, folder: Path) -> list[MoreRecordings]:
-    """Return one entry for each recording that is added to the first two of a plant.
-
-    Args:
-        robot: Name of a shipped model, for the bodies.
-        seed: Of everything that is drawn.
-        hard: As of `plant`.
-        folder: For the bags.
-    """
-    profile, config = plant(robot, seed, hard)
-    bags, given = record_plant(profile, config, seed, folder), given_model(robot, seed)
-    found = [
-        judged(identify_everything(bags[:count], given, strict=False), profile, config)
-        for count in range(2, len(bags) + 1)
-    ]
-    return [
-        MoreRecordings(robot, seed, number + 2, *disjoint(fewer, more))
-        for number, (fewer, more) in enumerate(pairwise(found))
-    ]
 
 
 def disjoint(fewer: Sequence[Judged], more: Sequence[Judged]) -> tuple[int, tuple[str, ...]]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
 from robot_energy.motion import Program, random_program
 from robot_energy.motion.ptp import MotionLimits
@@ -14,10 +13,10 @@ from robot_energy.optimization.chain import TORQUE_SHARE
 from robot_energy.optimization.search import cheapest
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import load_profile
-from robot_energy_papers.band_coverage import BODY, SHORT_TRAINING, TRAINING, Recorded
+from robot_energy_papers.band_coverage import BODY, SHORT_TRAINING, TRAINING
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_papers.judged_savings import JudgedChoice, JudgedSaving, PlantAtWork
-from robot_energy_papers.savings_study import judge_plant, run_as, task_of
+from robot_energy_papers.savings_study import SavingsStudySize, judge_plant, run_as, task_of
 
 FRESH = 500  # first plant on which no constant of the bands was chosen
 PER_JOB = 50  # programs whose limits are checked in one job
@@ -25,27 +24,6 @@ STANDING = (1.0, 0.1)  # share of the constant losses of the plant that is left
 COLD, HOT = 10.0, 70.0  # degC
 OVERRIDES = np.array([0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # [-]
 EXACT = 1e-6  # by which a limit may be exceeded in rounding [-]
-
-
-@dataclass(frozen=True)
-class SavingsStudySize:
-    """How much is done.
-
-    Attributes:
-        plants: Drawn and identified.
-        training: For the identification.
-        temperatures: Of motors and gears. [degC]
-        programs: Of each plant at each temperature.
-        brute: Whether the best choice on the rig is looked for.
-        limits: Random programs whose limits are checked.
-    """
-
-    plants: int
-    training: tuple[Recorded, ...]
-    temperatures: tuple[float, ...]
-    programs: int
-    brute: bool
-    limits: int
 
 
 FULL = SavingsStudySize(24, TRAINING, (22.0, 40.0, 62.0), 2, True, 1000)
@@ -107,7 +85,7 @@ def study(options: StudyRun, scale: SavingsStudySize) -> Savings:
     parts = -(-scale.limits // PER_JOB)
     steps = Steps(scale.plants + parts + 1, options.progress)
     with job_pool(options.workers, steps.done) as run:
-        judged = [run(_judged, first + k, scale) for k in range(scale.plants)]
+        judged = [run(judge_plant, first + k, scale) for k in range(scale.plants)]
         checked = [
             run(
                 exceeded_limits, 1000 * seed + k * PER_JOB, min(PER_JOB, scale.limits - k * PER_JOB)
@@ -123,14 +101,6 @@ def study(options: StudyRun, scale: SavingsStudySize) -> Savings:
             scale.limits,
             sum(job.result() for job in checked),
             curves.result(),
-        )
-
-
-def _judged(plant: int, scale: SavingsStudySize) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
-    """Judge one plant, in a folder that is removed again."""
-    with TemporaryFolder() as place:
-        return judge_plant(
-            place.path, plant, scale.training, scale.temperatures, scale.programs, scale.brute
         )
 
 

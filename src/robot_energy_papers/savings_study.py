@@ -10,19 +10,18 @@ on a robot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
+from robot_energy.optimization.measures import Optimum, optimise
 from robot_energy.optimization.plan import CostTable, CyclePlan
-from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.search import cheapest
 from robot_energy.optimization.task import Task, make_task
 from robot_energy.rig import RigConfig, random_profile
@@ -43,35 +42,48 @@ SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force
 ACCELERATIONS = np.array([0.1, 0.3, 1.0])
 
 
+@dataclass(frozen=True)
+class SavingsStudySize:
+    """How much is done.
+
+    Attributes:
+        plants: Drawn and identified.
+        training: For the identification.
+        temperatures: Of motors and gears. [degC]
+        programs: Of each plant at each temperature.
+        brute: Whether the best choice on the rig is looked for.
+        limits: Random programs whose limits are checked.
+    """
+
+    plants: int
+    training: tuple[Recorded, ...]
+    temperatures: tuple[float, ...]
+    programs: int
+    brute: bool
+    limits: int
+
+
 def judge_plant(
-    folder: Path,
-    seed: int,
-    training: Sequence[Recorded],
-    temperatures: Sequence[float],
-    programs: int,
-    brute: bool,
+    seed: int, scale: SavingsStudySize
 ) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
     """Return what is claimed to make programs of one plant cheaper, and what was chosen.
 
     Args:
-        folder: For the recordings.
         seed: Of the plant.
-        training: For the identification.
-        temperatures: Of motors and gears. [degC]
-        programs: At each temperature.
-        brute: Whether the best choice on the rig is looked for as well.
+        scale: How much to do.
     """
     profile = random_profile(BODY, seed)
-    model = DrawnRig(profile, RigConfig.hard(), folder).identified(training)
+    with TemporaryFolder() as place:
+        model = DrawnRig(profile, RigConfig.hard(), place.path).identified(scale.training)
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
     above = tool_above(robot, TOOL, MIN_HEIGHT)
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x73617665,)))
     savings: list[JudgedSaving] = []
     choices: list[JudgedChoice] = []
-    for degc in temperatures:
+    for degc in scale.temperatures:
         rig = PlantAtWork(profile, degc)
-        for _ in range(programs):
+        for _ in range(scale.programs):
             program = random_program(
                 limits, int(random.integers(1 << 30)), MOVES, dwell=float(random.uniform(0.1, 1.0)),
                 override=float(random.uniform(0.35, 0.95)), accept=above,
@@ -84,7 +96,7 @@ def judge_plant(
                 if cycle_time is None:
                     savings.append(_unchanged(work, task))
             savings += judge_new_moves(work, model)
-            if brute:
+            if scale.brute:
                 choices += _choices(work, model, stretch)
     return savings, choices
 

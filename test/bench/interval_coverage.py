@@ -25,7 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rich.console import Console
 
 from robot_energy.report.printing import table
-from robot_energy_papers.interval_coverage import coverages, more_recordings, repetitions
+from robot_energy_papers.interval_coverage import DrawnPlant, coverages, repetitions
 
 GOAL = (0.90, 0.98)
 
@@ -37,7 +37,7 @@ def more(robots: list[str], seeds: range, hard: bool, show: Callable[[str, int],
         robot = robots[seed % len(robots)]
         show(robot, seed)
         with TemporaryDirectory() as folder:
-            for row in more_recordings(robot, seed, hard, Path(folder)):
+            for row in DrawnPlant.of(robot, seed, hard).more_recordings(Path(folder)):
                 figures, apart = figures + row.figures, apart + len(row.disjoint)
                 for name in row.disjoint:
                     print(f"{robot} {seed}: from {row.recordings} recordings and one more: {name}")

@@ -110,7 +110,7 @@ class Run:
             account.registers.microjoule.tolist(),
             account.registers.time.observed_ns,
             account.registers.time.gap_ns,
-            dict(account.quality),
+            dict(account.counts.quality),
             account.comparison.microjoule.tolist(),
             account.comparison.compared_ns,
             *(

@@ -135,7 +135,7 @@ def test_lost_joint_states_are_a_gap_on_both_sides(faulty, reference):
 def test_no_temperature_at_all_falls_back_and_says_so(faulty, reference):
     """Friction of the reference temperature (22 degC) for a robot of 20: flagged, close, not 0."""
     result = faulty(lambda messages: [m for m in messages if m[1] != TEMPERATURES])
-    assert result.account.quality[Quality.TEMPERATURE_MISSING] == 9000
+    assert result.account.counts.quality[Quality.TEMPERATURE_MISSING] == 9000
     assert energy(result) == pytest.approx(energy(reference), rel=0.05)
 
 
@@ -150,7 +150,7 @@ def test_error_codes_for_temperatures_change_nothing_and_are_flagged(faulty, ref
         return messages
 
     result = faulty(fail)
-    assert result.account.quality[Quality.TEMPERATURE_IMPLAUSIBLE] > 6000
+    assert result.account.counts.quality[Quality.TEMPERATURE_IMPLAUSIBLE] > 6000
     assert result.pipeline.friction.rejections.rejected["temperature_implausible"] == 26 * 6
     assert energy(result) == pytest.approx(energy(reference), rel=0.02)
 
@@ -212,7 +212,7 @@ def test_without_velocities_they_are_derived_and_flagged(faulty, reference):
         return messages
 
     result = faulty(forget)
-    assert result.account.quality[Quality.VELOCITY_DERIVED] == 9000
+    assert result.account.counts.quality[Quality.VELOCITY_DERIVED] == 9000
     assert energy(result) == pytest.approx(energy(reference), rel=0.02)
 
 
@@ -289,7 +289,7 @@ def test_one_impossible_velocity_among_nine_thousand_changes_next_to_nothing(fau
     result = faulty(spoil)
     assert result.joint_states.rejections.rejected == {"impossible_velocity": 1}
     assert energy(result) == pytest.approx(energy(reference), rel=1e-3)
-    assert result.account.quality[Quality.TEMPERATURE_STUCK] == 0
+    assert result.account.counts.quality[Quality.TEMPERATURE_STUCK] == 0
     assert result.account.registers.time.gap_count == 0
 
 

@@ -244,7 +244,7 @@ def test_degrees_are_said_within_ten_seconds_and_counted_as_they_are():
     """Flagged in every sample, the sentence names joint, value, limits and the likely unit."""
     chain = Chain().take(rows(IN_A_LOOP, scale=180 / np.pi)).end()
     account = chain.pipeline.account
-    assert account.quality[Quality.JOINT_STATE_IMPLAUSIBLE] > 0.9 * account.samples
+    assert account.counts.quality[Quality.JOINT_STATE_IMPLAUSIBLE] > 0.9 * account.counts.samples
     (finding,) = chain.ingest.findings()
     assert finding.sentence == (
         "shoulder is at 40.11, its limits are -3 to 3 rad: the joint states look like degrees"
@@ -259,6 +259,6 @@ def test_a_robot_at_exactly_zero_keeps_its_energy():
     still = [message(START + t, NAMES, (0.0, 0.0), (0.0, 0.0)) for t in stamps]
     chain = Chain().take(still).end()
     account = chain.pipeline.account
-    assert account.quality[Quality.JOINT_STATE_IMPLAUSIBLE] == 500
+    assert account.counts.quality[Quality.JOINT_STATE_IMPLAUSIBLE] == 500
     assert chain.energy == pytest.approx(50.0 * stamps[-1], rel=1e-9)
     assert "exactly zero" in chain.ingest.findings()[0].sentence

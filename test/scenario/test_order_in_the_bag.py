@@ -33,5 +33,5 @@ def test_topics_one_behind_the_other_give_the_same_registers(order, reference, t
     np.testing.assert_array_equal(
         result.account.registers.microjoule, reference.account.registers.microjoule
     )
-    assert result.account.quality == reference.account.quality
+    assert result.account.counts.quality == reference.account.counts.quality
     assert result.notes == reference.notes

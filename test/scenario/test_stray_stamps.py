@@ -104,7 +104,7 @@ def test_one_temperature_of_another_time_changes_nothing(faulty, reference, numb
     """
     result = faulty({TEMPERATURES: {number: by}})
     assert change(result, reference) < 1e-3
-    assert result.account.quality[Quality.TEMPERATURE_MISSING] == 0
+    assert result.account.counts.quality[Quality.TEMPERATURE_MISSING] == 0
     if abs(by) > 5:
         assert any(TEMPERATURES in note for note in result.notes) or (number, by) == (0, -10)
     if abs(by) > 5 and number:

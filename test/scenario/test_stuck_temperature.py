@@ -43,7 +43,7 @@ def test_a_thermometer_that_hangs_while_the_robot_warms_up_is_found(axis, minute
     """Within some ten minutes, that is before it is wrong by 20 K, and no other is blamed."""
     pipeline, degc = run(minutes, held=axis)
     assert np.flatnonzero(pipeline.power.watch.stuck).tolist() == [axis]
-    assert pipeline.account.quality[Quality.TEMPERATURE_STUCK] > 0
+    assert pipeline.account.counts.quality[Quality.TEMPERATURE_STUCK] > 0
     assert degc[axis] - 20.0 < 20.0
 
 
@@ -51,4 +51,4 @@ def test_thermometers_that_work_are_never_blamed():
     """Warming up and then in equilibrium, with steps of 1 K: no false find in 25 minutes."""
     pipeline, degc = run(25, held=None, thermal_speedup=40.0)
     assert degc.min() > 50.0
-    assert pipeline.account.quality[Quality.TEMPERATURE_STUCK] == 0
+    assert pipeline.account.counts.quality[Quality.TEMPERATURE_STUCK] == 0

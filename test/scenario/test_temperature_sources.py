@@ -198,7 +198,7 @@ def same_registers(result: Replay, reference: Replay) -> None:
         result.account.registers.microjoule, reference.account.registers.microjoule
     )
     assert result.temperatures.rejections.balanced
-    assert result.account.quality == reference.account.quality
+    assert result.account.counts.quality == reference.account.counts.quality
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -222,7 +222,9 @@ def test_kelvin_that_is_not_said_is_refused_and_named(dressed):
     path = dressed(lambda stamp, values: as_dynamic(stamp, values + KELVIN))
     inputs = source(topic="dynamic_joint_states", type=DYNAMIC_JOINT_STATE)
     result = replay(path, MODEL, inputs=inputs)
-    assert result.account.quality[Quality.TEMPERATURE_MISSING] == result.account.samples
+    assert (
+        result.account.counts.quality[Quality.TEMPERATURE_MISSING] == result.account.counts.samples
+    )
     assert result.pipeline.friction.rejections.accepted == 0
     (note,) = result.notes
     assert note.startswith("/dynamic_joint_states reads 29")
@@ -276,7 +278,9 @@ def test_without_a_file_the_replay_says_what_may_hold_temperatures(dressed):
     """A topic that does not say all by itself is not guessed at, but named."""
     path = dressed(as_dynamic)
     result = replay(path, MODEL)
-    assert result.account.quality[Quality.TEMPERATURE_MISSING] == result.account.samples
+    assert (
+        result.account.counts.quality[Quality.TEMPERATURE_MISSING] == result.account.counts.samples
+    )
     assert any("/dynamic_joint_states" in note and "--inputs" in note for note in result.notes)
     with pytest.raises(MissingTopicError, match="--inputs"):
         replay(path, MODEL, topics=Topics(temperatures=("/dynamic_joint_states",)))

@@ -218,7 +218,7 @@ class Month:
             and self._joints.rejections.received == self._fed
             and (time.observed_ns, time.gap_ns) == (reference.observed_ns, reference.gap_ns)
             and time.observed_ns + time.gap_ns == (time.end_ns or 0) - (time.start_ns or 0)
-            and self._pipeline.account.samples <= self._joints.rejections.accepted
+            and self._pipeline.account.counts.samples <= self._joints.rejections.accepted
         )
         self.unbalanced += not adds_up
 
@@ -269,9 +269,9 @@ class Month:
             Figure("observed [days]", account.registers.time.observed_ns / 86400e9),
             Figure(
                 "samples booked",
-                account.samples,
+                account.counts.samples,
                 "all accepted",
-                account.samples == rejections.accepted,
+                account.counts.samples == rejections.accepted,
             ),
             Figure(
                 "memory: slope [KiB per simulated day]",

@@ -23,10 +23,10 @@ MODULES = {
         shown_text time_series units
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary auxiliary_record averaging band_calibration comparison
-        energy_calibration energy_curve event_log exact_sum held_energy integration job_intervals
-        late_meter load_curve meter_checks plain_text prediction_errors record record_repair
-        registers sample_counts settings shaft_comparison totals
+        account account_record auxiliary averaging band_calibration comparison energy_calibration
+        energy_curve exact_sum integration job_intervals late_meter load_curve meter_checks
+        plain_text prediction_errors record record_repair registers sample_counts settings
+        shaft_comparison totals
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds
@@ -129,8 +129,8 @@ MODULES = {
     """,
     "robot_energy.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures
-        order place plan program_form ptp_form recorded_motion rest_states run search
-        task time_law timed_moves trajectory_form
+        order place plan program_form ptp_form recorded_motion rest_states search task
+        time_law timed_moves trajectory_form
     """,
     "robot_energy.page": """
         access alarms energy_flow headless_browser history hub json_numbers messages metrics
@@ -183,7 +183,7 @@ MODULES = {
         wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """
-        reproduce study_folder
+        reproduce
     """,
 }
 # From the ground up; each line may import from itself and from the lines above it.

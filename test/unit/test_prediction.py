@@ -47,7 +47,7 @@ def test_a_wheel_that_is_turned_gently_as_worked_out_by_hand():
     assert energy.grid_import == pytest.approx(friction + 50 * time, rel=1e-6)
     assert energy.balanced
     # Highest: at the end of the ramp up, 3 * 1 * 2 + 5 * 2 + 2 * 2^2 + 50 W.
-    assert result.account.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
+    assert result.account.counts.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
     assert result.account.phase_time(Phase.HOLD) == pytest.approx(2.0, abs=0.02)
 
 
@@ -128,7 +128,7 @@ def test_the_parts_sum_and_friction_falls_with_temperature(degc, acceleration, d
 def test_long_rests_are_never_stale_or_stuck():
     """A held temperature is an assumption; the model calls readings stale after 5 s."""
     result = predict(two_link(), _rest(600.0), 40.0)
-    assert not result.account.quality
+    assert not result.account.counts.quality
     assert result.means is not None
     assert len(result.means) <= 1502
     assert result.account.registers.cabinet("grid_import") == pytest.approx(50.0 * 600.0)
@@ -142,7 +142,7 @@ def test_an_assumed_temperature_is_not_taken_for_a_stuck_thermometer():
     result = predict(stiff, wheel(1.0, 0.0, 0.02), 25.0, repeat=150)
     assert result.duration > 1200
     assert result.pipeline.power.watch.stuck.all()  # it would be
-    assert not result.account.quality
+    assert not result.account.counts.quality
 
 
 def _rest(time):
@@ -175,7 +175,7 @@ def test_temperatures_that_no_law_covers_are_said():
     assert result.extrapolated == ("shoulder",)
     assert report.friction == FrictionReach(("shoulder",), ("elbow",))
     assert any(note.startswith("EXTRAPOLATED: the friction of shoulder") for note in report.notes)
-    assert result.account.quality[int(Quality.EXTRAPOLATED)] == result.account.samples
+    assert result.account.counts.quality[int(Quality.EXTRAPOLATED)] == result.account.counts.samples
     assert report.motor_temperature_degc == {"shoulder": 10.0, "elbow": 30.0}
 
 

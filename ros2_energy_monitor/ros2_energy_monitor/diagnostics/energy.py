@@ -330,10 +330,8 @@ def energy_source(
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
         }
-        if account.quality[Quality.NOT_FINITE]:
-            found.add(
-                WARN, f"the power of {account.quality[Quality.NOT_FINITE]} samples is not finite"
-            )
+        if infinite := account.counts.quality[Quality.NOT_FINITE]:
+            found.add(WARN, f"the power of {infinite} samples is not finite")
         for sentence in account.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found
@@ -342,7 +340,8 @@ def energy_source(
 
 
 def _share(account: EnergyAccount, bit: Quality) -> float:
-    return account.quality[bit] / account.samples if account.samples else math.nan
+    counts = account.counts
+    return counts.quality[bit] / counts.samples if counts.samples else math.nan
 
 
 def _by_source(ingest: TemperatureIngest) -> dict[str, Number]:

@@ -187,7 +187,7 @@ def predicted(
         "band": int(band.kind),
         "predicted_return_energy": returned,
         "brake_energy": energy.cabinet("brake"),
-        "predicted_peak_power": account.peak_power,
+        "predicted_peak_power": account.counts.peak_power,
         "predicted_mean_power": (imported - returned) / observed if observed else math.nan,
         "joints": _joints(energy, model.joint_names),
         "motor_temperature_degc": degc.tolist(),

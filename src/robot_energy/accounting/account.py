@@ -7,7 +7,7 @@ next sample is a gap, or a jump where the stamps went back; it never carries ene
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,12 +18,17 @@ from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.accounting.event_log import EventLog
-from robot_energy.accounting.exact_sum import ExactSum, SumMark
+from robot_energy.accounting.exact_sum import SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
-from robot_energy.accounting.record import AccountRecord, EnergyInterval, Identity, TraceEntry
+from robot_energy.accounting.record import (
+    AccountRecord,
+    EnergyInterval,
+    EventLog,
+    Identity,
+    TraceEntry,
+)
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.settings import AccountSettings
@@ -170,7 +175,7 @@ class EnergyAccount:
         self.judgement.step(compared)
         imported = intervals.energy[:, CABINET_REGISTERS.index("grid_import")]
         self.counts.count(block, imported, intervals.duration_ns)
-        if self.intervals.any_open:
+        if self.intervals.open_count:
             self.intervals.step(greatest(block.grid_power))
         means = None
         if self._averager is not None:
@@ -201,36 +206,6 @@ class EnergyAccount:
         supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
         self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
-
-    @property
-    def samples(self) -> int:
-        """Number of power samples taken."""
-        return self.counts.samples
-
-    @property
-    def quality(self) -> Counter[int]:
-        """How many samples carried each quality bit, not to be written to."""
-        return self.counts.quality
-
-    @property
-    def peak_power(self) -> float:
-        """Highest predicted grid power, NaN before the first sample. [W]"""
-        return self.counts.peak_power
-
-    @property
-    def phase_energy_sum(self) -> ExactSum:
-        """Energy drawn from the grid by phase, exact."""
-        return self.counts.phase_energy_sum
-
-    @property
-    def phase_ns(self) -> Int:
-        """Observed time by phase, shape (phases,), not to be written to. [ns]"""
-        return self.counts.phase_ns
-
-    @property
-    def learned_energy_sum(self) -> ExactSum:
-        """Drawn from the grid as predicted with learned figures, exact."""
-        return self.counts.learned_energy_sum
 
     @property
     def start_ns(self) -> int | None:
@@ -387,7 +362,7 @@ class EnergyAccount:
         Args:
             phase: What the robot did.
         """
-        return float(self.phase_energy_sum.joule[phase])
+        return float(self.counts.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
         """Return the observed time in a phase. [s]
@@ -395,7 +370,7 @@ class EnergyAccount:
         Args:
             phase: What the robot did.
         """
-        return float(self.phase_ns[phase]) * 1e-9
+        return float(self.counts.phase_ns[phase]) * 1e-9
 
 
 def _in_range(stamp_ns: int | None) -> int | None:

@@ -8,21 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
-from robot_energy.accounting.auxiliary_record import (
-    carry_loads,
-    load_remainders,
-    load_totals,
-    state_totals,
-)
-from robot_energy.accounting.event_log import EventLog
-from robot_energy.accounting.exact_sum import PER_JOULE, add_saturating
-from robot_energy.accounting.record import AccountRecord, Identity, Remainders
+from robot_energy.accounting.exact_sum import PER_JOULE, ExactSum, add_saturating
+from robot_energy.accounting.record import AccountRecord, EventLog, Identity, Remainders
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.accounting.totals import (
     CABINET_DEVIATION_KEYS,
     CABINET_KEYS,
     JOINT_DEVIATION_KEYS,
     SHAFT_KEYS,
+    LoadStateTotals,
+    LoadTotals,
     Totals,
     saturated,
 )
@@ -57,7 +52,7 @@ def totals_of(account: EnergyAccount, loads: AuxiliaryAccount | None) -> Totals:
         jumps=time.jumps,
         outlet_cabinet_energy_microjoule=int(loads.together.microjoule[0]) if loads else 0,
         outlet_ns=loads.together_ns if loads else 0,
-        auxiliary=load_totals(loads) if loads else {},
+        auxiliary=_load_totals(loads) if loads else {},
     )
 
 
@@ -68,11 +63,11 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         account: The account.
         identity: Whose they are.
     """
-    registers, comparison = account.registers, account.comparison
+    registers, comparison, counts = account.registers, account.comparison, account.counts
     loads = account.auxiliary.flushed() if account.auxiliary is not None else None
     cabinet, joints = _by_name(registers.remainder, account.shaft.remainder)
     phases = [phase.name for phase in Phase]
-    phase_energy = account.phase_energy_sum
+    phase_energy = counts.phase_energy_sum
     entries, closed = account.intervals.state()
     return AccountRecord(
         identity=identity,
@@ -85,18 +80,18 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
             measured=int(comparison.remainder[0]),
             predicted_at_meter=int(comparison.remainder[1]),
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
-            learned=int(account.learned_energy_sum.remainder[0]),
+            learned=int(counts.learned_energy_sum.remainder[0]),
             outlet_cabinet=int(loads.together.remainder[0]) if loads else 0,
-            auxiliary=load_remainders(loads) if loads else {},
+            auxiliary=_load_remainders(loads) if loads else {},
         ),
         phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
-        phase_observed_ns=dict(zip(phases, account.phase_ns.tolist(), strict=True)),
-        peak_power_watt=account.peak_power if np.isfinite(account.peak_power) else None,
-        samples=account.samples,
-        learned_energy_microjoule=int(account.learned_energy_sum.microjoule[0]),
+        phase_observed_ns=dict(zip(phases, counts.phase_ns.tolist(), strict=True)),
+        peak_power_watt=counts.peak_power if np.isfinite(counts.peak_power) else None,
+        samples=counts.samples,
+        learned_energy_microjoule=int(counts.learned_energy_sum.microjoule[0]),
         quality_counts={
             str(Quality(bit).name): saturated(count)
-            for bit, count in sorted(account.quality.items())
+            for bit, count in sorted(counts.quality.items())
         },
         restarts=saturated(account.restarts),
         next_interval_id=account.intervals.next_id,
@@ -104,7 +99,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         closed_intervals=closed,
         trace=account.trace.entries,
         calibration=account.calibration.state(),
-        auxiliary_states=state_totals(loads) if loads else {},
+        auxiliary_states=_state_totals(loads) if loads else {},
     )
 
 
@@ -145,19 +140,19 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     )
     account.comparison.compared_ns += totals.compared_ns
     names = [phase.name for phase in Phase]
-    account.phase_energy_sum.add_sums(
+    account.counts.phase_energy_sum.add_sums(
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
         _integers(*(rest.phases.get(name, 0) for name in names)),
     )
-    account.learned_energy_sum.add_sums(
+    account.counts.learned_energy_sum.add_sums(
         _integers(record.learned_energy_microjoule), _integers(rest.learned)
     )
     if account.auxiliary is not None:
-        carry_loads(account.auxiliary, record)
+        _carry_loads(account.auxiliary, record)
     account.intervals.restore(
         record.open_intervals, record.closed_intervals, record.next_interval_id
     )
-    account.intervals.step(account.peak_power)
+    account.intervals.step(account.counts.peak_power)
     account.counts.add(
         record.samples,
         np.nan if record.peak_power_watt is None else record.peak_power_watt,
@@ -210,3 +205,80 @@ def _rows(joints: dict[str, tuple[int, ...]], names: Sequence[str]) -> list[int]
 
 def _integers(*values: int) -> Int:
     return np.array(values, dtype=np.int64)
+
+
+def _load_totals(account: AuxiliaryAccount) -> dict[str, LoadTotals]:
+    """What was counted of each load, by its name."""
+    return {
+        curve.load.name: LoadTotals(
+            energy_microjoule=int(account.energy.microjoule[place]),
+            outlet_energy_microjoule=int(account.together.microjoule[1 + place]),
+            known_ns=int(account.known_ns[place]),
+            missing_ns=int(account.missing_ns[place]),
+            missing_count=int(account.missing_count[place]),
+        )
+        for place, curve in enumerate(account.curves)
+    }
+
+
+def _load_remainders(account: AuxiliaryAccount) -> dict[str, tuple[int, int]]:
+    """What the energies of each load hold beyond whole microjoules, by its name."""
+    rows = zip(account.energy.remainder, account.together.remainder[1:], strict=True)
+    names = [curve.load.name for curve in account.curves]
+    return {name: (int(a), int(b)) for name, (a, b) in zip(names, rows, strict=True)}
+
+
+def _state_totals(account: AuxiliaryAccount) -> dict[str, dict[str, LoadStateTotals]]:
+    """What was counted in each state, by the names of loads and states."""
+    sums, found = account.state_energy, dict[str, dict[str, LoadStateTotals]]()
+    for curve, first in zip(account.curves, account.offset.tolist(), strict=False):
+        found[curve.load.name] = {
+            name: LoadStateTotals(
+                energy_microjoule=int(sums.microjoule[first + number]),
+                remainder=int(sums.remainder[first + number]),
+                ns=int(account.state_ns[first + number]),
+            )
+            for number, name in enumerate(curve.load.state_names)
+        }
+    return found
+
+
+def _carry_loads(account: AuxiliaryAccount, record: AccountRecord) -> None:
+    """Put what a record has counted of the loads before it; what the record lacks begins at 0."""
+    totals, rest = record.totals, record.remainders
+    names = [curve.load.name for curve in account.curves]
+    loads = [totals.auxiliary.get(name, LoadTotals()) for name in names]
+    carried = [rest.auxiliary.get(name, (0, 0)) for name in names]
+    _add(
+        account.energy,
+        [load.energy_microjoule for load in loads],
+        [remainder for remainder, _ in carried],
+    )
+    _add(
+        account.together,
+        [
+            totals.outlet_cabinet_energy_microjoule,
+            *(load.outlet_energy_microjoule for load in loads),
+        ],
+        [rest.outlet_cabinet, *(remainder for _, remainder in carried)],
+    )
+    states = [
+        record.auxiliary_states.get(curve.load.name, {}).get(name, LoadStateTotals())
+        for curve in account.curves
+        for name in curve.load.state_names
+    ]
+    _add(
+        account.state_energy,
+        [state.energy_microjoule for state in states],
+        [state.remainder for state in states],
+    )
+    account.add_times(
+        np.array([[load.known_ns, load.missing_ns, load.missing_count] for load in loads]).T,
+        np.array([state.ns for state in states]),
+        totals.outlet_ns,
+        totals.observed_ns,
+    )
+
+
+def _add(sums: ExactSum, microjoule: list[int], remainder: list[int]) -> None:
+    sums.add_sums(np.array(microjoule, dtype=np.int64), np.array(remainder, dtype=np.int64))

@@ -25,7 +25,7 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import EnergyCalibration
-from robot_energy.accounting.held_energy import HeldEnergies
+from robot_energy.accounting.integration import HeldEnergies
 from robot_energy.accounting.late_meter import MAX_SLOTS, SLOT_NS, LateMeter
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
@@ -100,10 +100,10 @@ class BandCalibration:
         self._late = LateMeter()
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
-        self._forget()
+        self.interrupt()
 
-    def _forget(self) -> None:
-        """Drop what is not scored yet."""
+    def interrupt(self) -> None:
+        """Drop what is not scored yet: nothing is, from the last to the next sample."""
         self._late.jump()
         self._second: int | None = None  # up to which all is scored
         self._noted: list[HeldEnergies] = []
@@ -148,7 +148,7 @@ class BandCalibration:
         noted = _between_falls(begun, len(jumps))
         for number, (start, stop) in enumerate(pairwise(bounds)):
             if number:
-                self._forget()
+                self.interrupt()
             if stop > start:
                 if held is not None:
                     self._noted.append(held[noted[number]])
@@ -357,10 +357,6 @@ class BandCalibration:
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
         self._energies.restore(kept.energy_windows, kept.energy_figures)
         self._late = LateMeter(self._energies.lag)
-
-    def interrupt(self) -> None:
-        """Score nothing from the last to the next sample."""
-        self._forget()
 
 
 def _starts(number: Int) -> Int:

@@ -92,6 +92,7 @@ class Comparison(ExactSum):
         location: Where the meter sits.
         meaning: What its readings stand for.
         compared_ns: Time over which both were integrated. [ns]
+        patience_ns: How long predicted power waits for the meter. [ns]
         idle: Since when nothing was compared, though power was predicted.
         early_since_ns: Predicted stamp since which readings are stamped more than
             ``EARLY_NS`` later than what is predicted; None if they are not. [ns]
@@ -111,18 +112,13 @@ class Comparison(ExactSum):
         self.compared_ns = 0
         self.idle: Idle | None = None
         self.early_since_ns: int | None = None
-        self._patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
+        self.patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
         self._epochs: dict[int, _Epoch] = {0: _Epoch()}
         self._measured_epoch = 0
         self._predicted_epoch = 0
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
         self._beginning = True  # whether the meter has sent a few readings only
         self._led: tuple[int, int] | None = None  # jump of the prediction alone: stamp, readings
-
-    @property
-    def patience_ns(self) -> int:
-        """How long predicted power waits for the meter. [ns]"""
-        return self._patience_ns
 
     @property
     def measured_energy(self) -> float:
@@ -291,7 +287,7 @@ class Comparison(ExactSum):
                 epoch.measured = measured.after(until)
                 epoch.predicted = predicted = predicted.after(until)
         if len(predicted):
-            oldest = predicted.end_ns[-1] - self._patience_ns
+            oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
                 epoch.predicted = predicted.after(int(oldest) - 1)
         return result

@@ -123,11 +123,7 @@ class EnergyCalibration:
         rows: list[list[float]] = [] if self._squares is None else self._squares.tolist()
         return tuple(self._windows), tuple(tuple(row) for row in rows)
 
-    def restore(
-        self,
-        windows: tuple[tuple[float, float, float], ...],
-        squares: tuple[tuple[float, ...], ...],
-    ) -> None:
+    def restore(self, windows: Windows, squares: Squares) -> None:
         """Go on from an earlier state; what was read since is kept.
 
         Args:

@@ -2,66 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.blocks import NANOSECOND, Block, Float, Int
 from robot_energy.timeline.pieces import Compared
 
 MAX_ROWS = 2**16  # many more than the points of a figure
 MAX_PIECES = 1024  # arrays that are kept before they are joined
 
 
-class EnergyRows(NamedTuple):
+@dataclass(frozen=True)
+class EnergyRows(Block):
     """Stretches of time in order.
 
     Attributes:
+        stamp_ns: Where each ends, shape (K,). [ns]
         begin_ns: Shape (K,). [ns]
-        end_ns: Shape (K,). [ns]
         duration_ns: Time that is covered between them, shape (K,). [ns]
         energy: Of that time, shape (K, columns). [J]
     """
 
     begin_ns: Int
-    end_ns: Int
     duration_ns: Int
     energy: Float
-
-    def part(self, chosen: slice) -> EnergyRows:
-        """Return some of the rows.
-
-        Args:
-            chosen: Which rows.
-
-        Returns:
-            These rows, as views.
-        """
-        return EnergyRows(
-            self.begin_ns[chosen],
-            self.end_ns[chosen],
-            self.duration_ns[chosen],
-            self.energy[chosen],
-        )
-
-    @classmethod
-    def joined(cls, parts: Sequence[EnergyRows]) -> EnergyRows:
-        """Return all rows of several tables, one after the other.
-
-        Args:
-            parts: The tables, at least one.
-
-        Returns:
-            One table.
-        """
-        return cls(
-            np.concatenate([part.begin_ns for part in parts]),
-            np.concatenate([part.end_ns for part in parts]),
-            np.concatenate([part.duration_ns for part in parts]),
-            np.concatenate([part.energy for part in parts]),
-        )
 
 
 class EnergyCurve:
@@ -95,16 +61,16 @@ class EnergyCurve:
         """
         if not len(stamp_ns):
             return
-        stamp = np.concatenate([self._open.end_ns, stamp_ns])
+        stamp = np.concatenate([self._open.stamp_ns, stamp_ns])
         edges = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))
         duration = np.add.reduceat(np.concatenate([self._open.duration_ns, duration_ns]), edges)
         total = np.add.reduceat(np.concatenate([self._open.energy, energy]), edges, axis=0)
-        rows = EnergyRows(stamp[edges] - duration, stamp[edges], duration, total)
-        self._open = rows.part(slice(-1, None))
+        rows = EnergyRows(stamp[edges], stamp[edges] - duration, duration, total)
+        self._open = rows[slice(-1, None)]
         closed = len(edges) - 1
         if closed:
             numbers = np.arange(self._count, self._count + closed)
-            self._pieces.append((numbers, rows.part(slice(0, -1))))
+            self._pieces.append((numbers, rows[slice(0, -1)]))
             self._count += closed
         if len(self._pieces) > MAX_PIECES or closed > self._max:
             self._join()
@@ -113,12 +79,12 @@ class EnergyCurve:
         """Return all that was taken, in at most `max_rows` rows and one."""
         self._join()
         _, rows = self._pieces[0]
-        return EnergyRows.joined([rows, self._open])
+        return EnergyRows.concatenate([rows, self._open])
 
     def _join(self) -> None:
         """Make one piece of all, and merge neighbours while they are too many."""
         numbers = np.concatenate([numbers for numbers, _ in self._pieces])
-        rows = EnergyRows.joined([rows for _, rows in self._pieces])
+        rows = EnergyRows.concatenate([rows for _, rows in self._pieces])
         while -(-self._count // self._every) > self._max:
             self._every *= 2
         if len(numbers):
@@ -127,8 +93,8 @@ class EnergyCurve:
             lasts = np.append(edges[1:], len(group)) - 1
             numbers = numbers[edges]
             rows = EnergyRows(
+                rows.stamp_ns[lasts],
                 rows.begin_ns[edges],
-                rows.end_ns[lasts],
                 np.add.reduceat(rows.duration_ns, edges),
                 np.add.reduceat(rows.energy, edges, axis=0),
             )

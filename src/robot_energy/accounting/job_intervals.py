@@ -39,11 +39,6 @@ class JobIntervals:
         """How many are open."""
         return len(self._open)
 
-    @property
-    def any_open(self) -> bool:
-        """Whether any is open."""
-        return bool(self._open)
-
     def open(self, name: str, stamp_ns: int | None, totals: Totals) -> EnergyInterval:
         """Begin an interval at the newest counted sample.
 

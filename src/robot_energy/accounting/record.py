@@ -7,7 +7,8 @@ one is brought to its limit, and `AccountRecord.repairs` says so.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from typing import Literal, Self
 
 from pydantic import (
@@ -35,6 +36,7 @@ from robot_energy.accounting.totals import (
 from robot_energy.errors import StateFileError
 from robot_energy.shown_text import shown
 
+KEPT = 16  # latest trace entries of each kind, so that restarts never push out a reset
 FORMAT_VERSION = 4  # 1 had no node, 2 no calibration, 3 no auxiliary loads
 TraceKind = Literal[
     "reset",
@@ -136,6 +138,36 @@ class TraceEntry(RecordPart):
     text: Text
     totals: Totals | None = None
     energy_start_ns: Stamp | None = None
+
+
+class EventLog:
+    """What happened to the registers, oldest first; bounded for each kind.
+
+    Args:
+        entries: Where to begin.
+    """
+
+    def __init__(self, entries: Iterable[TraceEntry] = ()) -> None:
+        self._entries: list[TraceEntry] = []
+        for entry in entries:
+            self.add(entry)
+
+    @property
+    def entries(self) -> tuple[TraceEntry, ...]:
+        """All entries, oldest first."""
+        return tuple(self._entries)
+
+    def add(self, entry: TraceEntry) -> None:
+        """Note an entry; the oldest of its kind beyond 16 is dropped.
+
+        Args:
+            entry: What happened.
+        """
+        self._entries.append(entry)
+        count = Counter(one.kind for one in self._entries)[entry.kind]
+        if count > KEPT:
+            oldest = next(one for one in self._entries if one.kind == entry.kind)
+            self._entries.remove(oldest)
 
 
 class Identity(RecordPart):

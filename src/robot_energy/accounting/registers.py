@@ -11,8 +11,12 @@ import numpy as np
 
 from robot_energy import kernels
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.held_energy import HeldEnergies, HeldIntegrator
-from robot_energy.accounting.integration import SampleIntervals, TrapezoidIntegrator
+from robot_energy.accounting.integration import (
+    HeldEnergies,
+    HeldIntegrator,
+    SampleIntervals,
+    TrapezoidIntegrator,
+)
 from robot_energy.blocks import Float, PowerBlock
 from robot_energy.physics.equations import interval_energy
 from robot_energy.timeline.coverage import Coverage

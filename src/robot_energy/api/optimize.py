@@ -19,13 +19,13 @@ from robot_energy.motion.planned import MAX_DURATION
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.forms import read_form
 from robot_energy.optimization.gcode_form import GcodeForm
+from robot_energy.optimization.measures import Optimum, optimise
 from robot_energy.optimization.order import best_order
 from robot_energy.optimization.place import Placement, best_place
 from robot_energy.optimization.plan import Cost
 from robot_energy.optimization.program_form import ProgramForm
 from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.rest_states import ASSUMED, RestState
-from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.task import Task, make_task
 from robot_energy.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy.physics.collision import SelfCollision, touching_moves

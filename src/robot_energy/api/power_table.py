@@ -176,17 +176,17 @@ def _at(stamp_ns: Int, rows: EnergyRows) -> tuple[Float, Float]:
     """Mean of both energies in the row that holds each stamp, epoch by epoch."""
     found = np.full((len(stamp_ns), 2), np.nan)
     power = rows.energy / (rows.duration_ns * NANOSECOND)[:, None]
-    jumps = np.flatnonzero(np.diff(rows.end_ns) < 0) + 1
-    epochs = np.split(np.arange(len(rows.end_ns)), jumps)
+    jumps = np.flatnonzero(np.diff(rows.stamp_ns) < 0) + 1
+    epochs = np.split(np.arange(len(rows.stamp_ns)), jumps)
     runs = np.split(np.arange(len(stamp_ns)), np.flatnonzero(np.diff(stamp_ns) < 0) + 1)
     for run in runs:
         for epoch in epochs:
             if not len(epoch):
                 continue
-            row = np.searchsorted(rows.end_ns[epoch], stamp_ns[run], side="left")
+            row = np.searchsorted(rows.stamp_ns[epoch], stamp_ns[run], side="left")
             row = epoch[np.minimum(row, len(epoch) - 1)]
             stamp = stamp_ns[run]
-            held = (rows.begin_ns[row] <= stamp) & (stamp <= rows.end_ns[row])
+            held = (rows.begin_ns[row] <= stamp) & (stamp <= rows.stamp_ns[row])
             held &= np.isnan(found[run, 0])
             found[run[held]] = power[row[held]]
     return found[:, 0], found[:, 1]

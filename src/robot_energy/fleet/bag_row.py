@@ -210,8 +210,8 @@ def _counted(result: Replay, report: ReplayReport, totals: Totals) -> Row:
     phases: Row = {}
     for phase in Phase:
         name = phase.name.lower()
-        phases[f"{name}_ns"] = int(account.phase_ns[phase])
-        phases[f"{name}_import_microjoule"] = int(account.phase_energy_sum.microjoule[phase])
+        phases[f"{name}_ns"] = int(account.counts.phase_ns[phase])
+        phases[f"{name}_import_microjoule"] = int(account.counts.phase_energy_sum.microjoule[phase])
     return {
         **phases,
         **_energies(totals),

@@ -91,7 +91,7 @@ class RegistersWriter:
                 "observed_time": time.observed_ns * NANOSECOND,
                 "gap_time": time.gap_ns * NANOSECOND,
                 "comparison_time": comparison.compared_ns * NANOSECOND,
-                "predicted_energy_learned": float(account.learned_energy_sum.joule[0]),
+                "predicted_energy_learned": float(account.counts.learned_energy_sum.joule[0]),
                 "gap_count": np.uint64(time.gap_count),
                 **{
                     f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]

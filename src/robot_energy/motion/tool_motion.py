@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
+from robot_energy.motion.inverse_kinematics import InverseKinematics
 from robot_energy.motion.ptp import Trajectory
 from robot_energy.motion.tool_timing import TimedPath
 from robot_energy.physics.urdf.checks import JointLimits
@@ -32,19 +32,6 @@ MAX_KNOTS = 20_000_000
 TOLERANCE = 1e-6  # rad or m, by which a limit of position may be exceeded: rounding
 MAX_OFFSET = 1000.0  # m, of the base from the origin of the program
 MAX_JUMP = 0.5  # rad or m between two knots
-
-
-class ToolKinematics(Protocol):
-    """What turns positions of the tool into positions of the joints."""
-
-    def solve(self, tool_position: Float, start: Float) -> Float:
-        """Return joint positions that follow a path of the tool, shape (N, n). [rad] or [m]
-
-        Args:
-            tool_position: In the robot's base frame, shape (N, 3). [m]
-            start: Joint positions to begin from, shape (n,). [rad] or [m]
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -107,7 +94,7 @@ class ToolMotion:
     def __init__(
         self,
         path: TimedPath,
-        kinematics: ToolKinematics,
+        kinematics: InverseKinematics,
         start: Float,
         limits: JointLimits,
         placement: ToolPlacement | None = None,

@@ -153,7 +153,7 @@ def _compared(
         account.calibration.restore(calibration)
     energy = account.registers.cabinet("grid_import") - account.registers.cabinet("grid_return")
     half, columns, duration, peak = (
-        account.energy_band.half, sums.energy, result.duration, account.peak_power
+        account.energy_band.half, sums.energy, result.duration, account.counts.peak_power
     )  # fmt: skip
     wrong = result.limits.sentences()
     if cycle_time > 0:

@@ -92,11 +92,7 @@ def uniform(
 ) -> Int | None:
     """Return the cheapest choice with the same shares for all moves; None if there is none.
 
-    Args:
-        table: All candidates.
-        allowed: Which of them may be used, shape (P,).
-        time: For all moves together. [s]
-        wait_power: Power of the wait that takes what is left of the time. [W]
+    Arguments as in `cheapest`.
     """
     found = table.candidates
     best: tuple[float, Int] | None = None

@@ -31,7 +31,6 @@ class Task:
         allowed: Candidates within the limits of torque and peak power, shape (P,).
         needed: Rest before each move that the work needs, shape (K,). [s]
         cycle_time: Of one cycle; None: the next one begins at once. [s]
-        joint_position: Where the robot rests before each move, shape (K, n). [rad] or [m]
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged; None: not asked. [-]
         variants: Cost of the program as it is but for one change that needs other moves, by the
@@ -45,7 +44,6 @@ class Task:
     allowed: NDArray[np.bool_]
     needed: Float
     cycle_time: float | None
-    joint_position: Float
     peak_limit: float
     regeneration: float | None = None
     variants: Mapping[str, Cost] = field(default_factory=dict[str, Cost])
@@ -180,7 +178,6 @@ def make_task(
             "leave the cycle time out: faster moves are looked for as well",
         )
     task = Task(
-        chain, moves, table, as_it_is, allowed, needed, cycle_time, joint_position, peak_limit,
-        regeneration,
+        chain, moves, table, as_it_is, allowed, needed, cycle_time, peak_limit, regeneration
     )  # fmt: skip
     return replace(task, base=task.plan(rows))

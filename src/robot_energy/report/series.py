@@ -85,7 +85,7 @@ def _pair(
     curve: EnergyCurve, start_ns: int, label: str, role: Role
 ) -> tuple[Series, Series] | None:
     rows = curve.rows()
-    if not len(rows.end_ns):
+    if not len(rows.stamp_ns):
         return None
     first = _series("measured", "measured", rows, start_ns, 0)
     return first, _series(label, role, rows, start_ns, 1)
@@ -100,7 +100,7 @@ def predicted_series(
     """
     curve, start_ns = result.predicted_curve, result.account.registers.time.start_ns
     rows = None if curve is None else curve.rows()
-    if rows is None or start_ns is None or not len(rows.end_ns):
+    if rows is None or start_ns is None or not len(rows.stamp_ns):
         return None
     return _series(label, role, rows, start_ns, 0)
 
@@ -137,7 +137,7 @@ def _with_band(curve: Series, result: Replay) -> Series:
 
 def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int) -> Series:
     """Merge neighbours until few enough are left; points stand in their middle."""
-    begin_ns, end_ns = rows.begin_ns - start_ns, rows.end_ns - start_ns
+    begin_ns, end_ns = rows.begin_ns - start_ns, rows.stamp_ns - start_ns
     every = -(-len(end_ns) // MAX_POINTS)
     firsts = np.arange(0, len(end_ns), every)
     lasts = np.minimum(firsts + every, len(end_ns)) - 1

@@ -206,21 +206,21 @@ def common_figures(
         temperature_degc: Of the motors; NaN where unknown, shape (n,). [degC]
         change: What was changed about the model.
     """
-    registers = account.registers
+    registers, counts = account.registers, account.counts
     seconds = registers.time.observed_ns * NANOSECOND
     energy = energy_of(registers)
     return {
         "model": model_used(model, change),
         "energy": energy,
-        "power": GridPower(account.peak_power, _ratio(energy.net, seconds)),
+        "power": GridPower(counts.peak_power, _ratio(energy.net, seconds)),
         "phases": {
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
         "joints": _joints_of(registers, model.joint_names, temperature_degc),
         "quality": SampleQuality(
-            account.samples,
-            {str(Quality(b).name).lower(): account.quality[b] for b in sorted(account.quality)},
+            counts.samples,
+            {str(Quality(b).name).lower(): counts.quality[b] for b in sorted(counts.quality)},
         ),
         "uncertainty": uncertainty_of(account, model.joint_names),
     }

@@ -12,10 +12,10 @@ from robot_energy.errors import MotionError
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.motion.planned import PlannedMotion
 from robot_energy.optimization.levelling import level_starts, samples_of
+from robot_energy.optimization.measures import Optimum, Tried, together
 from robot_energy.optimization.plan import Cost, CostTable, Saving
 from robot_energy.optimization.program_form import ProgramForm
 from robot_energy.optimization.rest_states import break_even
-from robot_energy.optimization.run import Optimum, Tried, together
 from robot_energy.optimization.task import Task
 from robot_energy.prediction import START_NS, predict
 from robot_energy.results.base import Number, Result, Texts

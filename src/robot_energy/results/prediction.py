@@ -150,7 +150,7 @@ def _notes(result: Prediction) -> list[str]:
             f"the friction of {', '.join(result.one_temperature)} is the same at every "
             "temperature in this model"
         )
-    samples, counts = result.account.samples, result.account.quality
+    samples, counts = result.account.counts.samples, result.account.counts.quality
     share = counts[int(Quality.DRIVE_EXTRAPOLATED)] / samples if samples else 0.0
     if share:
         notes.append(

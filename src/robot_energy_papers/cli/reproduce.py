@@ -1,16 +1,21 @@
-"""`robot-energy reproduce`: the experiments of the papers, done again, and how sure the tool is."""
+"""`robot-energy reproduce`: the experiments of the papers, done again, and how sure the tool is.
+
+The folder that a study writes appears whole, or not at all.
+"""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
 from robot_energy.cli.command import Command, Group, add_option
 from robot_energy.cli.terminal import console, progress, write_json
+from robot_energy.files.output_files import HTML, JSON, PICTURE, TEXT, is_own_file
+from robot_energy.files.output_folder import OutputFolder
 from robot_energy.shown_text import shown
-from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 
 PAPER_A = """\
 Repeat the experiment of paper A on the virtual rig: sets of 20 motions while a robot of
@@ -41,6 +46,9 @@ bands hold, how far the choice is from the best. Writes report.html and figures.
 """
 PAPERS = ("paper-a", "paper-b")  # what identifies one model
 WORKERS = 2
+REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
+BAGS = "bags"
+_FILES = {REPORT: HTML, FIGURES: JSON, FRONT: PICTURE, MODEL: TEXT}
 
 
 def _study(name: str, title: str, text: str, quick: str, workers: bool = True) -> Command:
@@ -105,6 +113,44 @@ def _run(args: Namespace) -> int:
         out.paragraph(f"wrote {shown(str(Path(args.out) / file))}")
     print_document(out, console())
     return 0
+
+
+@contextmanager
+def study_folder(name: str, overwrite: bool) -> Generator[Path]:
+    """Yield a draft of the folder, with a place for bags, which is put into place at the end.
+
+    Args:
+        name: Name of the folder.
+        overwrite: Whether an earlier study may be replaced.
+
+    Raises:
+        ReportError: If the folder exists and is not such a study, or cannot be written.
+    """
+    folder = OutputFolder(name, _foreign, overwrite)
+    try:
+        folder.make(BAGS)
+        yield folder.draft
+        folder.place()
+    except BaseException:
+        folder.discard()
+        raise
+
+
+def _foreign(folder: Path) -> list[str]:
+    """What in a folder no study wrote."""
+    found: list[str] = []
+    for path in sorted(folder.iterdir()):
+        if path.name == BAGS and path.is_dir() and not path.is_symlink():
+            found += [f"{BAGS}/{bag.name}" for bag in sorted(path.iterdir()) if not _is_bag(bag)]
+        elif not is_own_file(path, _FILES.get(path.name, ())):
+            found.append(path.name)
+    return found
+
+
+def _is_bag(path: Path) -> bool:
+    from robot_energy.bag.ownership import foreign_entries  # imports much, at every command
+
+    return path.is_dir() and not path.is_symlink() and not foreign_entries(path)
 
 
 def _command(args: Namespace) -> str:

@@ -8,10 +8,9 @@ import pytest
 from accounts import IDENTITY, SECOND, counter, power_block, restarted, steady
 from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.event_log import KEPT
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_REASON
-from robot_energy.accounting.record import AccountRecord
+from robot_energy.accounting.record import KEPT, AccountRecord
 from robot_energy.errors import RegisterError, StateFileError
 from robot_energy.messages import RegistersWriter, interval_fields
 from robot_energy.store import AccountStore, SlotPair

@@ -30,7 +30,7 @@ def test_totals_go_on_and_the_downtime_is_one_gap_exact_in_ns() -> None:
     assert time.observed_ns == 15 * SECOND
     assert time.span_ns == time.observed_ns + time.gap_ns == time.end_ns - time.start_ns
     assert time.start_ns == 10 * SECOND
-    assert account.samples == 1001 + 501
+    assert account.counts.samples == 1001 + 501
     assert account.restarts == 1
 
 
@@ -107,9 +107,9 @@ def test_everything_the_books_show_survives() -> None:
     account.step(steady(10.01, 15, watt=210.0))
     after = restarted(account)
     assert after.totals() == account.totals()
-    assert after.peak_power == 210.0
-    assert after.quality == account.quality
-    assert (after.phase_ns == account.phase_ns).all()
+    assert after.counts.peak_power == 210.0
+    assert after.counts.quality == account.counts.quality
+    assert (after.counts.phase_ns == account.counts.phase_ns).all()
     assert after.list_intervals() == account.list_intervals()
     assert after.trace.entries == account.trace.entries
     first, second = (books.state(IDENTITY) for books in (account, after))

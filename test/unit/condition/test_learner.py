@@ -59,10 +59,10 @@ def test_any_cutting_teaches_the_same(learning, with_torque):
         np.testing.assert_array_equal(
             cut.account.registers.microjoule, whole.account.registers.microjoule
         )
-        assert cut.account.quality == whole.account.quality
+        assert cut.account.counts.quality == whole.account.counts.quality
     applied = learning is Learning.APPLY
-    assert (whole.account.quality[Quality.LEARNED] > 0) is applied
-    assert bool(whole.account.learned_energy_sum.joule[0] > 0) is applied
+    assert (whole.account.counts.quality[Quality.LEARNED] > 0) is applied
+    assert bool(whole.account.counts.learned_energy_sum.joule[0] > 0) is applied
 
 
 def test_observing_changes_no_energy():

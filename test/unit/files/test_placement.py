@@ -19,7 +19,7 @@ from robot_energy.report.canvas import canvas
 from robot_energy.report.document import Document
 from robot_energy.report.html import write_page
 from robot_energy.results.identification import FrictionStudyReport
-from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
+from robot_energy_papers.cli.reproduce import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 from robots import one_wheel
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

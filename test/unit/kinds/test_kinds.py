@@ -68,7 +68,7 @@ def test_models_keep_their_identity_when_a_kind_comes_and_goes(monkeypatch):
 
 def measured(result: Replay):
     energy = replay_report(result).energy
-    seconds = result.account.samples and energy.grid_import / 60.0
+    seconds = result.account.counts.samples and energy.grid_import / 60.0
     return energy, seconds
 
 

@@ -65,7 +65,7 @@ def test_a_cycle_costs_what_the_prediction_of_live_operation_says(model):
     registers, cost = found.account.registers, cost_of(model, made)
     assert cost.energy == pytest.approx(registers.cabinet("grid_import"), rel=2e-3)
     assert cost.duration == pytest.approx(made.period, rel=1e-9)
-    assert cost.peak == pytest.approx(found.account.peak_power, rel=5e-3)
+    assert cost.peak == pytest.approx(found.account.counts.peak_power, rel=5e-3)
 
 
 def test_a_column_is_the_change_of_energy_with_its_figure():

@@ -14,27 +14,26 @@ from robot_energy_papers.interval_coverage import Judged, coverages, disjoint
 @pytest.fixture(scope="module")
 def plant():
     """A drawn KR 16 whose sensors are exact, two recordings of it, and what was identified."""
-    return study.plant("kr16", 2, hard=False)
+    return study.DrawnPlant.of("kr16", 2, hard=False)
 
 
 @pytest.fixture(scope="module")
 def bags(plant, tmp_path_factory):
-    profile, config = plant
-    config = config.without("temperature_error", "meter_error", "temperature_sensor")
+    config = plant.config.without("temperature_error", "meter_error", "temperature_sensor")
     exact = replace(config.sensors, torque_constant_error=0.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "SECONDS", 20.0)
         folder = tmp_path_factory.mktemp("plant")
-        return study.record_plant(profile, replace(config, sensors=exact), 2, folder)
+        return replace(plant, config=replace(config, sensors=exact)).recorded(folder)
 
 
 @pytest.fixture(scope="module")
-def result(bags):
-    return identify_everything(bags, study.given_model("kr16", 2), ("capacitor",), strict=False)
+def result(plant, bags):
+    return identify_everything(bags, plant.given_model(), ("capacitor",), strict=False)
 
 
 def test_with_exact_sensors_the_figures_are_those_that_are_called_true(plant, result):
-    figures = study.judged(result, *plant)
+    figures = plant.judged(result)
     by_group = {group: [e for e in figures if e.group == group] for group in study.GROUPS}
     assert len(by_group["bodies"]) == 40
     assert len(by_group["Coulomb"]) == 6
@@ -48,9 +47,8 @@ def test_with_exact_sensors_the_figures_are_those_that_are_called_true(plant, re
 
 
 def test_a_further_recording_gives_no_disjoint_intervals(plant, bags, result):
-    given = study.given_model("kr16", 2)
-    three = identify_everything(bags[:3], given, ("capacitor",), strict=False)
-    fewer, more = study.judged(three, *plant), study.judged(result, *plant)
+    three = identify_everything(bags[:3], plant.given_model(), ("capacitor",), strict=False)
+    fewer, more = plant.judged(three), plant.judged(result)
     count, apart = disjoint(fewer, more)
     assert count > 60
     assert apart == ()
@@ -86,14 +84,13 @@ def test_a_split_has_the_deviation_of_both_parts(result):
 
 
 def test_sensors_of_one_plant_have_the_same_constant_errors(plant):
-    profile, config = plant
-    law = viscous_law(study.given_model("kr16", 2).joints[0].friction.viscous)
+    law = viscous_law(plant.given_model().joints[0].friction.viscous)
     assert law.lower_degc < 30.0 < law.upper_degc
+    profile, config, program = plant.profile, plant.config, study.program_of(plant.profile, 0)
     first, second, other = (
-        study.VirtualRig(profile, study.program_of(profile, 0), config, seed, 30.0, 30.0,
-                         device_seed=device)
+        study.VirtualRig(profile, program, config, seed, 30.0, 30.0, device_seed=device)
         for seed, device in ((1, 7), (2, 7), (2, 8))
-    )  # fmt: skip
+    )
     one, two, three = (rig.step(500).joints.measured_motor_torque for rig in (first, second, other))
     assert not np.array_equal(one, two)
     np.testing.assert_allclose(one.mean(axis=0), two.mean(axis=0), rtol=2e-2, atol=5e-3)

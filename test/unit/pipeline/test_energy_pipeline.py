@@ -325,7 +325,7 @@ def test_one_absurd_velocity_is_a_gap_and_not_a_register_full_of_nonsense(speed,
     assert observed == pytest.approx(2.0 - 0.01 * (bad.sum() + 1), abs=1e-9)
     assert account.registers.cabinet("grid_import") == pytest.approx(83.0 * observed, rel=1e-4)
     assert account.registers.time.span_ns == 2 * 10**9
-    assert account.peak_power < 100.0
+    assert account.counts.peak_power < 100.0
 
 
 def test_an_energy_that_no_register_takes_is_a_gap():

@@ -68,8 +68,8 @@ def test_a_cold_idle_robot_with_whole_degrees_is_not_stuck_after_an_hour():
         TemperatureBlock((stamp * S).astype(np.int64), degc),
     )
     pipeline.flush()
-    assert pipeline.account.samples == 3600
-    assert pipeline.account.quality[Quality.TEMPERATURE_STUCK] == 0
+    assert pipeline.account.counts.samples == 3600
+    assert pipeline.account.counts.quality[Quality.TEMPERATURE_STUCK] == 0
     assert pipeline.power.watch.rise.tolist() == [0.0, 0.0]
 
 
@@ -117,4 +117,4 @@ def test_the_reading_stays_in_use_and_is_flagged():
     assert stuck[-1]
     assert not stuck[: len(stuck) // 15].any()
     assert (block.power.motor_temperature_degc == 20.0).all()
-    assert pipeline.account.quality[Quality.TEMPERATURE_STUCK] == int(stuck.sum())
+    assert pipeline.account.counts.quality[Quality.TEMPERATURE_STUCK] == int(stuck.sum())
