@@ -91,7 +91,9 @@ def test_an_interval_name_forges_no_line_of_the_log(bench, capfd):
     store = SimpleNamespace(require=lambda: None)
     checkpoints = SimpleNamespace(store=store, now=lambda: True)
     account = SimpleNamespace()
-    services = RegisterServices(bench.tester, cast("Any", account), cast("Any", checkpoints), ())
+    services = RegisterServices(
+        bench.tester, cast("Any", account), cast("Any", checkpoints), (), lambda: None
+    )
     response = OpenInterval.Response()
     services._change(response, lambda: f"interval 1 '{NASTY}' is open")
     assert response.message.startswith("interval 1 'a\\x1b[2J")

@@ -116,7 +116,7 @@ def test_any_cutting_gives_the_same_output(seed, cuts):
     assert books.comparison.compared_ns == books_cut.comparison.compared_ns
     assert books.comparison.measured_energy == books_cut.comparison.measured_energy
     assert books.comparison.predicted_energy == books_cut.comparison.predicted_energy
-    assert books.quality == books_cut.quality
+    assert books.counts.quality == books_cut.counts.quality
     assert books.calibration.state() == books_cut.calibration.state()
     np.testing.assert_array_equal(books.shaft.microjoule, books_cut.shaft.microjoule)
     np.testing.assert_array_equal(books.shaft.compared_ns, books_cut.shaft.compared_ns)

@@ -149,6 +149,11 @@ class RobotState:
             return True
         return now - self._received > max(STALE_AFTER, STALE_PERIODS * self._newest["period"])
 
+    @property
+    def registers(self) -> dict[str, Any] | None:
+        """Fields of the newest register message, as `PageReaders.registers` returns them."""
+        return self._registers
+
     def power(self, now: float) -> dict[str, Any]:
         """Return the few figures that change several times a second, as plain values.
 

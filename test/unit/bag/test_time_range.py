@@ -48,8 +48,8 @@ def test_parts_of_a_bag_add_up_to_its_observed_time_and_energy():
         replay(COLD, model, time_range=TimeRange(start, end)).account
         for start, end in ((None, 12.0), (12.0, -10.0), (-10.0, None))
     ]
-    observed = sum(int(part.phase_ns.sum()) for part in parts)
-    assert observed == pytest.approx(int(whole.phase_ns.sum()), abs=10**8)
+    observed = sum(int(part.counts.phase_ns.sum()) for part in parts)
+    assert observed == pytest.approx(int(whole.counts.phase_ns.sum()), abs=10**8)
     energy = sum(part.comparison.predicted_energy for part in parts)
     assert energy == pytest.approx(whole.comparison.predicted_energy, rel=0.02)
 
