@@ -212,7 +212,8 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     )
     known, std = None, [None, None, None]
     if tangent is not None:
-        covariance = to_law @ tangent.covariance[1:4, 1:4] @ to_law.T
+        with np.errstate(invalid="ignore"):  # an infinite variance makes NaN, and no covariance
+            covariance = to_law @ tangent.covariance[1:4, 1:4] @ to_law.T
         covariance = 0.5 * (covariance + covariance.T)  # without what rounding made unequal
         if np.isfinite(covariance).all():
             known, std = covariance.tolist(), np.sqrt(np.diag(covariance)).tolist()

@@ -11,6 +11,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import fit_friction
 from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.identify.friction.temperature_study import Span, temperature_split
+from robot_energy.identify.stats.regression import jackknife
 from robot_energy.physics.friction import viscous_law
 from robot_energy.report.document import Document
 from robot_energy.report.identification import friction_tables
@@ -87,6 +88,24 @@ def test_a_drift_during_the_measurement_does_not_bias_the_points():
     """The motor warms by 50 K in one go; each point has the friction of its own temperature."""
     for point in fit_friction(measurement(noise=0.0)).points:
         assert point.viscous == pytest.approx(viscous(point.motor_temperature_degc), rel=0.03)
+
+
+def test_a_block_that_alone_tells_a_figure_leaves_a_law_without_covariance(monkeypatch):
+    """Whether a matrix is singular is a matter of rounding, so of the processor."""
+
+    def singular(block):
+        def covariance(columns, residual, weight):
+            scatter, *rest = jackknife(block)(columns, residual, weight)
+            # five columns: Coulomb, offset, and three of the law with its scale
+            return (np.full_like(scatter, np.inf) if len(scatter) == 5 else scatter, *rest)
+
+        return covariance
+
+    monkeypatch.setattr("robot_energy.identify.stats.regression.jackknife", singular)
+    law = fit_friction(measurement()).laws["exponential"]
+    assert law.covariance is None
+    assert law.c.std is None
+    assert law.c.value == pytest.approx(C, rel=0.1)
 
 
 def test_a_law_that_is_no_exponential_becomes_a_table():
