@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
 
+from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.bag import BagReader
+from robot_energy.physics.effort_check import EffortCheck
 from ros2_energy_monitor.diagnostics import model_check
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
@@ -99,6 +102,23 @@ def test_torques_that_no_drive_has_are_named(bench):
     play(bench, node, noisy)
     status = diagnosed.wait(NAME, "needs more than its torque limit")
     assert status.level == DiagnosticStatus.WARN
+
+
+def test_what_counts_on_is_read_between_two_ticks(bench, monkeypatch):
+    """Another thread would find sums that a tick is just changing."""
+    threads = set()
+    for kind, name in ((MeterDiagnostics, "findings"), (EffortCheck, "factors")):
+        asked = getattr(kind, name)
+
+        def noted(self, *arguments, asked=asked):
+            threads.add(current_thread())
+            return asked(self, *arguments)
+
+        monkeypatch.setattr(kind, name, noted)
+    node = bench.add(EnergyMonitor, model="kr16", model_check=3.0, **MOTOR_TORQUE)
+    play(bench, node)
+    bench.diagnosed().wait(NAME, "no mistake found")
+    assert threads == {main_thread()}
 
 
 def test_it_can_be_switched_off(bench):

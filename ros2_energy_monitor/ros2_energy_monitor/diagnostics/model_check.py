@@ -108,9 +108,9 @@ class ModelCheck:
         outputs = [output for output, _, _ in self._outputs]
         self._outputs.clear()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="model_check")
-        self._work = self._thread.submit(self._run, outputs)
+        self._work = self._thread.submit(self._run, outputs, self._settings())
 
-    def _run(self, outputs: list[Output]) -> Answer:
+    def _run(self, outputs: list[Output], settings: dict[str, Any]) -> Answer:
         """Have a process make the checks; runs in a thread that waits for it."""
         command = [sys.executable, "-m", "robot_energy.check.process", str(NICENESS)]
         threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -119,21 +119,16 @@ class ModelCheck:
         )
         if self._closed:
             self._process.kill()
-        answer, _ = self._process.communicate(pickle.dumps(self._seen(outputs)))
+        answer, _ = self._process.communicate(pickle.dumps(_blocks(outputs) | settings))
         return json.loads(answer)
 
-    def _seen(self, outputs: list[Output]) -> dict[str, Any]:
-        torque = [one.torque for one in outputs if one.torque is not None]
-        power = [one.power for one in outputs if one.power is not None]
-        meter = [one.meter for one in outputs if one.meter is not None]
+    def _settings(self) -> dict[str, Any]:
+        """What the checks need beside the blocks; what counts goes on, so no thread may read it."""
         stage, account = self._pipeline.torque, self._pipeline.account
         stuck = zip(self._model.joint_names, self._pipeline.power.watch.stuck, strict=True)
         return {
             "model": self._model,
             "effort": self._effort,
-            "torque": TorqueBlock.concatenate(torque),
-            "power": PowerBlock.concatenate(power) if power else None,
-            "meter": MeterBlock.concatenate(meter) if meter else None,
             "inputs": self._inputs,
             "carried": stage.robot.payload,
             "remarks": {
@@ -190,3 +185,14 @@ class ModelCheck:
         checked = ", ".join(answer["checked"]) or "nothing"
         found.notes.append(f"no mistake found; checked: {checked}")
         found.remarks += [f"{name} not checked: {why}" for name, why in answer["skipped"].items()]
+
+
+def _blocks(outputs: list[Output]) -> dict[str, Any]:
+    torque = [one.torque for one in outputs if one.torque is not None]
+    power = [one.power for one in outputs if one.power is not None]
+    meter = [one.meter for one in outputs if one.meter is not None]
+    return {
+        "torque": TorqueBlock.concatenate(torque),
+        "power": PowerBlock.concatenate(power) if power else None,
+        "meter": MeterBlock.concatenate(meter) if meter else None,
+    }
