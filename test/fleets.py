@@ -6,7 +6,7 @@ from pathlib import Path
 
 import polars as pl
 
-from robot_energy.fleet.dataset import Dataset, row_bytes
+from robot_energy.fleet.dataset import Dataset, RowKey, row_bytes
 from robot_energy.fleet.dataset_columns import TABLES
 from robot_energy.fleet.tables import FleetTables
 from robot_energy_papers.fleet_study import fleet_tables
@@ -56,7 +56,7 @@ def written(folder, tables) -> Path:
             rows = own.get((run["key"],), pl.DataFrame()).iter_rows(named=True)
             known = TABLES[table]
             row[table] = [{k: v for k, v in exact(one).items() if k in known} for one in rows]
-        place.add(name, run["robot"], date, row_bytes(row))
+        place.add(RowKey(*map(row.get, RowKey._fields)), date, row_bytes(row))
     place.pack()
     return Path(folder)
 

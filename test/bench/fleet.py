@@ -83,8 +83,9 @@ class Bench:
         Groups alternate, so that what else the machine does meets both.
         """
         ratios: list[tuple[float, float]] = []
-        for first in range(0, len(self.bags) - GROUP + 1, GROUP):
-            bags = self.bags[first : first + GROUP]
+        size = min(GROUP, len(self.bags))
+        for first in range(0, len(self.bags) - size + 1, size):
+            bags = self.bags[first : first + size]
             there = self.run(f"group{first}", replays, bags)
             turn = self.run(f"group{first}turn", in_turn(), bags)
             ratios.append((there[0] / turn[0], there[1] / turn[1]))

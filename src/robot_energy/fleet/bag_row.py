@@ -24,7 +24,7 @@ from robot_energy.errors import DatasetError, RobotEnergyError
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.fleet.bag_list import BagPlace, FleetBag
 from robot_energy.fleet.bag_sums import HourSums, MeterErrors
-from robot_energy.fleet.dataset import UNKNOWN_DATE, row_bytes
+from robot_energy.fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy.fleet.joint_sums import JointSums
 from robot_energy.freed_memory import keep_freed_memory
@@ -42,22 +42,18 @@ class BagRow:
     """What a worker gives back.
 
     Attributes:
-        name: Of the file in the dataset.
-        robot: Name of the robot.
+        key: Of which bag it is, and why that could not be used, if so.
         date: UTC day of the first sample.
         data: The Parquet file.
-        reason: Why the bag could not be used; empty where it could.
         problems: What was wrong with a bag that was used.
         jobs_left_out: Jobs of which the bag holds a part only, how many.
         observed_time: Predicted. [s]
         peak_memory: Most memory that the process has held so far. [bytes]
     """
 
-    name: str
-    robot: str
+    key: RowKey
     date: str
     data: bytes
-    reason: str
     problems: tuple[str, ...]
     jobs_left_out: int
     observed_time: float
@@ -298,12 +294,11 @@ def _mean_degc(joints: list[Row]) -> float | None:
 
 def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float) -> BagRow:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    whole = _fitting(row | {"name": name})
     return BagRow(
-        name,
-        bag.robot,
+        RowKey(*(whole[field] for field in RowKey._fields)),
         date,
-        row_bytes(_fitting(row | {"name": name})),
-        row["reason"],
+        row_bytes(whole),
         tuple(row.get("problems", ())),
         row.get("jobs_left_out", 0),
         observed_time,

@@ -38,7 +38,7 @@ Bag = tuple[str, str]
 """Robot and address."""
 
 
-class _Row(NamedTuple):
+class RowKey(NamedTuple):
     """What says of which bag a row is.
 
     Attributes:
@@ -59,6 +59,7 @@ class _Row(NamedTuple):
 
     @property
     def is_unread(self) -> bool:
+        """Whether the bag could not be read at all."""
         return bool(self.reason) and self.bag_hash is None
 
 
@@ -91,7 +92,7 @@ class Dataset:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         # Rows, and their files; None until they are asked for: a report needs none.
-        self._known: dict[str, tuple[_Row, set[Path]]] | None = None
+        self._known: dict[str, tuple[RowKey, set[Path]]] | None = None
         self._same: dict[Bag, set[str]] = {}  # names of rows, by robot and address or content
         if not self.folder.exists():
             return
@@ -135,16 +136,15 @@ class Dataset:
             self._keep(name)
         return name in self._rows()
 
-    def add(self, name: str, robot: str, date: str, data: bytes) -> Path:
+    def add(self, key: RowKey, date: str, data: bytes) -> Path:
         """Put the row of a bag in place, whole or not at all, and remove older rows of it.
 
         A bag that cannot be read takes no row away: where it was read before, that row stays.
 
         Args:
-            name: Of the row.
-            robot: Name of the robot.
+            key: Of the row.
             date: UTC day.
-            data: From `row_bytes`.
+            data: The row, from `row_bytes`.
 
         Returns:
             The file.
@@ -152,11 +152,12 @@ class Dataset:
         Raises:
             DatasetError: If it cannot be written.
         """
-        path = self.folder / f"robot={quote(robot, safe=' ')}" / f"date={date}" / f"{name}.parquet"
+        robot = f"robot={quote(key.robot, safe=' ')}"
+        path = self.folder / robot / f"date={date}" / f"{key.name}.parquet"
         self._write(path, data)
         self._rows()
-        self._found([path])
-        self._keep(name)
+        self._note(key, path)
+        self._keep(key.name)
         return path
 
     def remove(self, bags: Iterable[Bag], unread: bool = False) -> None:
@@ -189,7 +190,7 @@ class Dataset:
             if len(single) >= least or (single and len(paths) > len(single)):
                 self._merge(paths)
 
-    def _rows(self) -> dict[str, tuple[_Row, set[Path]]]:
+    def _rows(self) -> dict[str, tuple[RowKey, set[Path]]]:
         if self._known is None:
             self._known = {}
             self._found(self.files())
@@ -197,16 +198,17 @@ class Dataset:
 
     def _found(self, files: list[Path]) -> None:
         """Note the rows of files."""
-        rows = self._rows()
         if not files:
             return
-        columns = _scan(files, "file").select(*_Row._fields, "file").collect()
+        columns = _scan(files, "file").select(*RowKey._fields, "file").collect()
         for *values, file in columns.iter_rows():
-            row = _Row(*values)
-            rows.setdefault(row.name, (row, set()))[1].add(Path(file))
-            for same in (row.bag, row.bag_hash):
-                if same is not None:
-                    self._same.setdefault((row.robot, same), set()).add(row.name)
+            self._note(RowKey(*values), Path(file))
+
+    def _note(self, key: RowKey, file: Path) -> None:
+        self._rows().setdefault(key.name, (key, set()))[1].add(file)
+        for same in (key.bag, key.bag_hash):
+            if same is not None:
+                self._same.setdefault((key.robot, same), set()).add(key.name)
 
     def _keep(self, name: str) -> None:
         """Remove the rows for which this one stands; it itself, if it says less than they do."""

@@ -122,20 +122,20 @@ def run_fleet(
                 yield bag
 
     for bag, row in replays(missing(), models):
-        dataset.add(row.name, row.robot, row.date, row.data)
-        if row.name != bag.unread_name:
+        dataset.add(row.key, row.date, row.data)
+        if row.key.name != bag.unread_name:
             dataset.remove(bag.parts)
         dataset.remove(bag.missed, unread=True)
         address = bag.place.address
-        own = row.robot, address
+        own = row.key.robot, address
         done.refused.pop(own, None)
         done.damaged.pop(own, None)
-        if row.reason:
-            done.refused[own] = RefusedBag(address, row.robot, row.reason)
+        if row.key.reason:
+            done.refused[own] = RefusedBag(address, row.key.robot, row.key.reason)
         else:
             done.read += 1
         if row.problems:
-            done.damaged[own] = DamagedBag(address, row.robot, row.problems)
+            done.damaged[own] = DamagedBag(address, row.key.robot, row.problems)
         done.jobs_left_out += row.jobs_left_out
         done.observed_time += row.observed_time
         done.written += len(row.data)

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from robot_energy.errors import DatasetError
-from robot_energy.fleet.dataset import Dataset, read_tables, row_bytes, scan
+from robot_energy.fleet.dataset import Dataset, RowKey, read_tables, row_bytes, scan
 from robot_energy.fleet.dataset_columns import RUNS, SCHEMA, TABLES
 
 DAY = "2026-03-02"
@@ -17,7 +17,7 @@ NAMED = {"name": "a-1-x", "key": "a-1-x", "bag": "a"}
 def put(dataset, name, robot="r1", date=DAY, **row):
     bag = name.partition("-")[0]
     row = {"name": name, "key": name, "robot": robot, "bag": bag, "reason": "", **row}
-    return dataset.add(name, robot, date, row_bytes(row))
+    return dataset.add(RowKey(*map(row.get, RowKey._fields)), date, row_bytes(row))
 
 
 def content(folder):

@@ -287,6 +287,7 @@ def scheduler(tmp_path):
             cwd=tmp_path,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
         for words in commands
     ]
@@ -298,9 +299,9 @@ def scheduler(tmp_path):
                 address = json.loads(file.read_text())["address"]
         yield address, processes[0]
     finally:
-        for process in reversed(processes):
-            process.terminate()
-        for process in processes:
+        for process in processes:  # with its own children: without a scheduler they never end
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
 
