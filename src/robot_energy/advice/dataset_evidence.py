@@ -14,7 +14,7 @@ from robot_energy.advice.claims import LONG_REST, Claim
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.api.replay import ReplayOptions
 from robot_energy.errors import DatasetError
-from robot_energy.fleet.dataset import read_tables, scan
+from robot_energy.fleet.dataset import collected, read_tables, scan
 from robot_energy.fleet.tables import counted_twice
 from robot_energy.model import RobotModel
 from robot_energy.report.formats import counted
@@ -62,7 +62,7 @@ def _bag_sample(
     The number is that of bags that are there, but were replayed with a file of inputs, of which a
     dataset keeps a hash alone.
     """
-    rows = scan(folder).select("key", "bag", "settings").collect().iter_rows()
+    rows = collected(scan(folder).select("key", "bag", "settings"), folder).iter_rows()
     known = {key: SampledBag(bag, _options(settings)) for key, bag, settings in rows}
     given = {name: value for name, value in options.items() if value is not None}
     there = [known[key] for key in keys if Path(known[key].address).exists()]

@@ -244,6 +244,9 @@ def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> 
     Raises:
         RobotEnergyError: If it is.
     """
+    inputs = [*inputs]
+    if not inputs:
+        return
     real_target = os.path.realpath(target)
     around = {_key(one) for one in (target, *target.absolute().parents)}
     inside = _keys_of(target)

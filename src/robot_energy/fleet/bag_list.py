@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -227,8 +226,9 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
 
 def _of_folder(path: str) -> bool:
     """Whether an MCAP file has the name of its folder and a number."""
-    file = PurePosixPath(path)
-    return re.fullmatch(re.escape(file.parent.name) + r"_\d+\.mcap", file.name) is not None
+    *_, folder, file = ("", *filter(None, path.split("/")))
+    name, _, number = file.removesuffix(".mcap").rpartition("_")
+    return name == folder and number.isdecimal() and file.endswith(".mcap")
 
 
 def _place(system: Any, address: str, infos: Infos, files: list[str]) -> BagPlace:

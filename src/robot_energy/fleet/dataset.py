@@ -27,12 +27,14 @@ from robot_energy.errors import DatasetError
 from robot_energy.files.output_files import GENERATOR, PARQUET, write_file
 from robot_energy.fleet.dataset_columns import RUNS, SCHEMA, TABLES
 from robot_energy.fleet.tables import SCHEMAS, FleetTables
+from robot_energy.shown_text import shown
 
 PER_JOULE, PER_SECOND = 1e-6, 1e-9
 PACKED = "rows-"  # begin of the names of files with many rows
 LOCK = ".lock"
 CONTENT = "content"  # column by which copies of a bag are found
 UNKNOWN_DATE = "unknown"  # of a bag that could not be read
+UNREADABLE = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
 
 Bag = tuple[str, str]
 """Robot and address."""
@@ -154,8 +156,8 @@ class Dataset:
         """
         robot = f"robot={quote(key.robot, safe=' ')}"
         path = self.folder / robot / f"date={date}" / f"{key.name}.parquet"
+        self._rows()  # before there is one more
         self._write(path, data)
-        self._rows()
         self._note(key, path)
         self._keep(key.name)
         return path
@@ -200,7 +202,7 @@ class Dataset:
         """Note the rows of files."""
         if not files:
             return
-        columns = _scan(files, "file").select(*RowKey._fields, "file").collect()
+        columns = collected(_scan(files, "file").select(*RowKey._fields, "file"), self.folder)
         for *values, file in columns.iter_rows():
             self._note(RowKey(*values), Path(file))
 
@@ -236,7 +238,8 @@ class Dataset:
 
     def _merge(self, paths: list[Path], without: str = "") -> None:
         """Replace files of one folder by one that holds their rows."""
-        rows = _scan(paths).filter(pl.col("name") != without).unique("name").sort("name").collect()
+        rows = _scan(paths).filter(pl.col("name") != without).unique("name").sort("name")
+        rows = collected(rows, self.folder)
         names = cast("list[str]", rows["name"].to_list())
         ending = hashlib.sha256("".join(names).encode()).hexdigest()[:16]
         target = paths[0].parent / f"{PACKED}{ending}.parquet"
@@ -291,6 +294,40 @@ def scan(folder: str | Path) -> pl.LazyFrame:
     )
 
 
+def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
+    """Return rows of a dataset.
+
+    Args:
+        rows: What is wanted of them, from `scan`.
+        folder: Of the dataset.
+
+    Raises:
+        DatasetError: If a file cannot be read, which it names.
+    """
+    try:
+        return _read(rows)
+    except UNREADABLE as error:
+        for file in Dataset(folder).files():
+            try:
+                _read(_scan([file]))
+            except UNREADABLE as own:
+                reason = shown(str(own).partition("\n")[0])
+                remedy = "remove it: the next run replays its bags again"
+                raise DatasetError(
+                    f"{file} cannot be read ({reason})", "rows of bags", remedy
+                ) from own
+        raise DatasetError(
+            f"{folder} changed meanwhile", "one that nothing writes to", "run the command again"
+        ) from error
+
+
+def _read(rows: pl.LazyFrame) -> pl.DataFrame:
+    found = rows.collect()
+    if "key" in found.columns and found["key"].null_count():
+        raise pl.exceptions.SchemaError("no table of bags")
+    return found
+
+
 def read_tables(folder: str | Path) -> FleetTables:
     """Return the rows of a dataset as the tables that reports are made from.
 
@@ -298,7 +335,7 @@ def read_tables(folder: str | Path) -> FleetTables:
         folder: Of the dataset.
 
     Raises:
-        DatasetError: If there is none.
+        DatasetError: If there is none, or a file cannot be read.
     """
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
@@ -306,7 +343,8 @@ def read_tables(folder: str | Path) -> FleetTables:
               "predicted_energy_at_meter": "predicted_at_meter"}  # fmt: skip
     wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
     tables = [name for name in SCHEMAS if name in TABLES]
-    rows = scan(folder).select([name for name in RUNS if name in wanted] + tables).collect()
+    rows = scan(folder).select([name for name in RUNS if name in wanted] + tables)
+    rows = collected(rows, folder)
 
     def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
         more = [(pl.col(f"{f}_microjoule") * PER_JOULE).alias(t) for t, f in energy.items()

@@ -24,10 +24,10 @@ from robot_energy.shown_text import shown
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
-PER_THREAD = 16  # bags at the scheduler for each thread of its workers
+PER_THREAD = 32  # bags at the scheduler for each thread of its workers
 MIN_WAITING = 64
 BATCH = 16  # bags that are sent to the scheduler at once
-TOGETHER = 0.2  # s; rows that come within it are fetched by one message
+TOGETHER = 0.4  # s; rows that come within it are fetched by one message
 LOST = "10s"  # after which a worker that is gone and does not come back is replaced
 HEAL_EVERY = 2.0  # s; the workers are also counted so often
 TIMEOUT = "30s"  # for the scheduler to answer
@@ -123,7 +123,7 @@ def run_fleet(
 
     for bag, row in replays(missing(), models):
         dataset.add(row.key, row.date, row.data)
-        if row.key.name != bag.unread_name:
+        if not row.key.is_unread:
             dataset.remove(bag.parts)
         dataset.remove(bag.missed, unread=True)
         address = bag.place.address
@@ -221,6 +221,9 @@ def on_dask(
     settings = {
         "distributed.worker.profile.enabled": False,  # looks at the stack every 10 ms
         "distributed.admin.tick.interval": "1s",
+        # Workers get a bag when they have room: there is nothing to move between them.
+        "distributed.scheduler.work-stealing": False,
+        "distributed.scheduler.active-memory-manager.start": False,
         "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
         "distributed.deploy.lost-worker-timeout": LOST,
     }
@@ -301,11 +304,10 @@ def _as_they_come(
     asked: dict[str, FleetBag] = {}
     waiting = cast("Any", as_completed())
 
-    def next_rows() -> Source:
-        """The next row, and by the same message those that soon follow, until few are left."""
+    def next_rows(pause: float = 0.0) -> Source:
+        """The next row, and by the same message those that follow within a pause."""
         futures = [next(waiting)]
-        if len(asked) > BATCH:
-            time.sleep(TOGETHER)
+        time.sleep(pause)
         futures += waiting.next_batch(block=False)
         rows = client.gather({one.key: one for one in futures}, errors="skip")
         for future in futures:
@@ -328,7 +330,7 @@ def _as_they_come(
             checked = now
             room = max(MIN_WAITING, PER_THREAD * sum(client.nthreads().values()))
         while len(asked) + len(batch) > room:
-            yield from next_rows()
+            yield from next_rows(TOGETHER)
         for own in {bag.model_digest for bag in batch} - kept.keys():
             # as a task, which another worker can repeat if one dies
             kept[own] = client.submit(_same, models[own], key=f"model-{own}")

@@ -1,6 +1,7 @@
 """The dataset of a fleet: rows whole or not at all, each bag once."""
 
 import fcntl
+import io
 from itertools import permutations
 
 import polars as pl
@@ -177,3 +178,34 @@ def test_other_folders_and_empty_ones_are_refused(tmp_path):
         Dataset(tmp_path / "mine.txt")
     with pytest.raises(DatasetError, match="holds no row"):
         scan(tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: b"nonsense",
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:100] + bytes(len(data) - 200) + data[-100:],
+        lambda data: other_parquet(),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_named(tmp_path, damage):
+    dataset = Dataset(tmp_path / "d")
+    whole, bad = put(dataset, "a-1-x"), put(dataset, "b-1-x")
+    bad.write_bytes(damage(bad.read_bytes()))
+    for work in (lambda: Dataset(tmp_path / "d").has("a-1-x"), lambda: read_tables(tmp_path / "d")):
+        with pytest.raises(DatasetError) as met:
+            work()
+        assert str(bad) in met.value.found
+        assert "remove it" in met.value.remedy
+    bad.unlink()
+    assert Dataset(tmp_path / "d").has("a-1-x")
+    assert whole.exists()
+
+
+def other_parquet() -> bytes:
+    """A table of another kind."""
+    target = io.BytesIO()
+    pl.DataFrame({"name": [1.5]}).write_parquet(target)
+    return target.getvalue()

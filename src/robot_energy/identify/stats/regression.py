@@ -10,10 +10,11 @@ Student's t says (`student`).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import wraps
-from typing import Literal, ParamSpec, TypeVar
+from functools import lru_cache, wraps
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -363,9 +364,16 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        from threadpoolctl import threadpool_limits
-
-        with threadpool_limits(1):
+        with _blas(len(sys.modules)).limit(limits=1):
             return function(*args, **kwargs)
 
     return run
+
+
+@lru_cache(1)
+def _blas(modules: int) -> Any:
+    """Libraries that are loaded, looked up again once more modules are."""
+    del modules
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
