@@ -117,7 +117,7 @@ def _document(title: str, kinds: Iterable[type[Result]]) -> dict[str, Any]:
 
 
 class _Generator(GenerateJsonSchema):
-    """Schema of what `plain` makes of values, with the words of the docstrings."""
+    """Schema of what `json_value` makes of values, with the words of the docstrings."""
 
     def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
         return {"type": ["number", "null"]}  # null: not known

@@ -13,8 +13,8 @@ from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 
 Z90 = 1.6448536269514722
 """Half width of the middle 90 % of a normal distribution, over its standard deviation."""
-Z95 = 1.96
-"""Half width of a 95 % interval, over the standard deviation."""
+Z95 = 1.959964
+"""The same of the middle 95 %."""
 MEDIAN_TO_STD = 1.4826
 """Standard deviation of a normal variable over the median of its absolute deviation."""
 _FIRST = len(CABINET_DEVIATIONS)

@@ -17,9 +17,9 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import ModelFileError
 from robot_energy.identify.stats.regression import CONFIDENCE, Fit
+from robot_energy.uncertainty.band import Z95
 
 ROOT3 = sqrt(3.0)
-QUANTILE = 1.959964  # of a normal distribution: half a 95 % interval
 SMALL = 1e-3  # of the greatest part: less does not count
 METER, TORQUE, THERMOMETER, BODIES, DRIVE_POWER = (
     "meter", "torque", "thermometer", "bodies", "drive power"
@@ -94,7 +94,7 @@ def total(parts: Mapping[str, float]) -> float:
     reach = ROOT3 * parts.get(METER, 0.0)
     rest = float(np.linalg.norm([part for cause, part in parts.items() if cause != METER]))
     if not (np.isfinite(rest) and rest > SMALL * reach > 0.0):
-        return rest if rest > SMALL * reach else CONFIDENCE * reach / QUANTILE
+        return rest if rest > SMALL * reach else CONFIDENCE * reach / Z95
 
     def beyond(half: float) -> float:
         """Share above ``half``, less what is wanted: the mean of the normal distribution."""
@@ -102,7 +102,7 @@ def total(parts: Mapping[str, float]) -> float:
         below = [u * norm.cdf(u) + norm.pdf(u) for u in (low, high)]
         return (below[1] - below[0]) * rest / (2.0 * reach) - (0.5 + 0.5 * CONFIDENCE)
 
-    return float(brentq(beyond, 0.0, reach + 10.0 * rest)) / QUANTILE
+    return float(brentq(beyond, 0.0, reach + 10.0 * rest)) / Z95
 
 
 def moved_by(fit: Fit, cause: str, moves: Float) -> Fit:
