@@ -201,16 +201,15 @@ def _write_bags(folder: Path, plan: FleetPlan) -> int:
         rows = csv.writer(file)
         rows.writerow(["bag", "model", "robot", "programme", "jobs", "effort"])
         for visit in visits(plan):
-            bag, jobs = folder / visit.robot / visit.name, ""
-            record(visit.rig, visit.duration, bag)
+            bag, jobs = Path(visit.robot) / visit.name, ""
+            record(visit.rig, visit.duration, folder / bag)
             if visit.jobs:
                 lines = [
                     f"  - {{name: {visit.programme}, begin: {begin:.3f}, end: {end:.3f}}}\n"
                     for begin, end in visit.jobs
                 ]
-                place = bag.with_name(f"{bag.name}-jobs.yaml")
-                place.write_text("jobs:\n" + "".join(lines))
-                jobs = str(place)
+                jobs = f"{bag}-jobs.yaml"
+                (folder / jobs).write_text("jobs:\n" + "".join(lines))
             rows.writerow([bag, ROBOT, visit.robot, visit.programme, jobs, "motor_torque"])
             count += 1
     return count

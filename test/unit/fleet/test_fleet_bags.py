@@ -13,6 +13,7 @@ from robot_energy.cli import main
 from robot_energy.fleet.bag_list import FleetModels, list_bags
 from robot_energy.fleet.dataset import Dataset, read_tables, scan
 from robot_energy.fleet.run import on_dask, run_fleet
+from robot_energy_papers import generated_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 WARM = ROOT / "bags" / "kr16_warm"
@@ -136,3 +137,16 @@ def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     assert main(["fleet", "run", str(tmp_path / "hall"), *words]) == 0
     (row,) = scan(tmp_path / "d").collect().to_dicts()
     assert (row["bag"], row["robot"], row["problems"]) == (str(recording), "r1", [])
+
+
+def test_a_generated_fleet_is_replayed_from_another_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["--robots", "1", "--weeks", "1", "--seed", "1"]
+    assert generated_fleet.main(["fleet", *words]) == 0
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    table = ["fleet", "run", "../fleet/bags.csv", "--out", "dataset", "--workers", "0"]
+    assert main(table) == 0
+    rows = scan("dataset").collect()
+    assert len(rows) >= 10
+    assert rows["jobs"].list.len().max() >= 1
