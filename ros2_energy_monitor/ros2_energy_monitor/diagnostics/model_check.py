@@ -123,7 +123,7 @@ class ModelCheck:
         return json.loads(answer)
 
     def _settings(self) -> dict[str, Any]:
-        """What the checks need beside the blocks; what counts goes on, so no thread may read it."""
+        """What the checks need besides the blocks; read here, as sums change with every tick."""
         stage, account = self._pipeline.torque, self._pipeline.account
         stuck = zip(self._model.joint_names, self._pipeline.power.watch.stuck, strict=True)
         return {

@@ -312,7 +312,9 @@ def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
                 _read(_scan([file]))
             except UNREADABLE as own:
                 reason = shown(str(own).partition("\n")[0])
-                remedy = "remove it: the next run replays its bags again"
+                remedy = "move it away; the next run replays those of its bags that are still there"
+                if isinstance(own, OSError):
+                    remedy = "look at the rights of the file, and at the disk"
                 raise DatasetError(
                     f"{file} cannot be read ({reason})", "rows of bags", remedy
                 ) from own

@@ -198,10 +198,23 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, damage):
         with pytest.raises(DatasetError) as met:
             work()
         assert str(bad) in met.value.found
-        assert "remove it" in met.value.remedy
+        assert "move it away" in met.value.remedy
     bad.unlink()
     assert Dataset(tmp_path / "d").has("a-1-x")
     assert whole.exists()
+
+
+def test_a_file_that_may_not_be_read_is_not_to_be_moved(tmp_path, monkeypatch):
+    file = put(Dataset(tmp_path / "d"), "a-1-x")
+
+    def denied(rows):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(pl.LazyFrame, "collect", denied)
+    with pytest.raises(DatasetError) as met:
+        read_tables(tmp_path / "d")
+    assert str(file) in met.value.found
+    assert "rights" in met.value.remedy
 
 
 def other_parquet() -> bytes:
