@@ -17,7 +17,9 @@ def shown(text: str, limit: int = MAX_SHOWN) -> str:
         limit: Characters of the result at most, the mark included.
     """
     part = text[: limit + 1]
-    safe = "".join(c if c.isprintable() else _escape(c) for c in part)
+    safe = part
+    if not part.isprintable():
+        safe = "".join(c if c.isprintable() else _escape(c) for c in part)
     return safe if len(safe) <= limit and len(part) == len(text) else safe[: limit - 3] + "..."
 
 

@@ -136,6 +136,7 @@ def write_file(
     kinds: tuple[FileKind, ...],
     what: str = "the file",
     error: ErrorType = ReportError,
+    remains: bool = True,
 ) -> None:
     """Write a file whole or not at all; a device or pipe is written to.
 
@@ -145,6 +146,8 @@ def write_file(
         kinds: What it is.
         what: The same in words, for messages.
         error: Class of the errors.
+        remains: Whether a killed run may have left some of it; to look costs time by the number
+            of files in the folder.
 
     Raises:
         RobotEnergyError: If it cannot be written, or must not be replaced.
@@ -160,7 +163,8 @@ def write_file(
         )
 
     target = checked_path(path, what, error)
-    remove_remains(target)
+    if remains:
+        remove_remains(target)
     check_file(path, kinds, what, (), error)
     if (stream := open_stream(target, failure)) is not None:
         try:

@@ -25,6 +25,7 @@ import polars as pl
 
 from robot_energy.errors import DatasetError
 from robot_energy.files.output_files import GENERATOR, PARQUET, write_file
+from robot_energy.files.placement import PREFIX
 from robot_energy.fleet.dataset_columns import RUNS, SCHEMA, TABLES
 from robot_energy.fleet.tables import SCHEMAS, FleetTables
 from robot_energy.shown_text import shown
@@ -96,6 +97,7 @@ class Dataset:
         # Rows, and their files; None until they are asked for: a report needs none.
         self._known: dict[str, tuple[RowKey, set[Path]]] | None = None
         self._same: dict[Bag, set[str]] = {}  # names of rows, by robot and address or content
+        self._unfinished: set[Path] | None = None  # folders in which killed runs left drafts
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
@@ -242,7 +244,8 @@ class Dataset:
         rows = collected(rows, self.folder)
         names = cast("list[str]", rows["name"].to_list())
         ending = hashlib.sha256("".join(names).encode()).hexdigest()[:16]
-        target = paths[0].parent / f"{PACKED}{ending}.parquet"
+        stem = names[0] if len(names) == 1 else f"{PACKED}{ending}"
+        target = paths[0].parent / f"{stem}.parquet"
         if names:
             self._write(target, _parquet(rows))
         for path in paths:
@@ -260,7 +263,11 @@ class Dataset:
             raise DatasetError(
                 f"{path.parent} cannot be made ({error.strerror})", "a folder that can be written"
             ) from error
-        write_file(path, data, PARQUET, "rows of bags", DatasetError)
+        if self._unfinished is None:
+            drafts = self.folder.glob(f"robot=*/date=*/{PREFIX}*")
+            self._unfinished = {draft.parent for draft in drafts}
+        left = path.parent in self._unfinished
+        write_file(path, data, PARQUET, "rows of bags", DatasetError, remains=left)
 
 
 def _scan(files: list[Path], file_column: str | None = None) -> pl.LazyFrame:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, cast
@@ -23,12 +23,15 @@ from robot_energy.results.fleet import DamagedBag, FleetRunReport, RefusedBag
 from robot_energy.shown_text import shown
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
-ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
+ALLOWED_FAILURES = 5  # deaths of workers that hold a bag, before it is tried alone
 PER_THREAD = 32  # bags at the scheduler for each thread of its workers
 MIN_WAITING = 64
 BATCH = 16  # bags that are sent to the scheduler at once
+AT_WORKER = 16  # bags that a worker holds, so that it has some while messages are on their way
+REPORTED_EVERY = 0.25  # s; a worker says so often what it has finished, not after each bag
 TOGETHER = 0.4  # s; rows that come within it are fetched by one message
 LOST = "10s"  # after which a worker that is gone and does not come back is replaced
+START_TIME = 5.0  # s; in which a worker gets ready
 HEAL_EVERY = 2.0  # s; the workers are also counted so often
 TIMEOUT = "30s"  # for the scheduler to answer
 MAX_SCRATCH = 20_000_000_000  # bytes
@@ -221,8 +224,8 @@ def on_dask(
     settings = {
         "distributed.worker.profile.enabled": False,  # looks at the stack every 10 ms
         "distributed.admin.tick.interval": "1s",
-        # Workers get a bag when they have room: there is nothing to move between them.
-        "distributed.scheduler.work-stealing": False,
+        "distributed.scheduler.worker-saturation": AT_WORKER,
+        "distributed.scheduler.work-stealing-interval": "1s",  # matters when the last bags run
         "distributed.scheduler.active-memory-manager.start": False,
         "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
         "distributed.deploy.lost-worker-timeout": LOST,
@@ -245,6 +248,9 @@ def on_dask(
                 ends.enter_context(_kept(cluster, workers))
             client = Client(cluster or scheduler, timeout=TIMEOUT)
             ends.callback(cast("Any", client).close)
+            if cluster is not None:  # workers of others are left as they are
+                cast("Any", client).register_worker_callbacks(_report_seldom)
+                ends.callback(_wait_for, client, workers)
         except (OSError, ValueError) as error:
             raise DatasetError(
                 f"the scheduler {scheduler or 'of this host'} does not answer ({error})",
@@ -252,6 +258,17 @@ def on_dask(
                 "start one with `dask scheduler`",
             ) from error
         yield lambda bags, models: _on_client(client, bags, models, max_scratch)
+
+
+def _report_seldom(dask_worker: Any) -> None:
+    """Make a worker send what it has finished in few messages: each costs both ends time."""
+    dask_worker.batched_stream.interval = REPORTED_EVERY
+
+
+def _wait_for(client: Any, workers: int) -> None:
+    """Let new workers get ready: one that is closed before that prints tracebacks."""
+    with suppress(TimeoutError):
+        client.wait_for_workers(workers, timeout=START_TIME)
 
 
 @contextmanager
@@ -267,6 +284,7 @@ def _kept(cluster: Any, workers: int) -> Generator[None]:
                 if worker.status in (Status.failed, Status.closed):
                     cluster.workers.pop(name, None)
             cluster.scale(workers)
+            _spread([worker.pid for worker in list(cluster.workers.values()) if worker.pid])
 
     thread = threading.Thread(target=keep, daemon=True)
     thread.start()
@@ -275,6 +293,25 @@ def _kept(cluster: Any, workers: int) -> Generator[None]:
     finally:
         ended.set()
         thread.join()  # a cluster that closes is not asked for workers
+
+
+def _spread(workers: list[int]) -> None:
+    """Keep each worker on a core of its own, whose caches then hold its data.
+
+    Where there are more or fewer workers than cores, the system may move them.
+    """
+    free = os.sched_getaffinity(0)
+    if len(workers) != len(free):
+        return
+    for pid in workers:
+        with suppress(OSError):  # it may have ended since
+            if len(own := os.sched_getaffinity(pid)) == 1:
+                free -= own
+                workers = [one for one in workers if one != pid]
+    for pid, core in zip(workers, free, strict=False):
+        with suppress(OSError):
+            for thread in os.listdir(f"/proc/{pid}/task"):
+                os.sched_setaffinity(int(thread), {core})
 
 
 def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int) -> Source:
@@ -302,6 +339,7 @@ def _as_they_come(
 
     kept: dict[str, Any] = {}
     asked: dict[str, FleetBag] = {}
+    suspected: list[FleetBag] = []  # one of them kills workers, the others were there, too
     waiting = cast("Any", as_completed())
 
     def next_rows(pause: float = 0.0) -> Source:
@@ -313,15 +351,9 @@ def _as_they_come(
         for future in futures:
             bag = asked.pop(future.key)
             try:
-                row = rows.get(future.key) or future.result()
+                yield bag, cast("BagRow", rows.get(future.key) or future.result())
             except KilledWorker:
-                died = DatasetError(
-                    f"workers died {ALLOWED_FAILURES} times under {bag.place.address}",
-                    "workers with enough memory",
-                    "raise --memory, or split the bag",
-                )
-                row = refused(bag, died)
-            yield bag, cast("BagRow", row)
+                suspected.append(bag)
 
     room, checked = 0, float("-inf")
     while batch := list(islice(bags, BATCH)):
@@ -344,6 +376,19 @@ def _as_they_come(
             )
     while asked:
         yield from next_rows()
+    for bag in suspected:
+        model, key = kept[bag.model_digest], f"alone-{bag.name}"
+        future = client.submit(replay_bag, bag, model, max_scratch=max_scratch, key=key)
+        try:
+            row = future.result()
+        except KilledWorker:
+            died = DatasetError(
+                f"every worker that replayed {bag.place.address} alone died",
+                "workers with enough memory",
+                "raise --memory, or split the bag",
+            )
+            row = refused(bag, died)
+        yield bag, cast("BagRow", row)
 
 
 def _same(model: RobotModel) -> RobotModel:

@@ -2,6 +2,8 @@
 
 import fcntl
 import io
+import subprocess
+import sys
 from itertools import permutations
 
 import polars as pl
@@ -92,6 +94,27 @@ def test_a_kill_between_packing_and_removal_leaves_each_bag_once(tmp_path):
     assert again.has("a-1-x")
     again.pack()
     assert content(tmp_path / "d") == after
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from robot_energy.files.placement import OutputPlacement
+placement = OutputPlacement(Path(sys.argv[1]), print, print)
+placement.open_file()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_run_left_is_removed_with_the_next_row(tmp_path):
+    path = put(Dataset(tmp_path / "d"), "a-1-x")
+    target = path.with_name("b-1-x.parquet")
+    subprocess.run([sys.executable, "-c", KILLED, str(target)], check=False)
+    assert len(list(path.parent.iterdir())) == 2
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "c-1-x", date="2026-03-03")  # of another folder
+    put(dataset, "b-1-x")
+    assert sorted(path.parent.iterdir()) == [path, target]
 
 
 def test_copies_of_a_bag_count_once(tmp_path):

@@ -22,6 +22,7 @@ from places import ROOT
 from robot_energy.cli import main
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.bag_list import FleetModels, list_bags
+from robot_energy.fleet.bag_row import replay_bag
 from robot_energy.fleet.dataset import Dataset, read_tables, scan
 from robot_energy.fleet.run import BATCH, MIN_WAITING, FleetRun, in_turn, on_dask, run_fleet
 
@@ -111,6 +112,52 @@ def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, t
         done = replayed(hall, tmp_path / "d", replays, kill_both_twice)
     assert len(seen) >= 4
     assert done.read == 9
+    assert content(tmp_path / "d") == content(sequential[0])
+
+
+def test_each_worker_has_a_core_of_its_own_also_after_a_death(monkeypatch):
+    monkeypatch.setattr("robot_energy.fleet.run.HEAL_EVERY", 0.05)
+    every = os.sched_getaffinity(0)
+    cores = sorted(every)[:2]
+
+    def spread(pids):
+        with suppress(OSError):  # one may have ended since
+            return sorted(map(os.sched_getaffinity, pids), key=min) == [{core} for core in cores]
+
+    def wait_until_spread(gone=0):
+        while not spread(pids := [one.pid for one in workers() if one.pid != gone]):
+            time.sleep(0.01)  # the processor is for the new worker
+        return pids
+
+    os.sched_setaffinity(0, cores)
+    try:
+        with on_dask(workers=len(cores)):
+            pids = wait_until_spread()
+            os.kill(pids[0], signal.SIGKILL)
+            assert set(pids[1:]) < set(wait_until_spread(gone=pids[0]))
+    finally:
+        os.sched_setaffinity(0, every)
+
+
+def deadly(bag, model, max_scratch):
+    """Replay a bag; under one of them the process dies, as one without memory does."""
+    if bag.place.address.endswith("bag2"):
+        os._exit(1)
+    return replay_bag(bag, model, max_scratch)
+
+
+def test_a_bag_under_which_workers_die_is_refused_alone(hall, sequential, tmp_path, monkeypatch):
+    """Others wait at the same worker each time it dies."""
+    monkeypatch.setattr("robot_energy.fleet.run.replay_bag", deadly)
+    monkeypatch.setattr("robot_energy.fleet.run.ALLOWED_FAILURES", 1)
+    with on_dask(workers=1) as replays:
+        done = replayed(hall, tmp_path / "d", replays)
+    refused = {Path(address).name: one.reason for (_, address), one in done.refused.items()}
+    assert refused.keys() == {"bag2", "broken.mcap"}
+    assert "bag2 alone died" in refused["bag2"]
+    assert done.read == 8
+    monkeypatch.undo()
+    assert replayed(hall, tmp_path / "d").read == 1
     assert content(tmp_path / "d") == content(sequential[0])
 
 
