@@ -1,7 +1,9 @@
 """A fleet on Dask: same bits with any number of workers and with kills, overhead, gain, memory.
 
 Run it with ``python test/bench/fleet.py`` (``--bags 2000`` for the long form). Bags are links to
-a bundled one. Times are without the start of the workers, whose imports are done before.
+a bundled one. Repeat workers, as in ``--workers 1 2 1 2``, to compare with the last run of one
+worker: what else the machine does changes from minute to minute. Times are without the start of
+the workers, whose imports are done before.
 """
 
 from __future__ import annotations
@@ -121,7 +123,13 @@ def main() -> int:
     """Print all figures; the exit code is 1 if a dataset differs by a bit."""
     parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--bags", type=int, default=200, help="default 200")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4], help="default 1 2 4")
+    parser.add_argument(
+        "--workers",
+        type=int,
+        nargs="+",
+        default=[1, 2, 4],
+        help="default 1 2 4; one by one, in this order",
+    )
     parser.add_argument("--kills", type=int, default=20, help="default 20; 0: none")
     args = parser.parse_args()
     sound = True
@@ -139,21 +147,28 @@ def main() -> int:
               f"{done.peak_memory / 1e6:.0f} MB")  # fmt: skip
         print(f"dataset: {size / 1e3:.0f} kB, {size / 1e3 / hours:.0f} kB per recorded hour, "
               f"{size / 1e3 / args.bags:.1f} kB per bag, {len(wanted)} files")  # fmt: skip
-        alone = None
-        for workers in args.workers:
+        alone, over = None, None
+        gains: dict[int, list[float]] = {}
+        for place, workers in enumerate(args.workers):
+            name = f"run{place}"
             with on_dask(workers=workers) as replays:
                 bench.warm(replays)
-                elapsed, _, done = bench.run(f"workers{workers}", replays)
-                over = bench.overhead(replays) if workers == 1 else None
-            equal = content(bench.folder / f"workers{workers}") == wanted
-            alone = alone or elapsed
+                elapsed, _, done = bench.run(name, replays)
+                first = workers == 1 and over is None
+                over = bench.overhead(replays) if first else over
+            equal = content(bench.folder / name) == wanted
+            alone = elapsed if workers == 1 else alone or elapsed
+            gains.setdefault(workers, []).append(alone / elapsed)
             sound &= equal
             print(f"{workers} workers: {elapsed:.1f} s, {alone / elapsed:.2f} x one, "
                   f"{done.peak_memory / 1e6:.0f} MB each at most, "
                   f"{'equal to the bit' if equal else 'DIFFERS'}")  # fmt: skip
-            if over:
+            if first and over:
                 print(f"scheduling, with one worker: {over[0] - 1.0:+.1%} on the clock, "
                       f"{over[1] - 1.0:+.1%} of processor time")  # fmt: skip
+        for workers, found in gains.items():
+            if len(found) > 1 and workers > 1:
+                print(f"{workers} workers, median of {len(found)}: {median(found):.2f} x one")
         kills: list[int] = []
         rounds = 0
         while len(kills) < args.kills:

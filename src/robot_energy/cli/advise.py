@@ -8,7 +8,7 @@ from typing import Any
 from robot_energy.cli.command import Command, add_options
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
 from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy.freed_memory import keep_freed_memory
+from robot_energy.process_memory import keep_freed_memory
 
 DESCRIPTION = """\
 Rank what would save energy, from recordings alone: standby in breaks and at night, a supply that

@@ -10,7 +10,7 @@ from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_name
 from robot_energy.cli.terminal import console, progress, wrote
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
-from robot_energy.freed_memory import keep_freed_memory
+from robot_energy.process_memory import keep_freed_memory
 from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:

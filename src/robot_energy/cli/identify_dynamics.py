@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from argparse import Namespace
 from importlib import import_module
@@ -17,6 +16,7 @@ from robot_energy.cli.identify_inputs import (
     result_options,
 )
 from robot_energy.cli.terminal import present
+from robot_energy.process_memory import peak_memory
 
 if TYPE_CHECKING:
     from robot_energy.identify.data.signals import Channels
@@ -93,7 +93,7 @@ def _run(args: Namespace) -> int:
     channels = [part for stretches in recordings.values() for part in stretches]
     result = identify_dynamics(channels, model, settings)
     done = time.perf_counter()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    peak = peak_memory() / 1e6
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)

@@ -26,7 +26,7 @@ from robot_energy.cli.terminal import (
     progress,
 )
 from robot_energy.errors import PageError, ReportError
-from robot_energy.freed_memory import keep_freed_memory
+from robot_energy.process_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay

@@ -17,7 +17,7 @@ from robot_energy.cli.replay_options import (
     options_of,
 )
 from robot_energy.cli.terminal import check_report, console, progress, sign, wrote
-from robot_energy.freed_memory import keep_freed_memory
+from robot_energy.process_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.report.replay import ReplayCurves

@@ -18,7 +18,7 @@ from robot_energy.cli.replay_options import (
 )
 from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
 from robot_energy.errors import ModelFileError
-from robot_energy.freed_memory import keep_freed_memory
+from robot_energy.process_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.results.evaluation import EvaluationReport

@@ -233,7 +233,7 @@ def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> P
         valid = False
     if not valid:
         raise error(f"{what} has no name that a file can have: '{shown(str(text))}'", "a path")
-    return Path(text)
+    return path if isinstance(path, Path) else Path(text)
 
 
 def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import resource
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -27,9 +26,9 @@ from robot_energy.fleet.bag_sums import HourSums, MeterErrors
 from robot_energy.fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy.fleet.joint_sums import JointSums
-from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.identify.stats.regression import one_thread
 from robot_energy.model import RobotModel
+from robot_energy.process_memory import keep_freed_memory, peak_memory
 from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.units import SECOND_NS
@@ -293,7 +292,6 @@ def _mean_degc(joints: list[Row]) -> float | None:
 
 
 def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float) -> BagRow:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     whole = _fitting(row | {"name": name})
     return BagRow(
         RowKey(*(whole[field] for field in RowKey._fields)),
@@ -302,7 +300,7 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
         tuple(row.get("problems", ())),
         row.get("jobs_left_out", 0),
         observed_time,
-        peak,
+        peak_memory(),
     )
 
 

@@ -224,8 +224,8 @@ def on_dask(
     settings = {
         "distributed.worker.profile.enabled": False,  # looks at the stack every 10 ms
         "distributed.admin.tick.interval": "1s",
+        "distributed.worker.memory.monitor-interval": "500ms",  # a look takes 0.5 ms
         "distributed.scheduler.worker-saturation": AT_WORKER,
-        "distributed.scheduler.work-stealing-interval": "1s",  # matters when the last bags run
         "distributed.scheduler.active-memory-manager.start": False,
         "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
         "distributed.deploy.lost-worker-timeout": LOST,

@@ -1,8 +1,11 @@
-"""How a process that replays bags keeps its memory."""
+"""Memory of this process: kept while it replays bags, and the most that it held."""
 
 from __future__ import annotations
 
 import ctypes
+import re
+import resource
+from pathlib import Path
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
 KEPT = 256 * 1024 * 1024  # bytes
@@ -21,3 +24,16 @@ def keep_freed_memory() -> None:
         return
     mallopt(M_TRIM_THRESHOLD, KEPT)
     mallopt(M_MMAP_THRESHOLD, KEPT)
+
+
+def peak_memory() -> int:
+    """Return the most memory that this process has held so far. [bytes]
+
+    The figure of ``getrusage`` begins with that of the process that started this one, so it
+    stands in only where there is no ``/proc``.
+    """
+    try:
+        found = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())
+    except OSError:
+        found = None
+    return 1024 * (int(found[1]) if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
