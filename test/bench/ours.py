@@ -6,10 +6,10 @@ import time
 
 from robot_energy.bag import BagReader
 from robot_energy.bag_replay import replay
-from robot_energy.process_memory import keep_freed_memory
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.process_memory import keep_freed_memory
 
 
 def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:

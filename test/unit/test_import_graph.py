@@ -18,8 +18,8 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file energy_bag errors held_rows kinds
-        log_formats prediction process_memory read_ahead recorded_jobs replay_steps replay_topics schema_errors
+        __main__ bag_replay blocks config_file energy_bag errors held_rows kinds log_formats
+        prediction process_memory read_ahead recorded_jobs replay_steps replay_topics schema_errors
         shown_text time_series units
     """,
     "robot_energy.accounting": """
