@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from functools import partial
 
@@ -69,12 +68,7 @@ def test_a_topic_of_another_type_is_named(bench, monkeypatch):
     contexts = [Context(), Context()]
     nodes = []
     for number, context in enumerate(contexts):
-        rclpy.init(
-            args=[],
-            context=context,
-            signal_handler_options=SignalHandlerOptions.NO,
-            domain_id=102 + os.getpid() % 100,
-        )
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         nodes.append(rclpy.create_node(f"node_{number}", context=context))
     inbox = Inbox(nodes[0], JointState, "states", best_effort(5))
     publisher = nodes[1].create_publisher(Temperature, "states", 5)

@@ -61,6 +61,28 @@ def test_a_port_that_is_being_made_is_waited_for(tmp_path: Path) -> None:
     assert path.exists()
 
 
+def test_a_port_that_is_being_made_is_not_removed_with_an_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its maker would keep the file, and whoever comes next would make another one."""
+    old, new = (tmp_path / f"fastrtps_port{number}" for number in (7001, 7002))
+    old.write_bytes(RAW)
+    now = [0.0]
+
+    def sleep(pause: float) -> None:
+        if new.exists():
+            new.write_bytes(READY)
+        elif now[0] + pause >= shared_memory.ORPHANED:  # the last look at the old one
+            new.write_bytes(RAW)
+        now[0] += pause
+
+    monkeypatch.setattr(shared_memory.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(shared_memory.time, "sleep", sleep)
+    (sentence,) = clear_ports(tmp_path)
+    assert "7001" in sentence
+    assert [path.name for path in tmp_path.iterdir()] == [new.name]
+
+
 def test_what_cannot_be_removed_is_said_with_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,9 +37,11 @@ def clear_ports(folder: Path = FOLDER, orphaned: float = ORPHANED) -> list[str]:
     Returns:
         One sentence for each port found: that it is removed, or why it could not be.
     """
-    begin = time.monotonic()
+    since: dict[Path, float] = {}
     while half_made := list(_half_made(folder)):
-        if time.monotonic() - begin >= orphaned:
+        now = time.monotonic()
+        since = {path: since.get(path, now) for path in half_made}
+        if now - max(since.values()) >= orphaned:  # one that others make at this moment is not old
             return [_remove(path) for path in half_made]
         time.sleep(LOOK_AGAIN)
     return []
