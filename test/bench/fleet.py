@@ -25,7 +25,8 @@ import psutil
 
 from robot_energy.fleet.bag_list import FleetBag, FleetModels, list_bags
 from robot_energy.fleet.dataset import Dataset
-from robot_energy.fleet.run import FleetRun, Replays, in_turn, on_dask, run_fleet
+from robot_energy.fleet.run import FleetRun, in_turn, run_fleet
+from robot_energy.fleet.workers import Replays, on_dask
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_warm"
 ROBOTS = 20

@@ -62,7 +62,7 @@ MODULES = {
     """,
     "robot_energy.fleet": """
         api bag_joints bag_list bag_row bag_sums dataset dataset_columns findings identify
-        joint_sums merged_friction merged_laws report run sisters tables wear_history
+        joint_sums merged_friction merged_laws report run sisters tables wear_history workers
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps

@@ -12,7 +12,8 @@ from places import ROOT
 from robot_energy.cli import main
 from robot_energy.fleet.bag_list import FleetModels, list_bags
 from robot_energy.fleet.dataset import Dataset, read_tables, scan
-from robot_energy.fleet.run import on_dask, run_fleet
+from robot_energy.fleet.run import run_fleet
+from robot_energy.fleet.workers import on_dask
 from robot_energy_papers import generated_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
