@@ -22,7 +22,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.payload import Payload
-from robot_energy.motion.planned import MAX_DURATION, PlannedMotion, repeated
+from robot_energy.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
 from robot_energy.motion.ptp import Trajectory
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.limit_utilisation import LimitUse
@@ -232,7 +232,7 @@ def _order(model: RobotModel, joint_names: Sequence[str]) -> list[int]:
 
 
 def _joint_block(time: Float, path: Trajectory, order: list[int]) -> JointBlock:
-    stamp = START_NS + np.rint(time * 1e9).astype(np.int64)
+    stamp = START_NS + planned_ns(time)
     states = (path.joint_position, path.joint_velocity, path.joint_acceleration)
     position, velocity, acceleration = (np.ascontiguousarray(one[:, order]) for one in states)
     return replace(joint_block(stamp, position, velocity), joint_acceleration=acceleration)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
@@ -21,6 +22,7 @@ from robot_energy.units import SECOND_NS
 
 MAX_POINTS = 1_000_000
 MAX_VALUE = 1e6  # of any number
+SAME_TIME, SAME_PLACE = 1e-6, 1e-5  # s, rad or m: a robot is in one place within a microsecond
 
 
 class JointTrajectory:
@@ -28,7 +30,8 @@ class JointTrajectory:
 
     Args:
         joint_names: In the order of the columns.
-        time: Times of the points since the start, rising, shape (K,), K >= 2. [s]
+        time: Times of the points since the start, rising, shape (K,), K >= 2. A point that
+            repeats the one before within a microsecond is left out. [s]
         joint_position: Positions of the points, shape (K, n). [rad] or [m]
         joint_velocity: Same shape, or None. [rad/s] or [m/s]
         joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
@@ -76,19 +79,30 @@ class JointTrajectory:
                 )
         from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
 
+        self.notes: tuple[str, ...] = ()
+        kept = _different_points(time, joint_position)
+        if not kept.all():
+            time, joint_position = time[kept], joint_position[kept]
+            joint_velocity = None if joint_velocity is None else joint_velocity[kept]
+            joint_acceleration = None if joint_acceleration is None else joint_acceleration[kept]
+            self.notes += (
+                f"{int((~kept).sum())} points of {name} repeat the one before, within "
+                f"{SAME_TIME:g} s, and are left out",
+            )
+        if len(time) < 2:
+            raise MotionError(f"all points of {name} are the same", "2 different ones")
         if not (np.diff(time) > 0).all():
             row = int(np.argmin(np.diff(time) > 0))
             raise MotionError(
-                f"{name}: point {row + 2} comes at {time[row + 1]:.9g} s, after one at "
-                f"{time[row]:.9g} s",
+                f"{name}: point {int(np.flatnonzero(kept)[row + 1]) + 1} comes at "
+                f"{time[row + 1]:.9g} s, after one at {time[row]:.9g} s",
                 "times that rise from point to point",
             )
         self.instants: Float = time - time[0]
         self.duration = float(self.instants[-1])
-        self.notes: tuple[str, ...] = ()
         if joint_velocity is None:
             self._motion = CubicSpline(self.instants, joint_position, bc_type="clamped")
-            self.notes = (
+            self.notes += (
                 f"{name} gives positions only: a smooth motion from rest to rest through its "
                 "points is assumed",
             )
@@ -144,6 +158,24 @@ def read_points(message: Any, name: str) -> JointTrajectory:
         columns["accelerations"],
         name,
     )
+
+
+def _different_points(time: Float, joint_position: Float) -> NDArray[np.bool_]:
+    """Which points are not the one before once more, shape (K,).
+
+    Between two points that the same instant was written for, rounding alone would decide on the
+    acceleration.
+    """
+    kept = np.ones(len(time), dtype=np.bool_)
+    last = 0
+    for row in range(1, len(time)) if (np.diff(time) < SAME_TIME).any() else ():
+        near = 0 <= time[row] - time[last] < SAME_TIME
+        apart = joint_position[row] - joint_position[last]
+        if near and np.abs(apart).max() < SAME_PLACE:
+            kept[row] = False
+        else:
+            last = row
+    return kept
 
 
 def _column(points: Sequence[Any], what: str, n_joints: int, name: str) -> Float | None:

@@ -8,12 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.motion.ptp import SampledPath, Trajectory
+from robot_energy.units import SECOND_NS
 
 BLOCK = 4096  # samples
-MAX_DURATION = 1e7  # s, some four months
+MIN_DURATION, MAX_DURATION = 1e-6, 1e7  # s; the longest is some four months
 MAX_SAMPLES = 1_000_000_000
 CLOSED_TOLERANCE = 1e-6  # rad or m, by which start and end of a repeated motion may differ
 
@@ -51,7 +52,7 @@ class SampledMotion:
     Args:
         motion: To be sampled.
         joint_names: In the order of its arrays.
-        duration: Time from start to end, > 0. [s]
+        duration: Time from start to end, at least 1 us. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
 
@@ -72,8 +73,10 @@ class SampledMotion:
         step: float = 5e-3,
         instants: Sequence[float] = (),
     ) -> None:
-        if not 0 < duration <= MAX_DURATION:
-            raise MotionError(f"the motion lasts {duration:.4g} s", f"> 0 to {MAX_DURATION:g} s")
+        if not MIN_DURATION <= duration <= MAX_DURATION:
+            raise MotionError(
+                f"the motion lasts {duration:.4g} s", f"{MIN_DURATION:g} to {MAX_DURATION:g} s"
+            )
         if not 0 < step < math.inf or duration / step > MAX_SAMPLES:
             raise MotionError(f"the step is {step} s", f"a time > 0 s, {MAX_SAMPLES} at most")
         self._motion = motion
@@ -98,33 +101,56 @@ class SampledMotion:
 def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Trajectory]]:
     """Yield the blocks of a motion that is made several times without a pause.
 
+    Times that fall on the same nanosecond, such as a point and a grid instant beside it, are
+    one sample: nothing between them lasts.
+
     Args:
         motion: The motion.
         times: How often, >= 1.
+
+    Yields:
+        Times since the start, shape (N,) [s], rising throughout by a nanosecond at least, and
+        the motion at them, joint side.
 
     Raises:
         MotionError: If it is to be repeated but does not end where it begins.
     """
     first = last = np.empty(0)
     held: list[tuple[Float, Trajectory]] = []  # short turns are handed out together
-    count = 0
+    count, newest = 0, -1
     for turn in range(times):
         for index, (time, path) in enumerate(motion.blocks()):
-            again = turn > 0 and index == 0  # the sample that ended the last turn
             if turn == 0 and index == 0:
                 first = path.joint_position[0]
+            again = turn > 0 and index == 0  # the sample that ended the last turn
             if again:
                 _check_closed(first, last, motion.joint_names)
-            rows = slice(1 if again else 0, None)
             last = path.joint_position[-1]
-            if len(time[rows]):
-                held.append((time[rows] + turn * motion.duration, path[rows]))
-                count += len(time[rows])
+            since = time + turn * motion.duration
+            stamp_ns = planned_ns(since)
+            later = np.diff(stamp_ns, prepend=newest) > 0
+            later[0] &= not again
+            if later.any():
+                held.append((since[later], path if later.all() else path[later]))
+                count += int(later.sum())
+                newest = int(stamp_ns[later][-1])
             if count >= BLOCK:
                 yield _joined(held)
                 held, count = [], 0
     if held:
         yield _joined(held)
+
+
+def planned_ns(time: Float) -> Int:
+    """Return times as stamps.
+
+    Args:
+        time: Since the start, any shape. [s]
+
+    Returns:
+        Same shape. [ns]
+    """
+    return np.rint(time * SECOND_NS).astype(np.int64)
 
 
 def _joined(parts: Sequence[tuple[Float, Trajectory]]) -> tuple[Float, Trajectory]:

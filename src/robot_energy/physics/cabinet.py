@@ -48,7 +48,7 @@ class CabinetStage:
         """Balance a block.
 
         Args:
-            stamp_ns: Shape (N,). [ns]
+            stamp_ns: Shape (N,); stamps may repeat. [ns]
             segment: Shape (N,). The capacitor is empty at the start of a segment.
             bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
 
@@ -81,10 +81,12 @@ class CabinetStage:
             wanted, time = float(demand[row]), float(duration[row])
             if fresh[row]:
                 stored = 0.0
-            elif isfinite(wanted):
+            elif isfinite(wanted) and time > 0:
                 energy = min(max(-wanted * time, -stored), self._swing - stored)
                 stored += energy
                 flow[row] = energy / time
+            elif isfinite(wanted) and (stored > 0 if wanted > 0 else stored < self._swing):
+                flow[row] = -wanted  # at a repeated stamp: what flows as soon as time goes on
             row += 1
         self._stored = stored
         return flow

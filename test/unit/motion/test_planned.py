@@ -13,7 +13,7 @@ from robot_energy.errors import BagError, MissingTopicError, MotionError
 from robot_energy.motion import FourierBasis, FourierMotion
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.load_motion import joint_list, load_motion
-from robot_energy.motion.planned import BLOCK, SampledMotion, repeated
+from robot_energy.motion.planned import BLOCK, SampledMotion, planned_ns, repeated
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.trajectory_io import (
@@ -262,6 +262,30 @@ def test_samples_come_in_blocks_with_every_kink():
     time = np.concatenate(times)
     assert (np.diff(time) > 0).all()
     assert set(TIME) <= set(time)
+
+
+def test_times_on_one_nanosecond_are_one_sample():
+    """A point 0.3 ns beside the grid, at its begin, within it, at a block's end and at its end."""
+    beside = [3e-10, 0.01 + 3e-10, 0.01 * BLOCK - 3e-10, 60.0 - 3e-10]
+    path = JointTrajectory(("a",), np.array([0.0, 30.0, 60.0]), np.zeros((3, 1)))
+    sampled = SampledMotion(path, ("a",), 60.0, 0.01, beside)
+    for times in (1, 2):
+        time = np.concatenate([time for time, _ in repeated(sampled, times)])
+        assert (np.diff(planned_ns(time)) > 0).all()
+        assert len(time) == 6000 * times + 1
+
+
+def test_a_point_that_repeats_the_one_before_is_left_out_and_one_elsewhere_refused():
+    time = np.array([0.0, 0.4, 0.4, 0.4 + 1e-9, 1.0])
+    position = np.array([[0.0], [0.2], [0.2], [0.2], [1.0]])
+    found = JointTrajectory(("a",), time, position)
+    assert found.instants.tolist() == [0.0, 0.4, 1.0]
+    assert "2 points of the trajectory repeat the one before" in found.notes[0]
+    position[2] = 0.3
+    with refused(MotionError, found="point 3 comes at 0.4 s, after one at 0.4 s"):
+        JointTrajectory(("a",), time, position)
+    with refused(MotionError, found="are the same"):
+        JointTrajectory(("a",), np.array([0.0, 1e-9]), np.zeros((2, 1)))
 
 
 def test_repetition_needs_an_end_at_the_start():
