@@ -21,7 +21,7 @@ from robot_energy.inputs.joint_states.decode import joint_block
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.model.payload import Payload
+from robot_energy.model.payload import Payload, several_carried
 from robot_energy.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
 from robot_energy.motion.ptp import Trajectory
 from robot_energy.physics.friction import FrictionModel
@@ -52,7 +52,8 @@ class Prediction:
         limits: How much of the speed and torque limits is used.
         means: Power over time.
         notes: What a reader should know, one sentence each.
-        payload: What the robot carries besides the payload of its model.
+        payload: What was given: instead of what the model has on the same link, and besides what
+            it has on others.
     """
 
     program: str
@@ -95,7 +96,8 @@ def predict(
         motor_temperature_degc: One for all motors, or shape (n,). [degC]
         program: Name of the motion, for reports.
         repeat: How often the motion is made without a pause.
-        payload: Bodies that the robot carries from start to end.
+        payload: Bodies that the robot carries from start to end: each instead of what the model
+            has on its link, and besides what that has on others, which is noted.
         notes: What a reader should know of the motion, one sentence each.
         progress: Called with the share done, 0 to 1.
         max_samples: Of all repetitions; more are refused before the work begins.
@@ -141,7 +143,7 @@ def predict(
         repeat=repeat,
         pipeline=pipeline,
         limits=LimitUse(model, pipeline.torque.robot.limits, START_NS),
-        notes=list(notes),
+        notes=[*notes, *_besides(model, payload)],
         payload=tuple(payload),
     )
     means: list[MeanBlock] = []
@@ -185,6 +187,17 @@ def planned_samples(motion: PlannedMotion, repeat: int) -> int:
     if not 0 < duration <= MAX_DURATION:
         raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {MAX_DURATION:g} s")
     return motion.sample_count * repeat
+
+
+def _besides(model: RobotModel, payload: Sequence[Payload]) -> list[str]:
+    """A note where bodies that were given count besides those of the model."""
+    given = {body.link: body for body in payload}
+    carried = [*(body for body in model.payload if body.link not in given), *given.values()]
+    several = several_carried(carried) if any(body.mass for body in payload) else ""
+    return [
+        f"the robot carries {several}: a payload counts besides what the model has on other links; "
+        "where both are one body, give it the link of the model"
+    ] * bool(several)
 
 
 def _loads(model: RobotModel, states: Mapping[str, str]) -> list[AuxiliaryLoad]:

@@ -79,6 +79,18 @@ def test_holding_a_weight_takes_nothing_from_ideal_drives_and_lifting_it_takes_m
     assert rigid == pytest.approx(G * lifted, rel=1e-5)
 
 
+def test_a_payload_beside_that_of_the_model_is_said():
+    """The model carries 3 kg on the fore arm."""
+    model = two_link(payload=[{"link": "fore", "mass": 3.0, "tag": "assumed"}])
+
+    def notes(*bodies):
+        return " ".join(predict(model, _rest(1.0), 25.0, payload=bodies).notes)
+
+    assert "3 kg on 'fore' and 2 kg on 'upper', 5 kg in all" in notes(payload("upper", 2.0))
+    assert notes() == notes(payload("fore", 2.0)) == ""
+    assert notes(payload("upper", 2.0), payload("fore", 0.0)) == ""
+
+
 def test_a_prediction_equals_a_replay_of_the_same_motion_sampled_finely():
     """One path: the same stages give the same joules where only the derivative differs."""
     from robot_energy.pipeline import EnergyPipeline

@@ -79,7 +79,8 @@ def predict(
         model: A model, its file, or the name of a shipped one.
         temperature: Of all motors, or one per joint, held throughout. [degC]
         repeat: How often the motion is made; None: as the program says.
-        payload: What the robot carries besides the payload of its model.
+        payload: What the robot carries: instead of what the model has on the same link, and
+            besides what it has on others, which is noted.
         topic: Of the JointTrajectory in a bag.
         tool: What G-code does not say.
         max_samples: Longer predictions are refused.

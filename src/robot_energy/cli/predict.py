@@ -54,7 +54,7 @@ OPTIONS = {
         SEVERAL_REQUIRED,
     ),
     "--payload KG[,X,Y,Z][@LINK]": "what the robot carries, its centre of mass in the frame of "
-    f"the link [m] (default link {PAYLOAD_LINK})",
+    f"the link [m] (default link {PAYLOAD_LINK}), instead of what the model has on that link",
     "--auxiliary LOAD=STATE": (
         "state of an auxiliary load of the models (default: as the model says)",
         SEVERAL,

@@ -15,7 +15,7 @@ from robot_energy.cdr.decode import Decoder, Encoder, Run, stamp_columns
 from robot_energy.cdr.types import typestore as default_typestore
 from robot_energy.errors import PayloadError, RobotEnergyError
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.model.payload import Payload, payload
+from robot_energy.model.payload import Payload, payload, several_carried
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.shown_text import shown
 from robot_energy.timeline.stamps import (
@@ -101,7 +101,9 @@ def answer_set_payload(set_payload: SetPayload, request: Any) -> SetPayloadAnswe
     link = shown(body.link)
     what = f"{body.mass:g} kg on '{link}'" if body.mass else f"nothing on '{link}'"
     since = f"from {readable_time(change.from_ns)} on" if change.from_ns else "from the start"
-    return SetPayloadAnswer(True, f"the robot carries {what} {since}", change)
+    several = several_carried(change.carried)
+    message = f"the robot carries {what} {since}" + (f"; {several}" if several else "")
+    return SetPayloadAnswer(True, message, change)
 
 
 class PayloadWriter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 from robot_energy.errors import PayloadError
 from robot_energy.model.figure import ModelEntry, Number, Tag
 from robot_energy.schema_errors import refusal
+from robot_energy.shown_text import shown
 
 MAX_MASS = 10_000.0  # kg; the strongest industrial robots carry 2,300 kg
 MAX_DISTANCE = 10.0  # m from the frame of the link to the centre of mass, along each axis
@@ -102,3 +103,19 @@ def payload(
     except ValidationError as error:
         source = f"the payload on '{link}' is refused"
         raise refusal(error, Payload, fields, source, PayloadError) from error
+
+
+def several_carried(carried: Iterable[Payload]) -> str:
+    """Say what the robot carries, where that is on more than one link.
+
+    Args:
+        carried: One body of each link; those of no mass are nothing.
+
+    Returns:
+        Such as ``15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all``; empty for one body.
+    """
+    bodies = [body for body in carried if body.mass]
+    if len(bodies) < 2:
+        return ""
+    each = " and ".join(f"{body.mass:g} kg on '{shown(body.link)}'" for body in bodies)
+    return f"{each}, {sum(body.mass for body in bodies):g} kg in all"

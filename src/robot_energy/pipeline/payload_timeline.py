@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,10 +23,12 @@ class PayloadChange:
     Attributes:
         from_ns: First instant of validity; 0: from the start. [ns]
         payload: The body that its link carries from then on, instead of any before.
+        carried: All bodies that the robot carries then.
     """
 
     from_ns: int
     payload: Payload
+    carried: tuple[Payload, ...] = field(default=(), compare=False)
 
 
 class PayloadTimeline:
@@ -91,8 +93,8 @@ class PayloadTimeline:
         change = PayloadChange(from_ns, payload)
         insort(self._coming, change, key=lambda entry: entry.from_ns)
         if self._done_ns is not None and from_ns <= self._done_ns:
-            return PayloadChange(self._done_ns + 1, payload)
-        return change
+            change = PayloadChange(self._done_ns + 1, payload)
+        return replace(change, carried=self.carried_at(change.from_ns))
 
     def pieces(self, block: JointBlock) -> Iterator[tuple[Robot, JointBlock]]:
         """Cut samples where the payload changes.

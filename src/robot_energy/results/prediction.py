@@ -59,7 +59,8 @@ class PredictionReport(EnergyReport):
     repeat: Annotated[int, "How often it is made."]
     motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]
     payload: Annotated[
-        tuple[Payload, ...], "What the robot carries beside the payload of its model."
+        tuple[Payload, ...],
+        "As given: instead of what the model has on the same link, besides what it has on others.",
     ]
     time: Annotated[PredictedTime, "Of the motion."]
     tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]

@@ -109,6 +109,13 @@ def test_request_is_answered_with_what_holds_from_when():
     assert taken_off.message == "the robot carries nothing on 'fore' from the start"
 
 
+def test_bodies_on_other_links_are_said_with_the_sum():
+    model = robots.two_link(payload=[{"link": "upper", "mass": 3.0, "tag": "assumed"}])
+    stage = TorqueStage(model)
+    answer = answer_set_payload(stage.set_payload, request(m=2.0))
+    assert answer.message.endswith("; 3 kg on 'upper' and 2 kg on 'fore', 5 kg in all")
+
+
 def test_request_without_a_stamp_counts_from_the_next_joint_state():
     stage = TorqueStage(robots.two_link())
     stamp, zero = 7.0 + np.arange(10) / 100, np.zeros((10, 2))
