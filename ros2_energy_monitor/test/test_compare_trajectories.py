@@ -101,6 +101,15 @@ def test_bad_candidates_say_what_is_wrong_and_the_others_are_compared(ask):
     assert math.isnan(answer.candidates[0].predicted_energy)
 
 
+def test_an_impossible_motion_is_said_alike_by_both_services(ask):
+    fast = ask(trajectories=[move(0.05)], **WARM).candidates[0]
+    alone = ask(PredictTrajectory, trajectory=move(0.05), motor_temperature_degc=[40.0] * 6)
+    assert alone.success
+    assert "speed limit at 0.0" in alone.message
+    assert "the robot cannot make this motion" in alone.message
+    assert alone.message == fast.message
+
+
 def test_over_the_same_time_waiting_counts(ask):
     motions = [move(3.0), move(6.0)]
     bare = ask(trajectories=motions, **WARM)

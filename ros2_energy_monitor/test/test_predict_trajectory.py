@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
 import threading
 
 import numpy as np
@@ -11,17 +12,20 @@ import pytest
 from builtin_interfaces.msg import Duration
 from rclpy.serialization import serialize_message
 from ros2_energy_msgs.msg import PowerState
-from ros2_energy_msgs.srv import PredictTrajectory, SetPayload
+from ros2_energy_msgs.srv import CompareTrajectories, PredictTrajectory, SetPayload
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_energy import prediction
 from robot_energy.bag import BagWriter
 from robot_energy.cdr.types import typestore
 from robot_energy.cli.main import main
 from robot_energy.model import load
+from robot_energy.motion.point_columns import KINDS, PointColumns
 from robot_energy.motion.trajectory_io import MESSAGE
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.services import trajectory_services
+from ros2_energy_monitor.services.c_memory import CMessage
+from ros2_energy_monitor.services.prediction_process import PredictionProcess
 
 MODEL = load("kr16")
 JOINTS = MODEL.joint_names
@@ -56,6 +60,9 @@ class Client:
             PredictTrajectory, "energy_monitor/predict_trajectory"
         )
         bench.spin_until(self._client.service_is_ready, "the service")
+
+    def close(self) -> None:
+        self._bench.tester.destroy_client(self._client)
 
     def send(self, **request):
         return self._client.call_async(PredictTrajectory.Request(**request))
@@ -184,43 +191,152 @@ def test_what_cannot_be_predicted_is_refused(client, request_):
     assert client.ask(trajectory=swing()).success
 
 
-def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, monkeypatch):
-    held, entered = threading.Event(), threading.Event()
-    predict = prediction.predict
+class Held:
+    """The process of predictions: started, asked, and its answers kept back until `go`."""
 
-    def slow(*args, **options):
-        entered.set()
-        assert held.wait(120)
-        return predict(*args, **options)
+    def __init__(self, monkeypatch) -> None:
+        self.go, self.asked = threading.Event(), threading.Event()
+        self.processes: list[subprocess.Popen[bytes]] = []
+        ask, answer = PredictionProcess.ask, PredictionProcess.answer
 
-    monkeypatch.setattr(prediction, "predict", slow)
+        def note(process, asked, request):
+            self.processes.append(process.start())
+            ask(process, asked, request)
+            self.asked.set()
+
+        def wait(process, timeout):
+            return answer(process, timeout) if self.go.wait(timeout) else None
+
+        monkeypatch.setattr(PredictionProcess, "ask", note)
+        monkeypatch.setattr(PredictionProcess, "answer", wait)
+
+
+@pytest.fixture
+def held(monkeypatch) -> Held:
+    return Held(monkeypatch)
+
+
+def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, held, monkeypatch):
     first = client.send(trajectory=swing())
-    bench.spin_until(entered.is_set, "the prediction to begin")
+    bench.spin_until(held.asked.is_set, "the prediction to begin")
     ticks = []
     tick = node.tick
     monkeypatch.setattr(node, "tick", lambda: (ticks.append(1), tick()))
     bench.spin_until(lambda: len(ticks) > 5, "ticks beside the prediction")
-    assert not client.ask(trajectory=swing()).success
+    second = client.ask(trajectory=swing())
+    assert not second.success
+    assert "a prediction is under way" in second.message
     assert not first.done()
-    held.set()
+    held.go.set()
     bench.spin_until(first.done, "the first answer")
     assert first.result().success
 
 
-def test_cleanup_gives_up_a_prediction_and_answers(bench, node, client, monkeypatch):
-    held, entered = threading.Event(), threading.Event()
-
-    def endless(*args, **options):
-        entered.set()
-        while not held.wait(0.01):
-            options["progress"](0.5)
-
-    monkeypatch.setattr(prediction, "predict", endless)
+def test_cleanup_gives_up_a_prediction_and_answers(bench, node, client, held):
     future = client.send(trajectory=swing())
-    bench.spin_until(entered.is_set, "the prediction to begin")
-    thread = next(one for one in threading.enumerate() if one.name.startswith("prediction"))
+    bench.spin_until(held.asked.is_set, "the prediction to begin")
+    threads = [one for one in threading.enumerate() if one.name.startswith("prediction")]
     node.trigger_deactivate()
     node.trigger_cleanup()
     bench.spin_until(future.done, "the answer")
     assert not future.result().success
-    bench.spin_until(lambda: not thread.is_alive(), "the end of the thread")
+    assert "stopped" in future.result().message
+    assert len(threads) == 1
+    assert not threads[0].is_alive()
+    assert held.processes[0].returncode is not None
+
+
+def test_a_process_that_ends_is_an_error_and_the_next_request_has_another(
+    bench, node, client, held, monkeypatch
+):
+    future = client.send(trajectory=swing())
+    bench.spin_until(held.asked.is_set, "the prediction to begin")
+    noted = []
+    monkeypatch.setattr(node.guard, "note", lambda path, error: noted.append(str(error)))
+    held.processes[0].kill()
+    held.go.set()
+    bench.spin_until(future.done, "the answer")
+    assert not future.result().success
+    assert "has ended with -9" in noted[0]
+    assert client.ask(trajectory=swing()).success
+
+
+def test_what_is_too_long_is_refused_before_anything_is_converted(client, held, monkeypatch):
+    """Some 1,600 samples of 8 s, and 5 points."""
+    monkeypatch.setattr(trajectory_services, "MAX_SAMPLES", 4817)
+    held.go.set()
+    assert client.ask(trajectory=swing(), repeat=2).success
+    asked = len(held.processes)
+    monkeypatch.setattr(CMessage, "serialised", lambda message: pytest.fail("it was converted"))
+    answer = client.ask(trajectory=swing(), repeat=3)
+    assert not answer.success
+    assert "4818 samples over 24 s were asked for; expected at most 4817 samples" in answer.message
+    assert len(held.processes) == asked
+
+
+def test_memory_of_a_long_trajectory_is_given_back(bench, client, held, monkeypatch):
+    held.go.set()
+    assert client.ask(trajectory=swing()).success
+    monkeypatch.setattr(trajectory_services, "LARGE", 1000)
+    assert client.ask(trajectory=swing()).success
+    first = held.processes[0]
+    assert held.processes[1] is first
+    assert first.returncode is not None
+    assert client.ask(trajectory=swing()).success
+    assert held.processes[2] is not first
+
+
+def test_the_process_is_there_as_long_as_there_is_a_client(bench, client, held, monkeypatch):
+    held.go.set()
+    assert client.ask(trajectory=swing()).success
+    (process,) = held.processes
+    assert process.poll() is None
+    monkeypatch.setattr(trajectory_services, "KEPT", 0.0)
+    client.close()
+    bench.spin_until(lambda: process.returncode is not None, "the end of the process")
+
+
+def test_a_payload_beside_that_of_the_model_is_said(bench, client):
+    setter = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
+    bench.spin_until(setter.service_is_ready, "the service")
+    future = setter.call_async(bench.payload("tool0", 8.0))
+    bench.spin_until(future.done, "the payload")
+    said = "15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all"
+    assert said in future.result().message
+    assert said in client.ask(trajectory=swing()).message
+
+
+def test_memory_of_a_request_is_read_as_rclpy_converts_it():
+    """Points that lack figures or have too many of them, names, scalars."""
+    trajectory = swing()
+    trajectory.points[1].velocities = [1.0] * 6
+    trajectory.points[2].accelerations = [1.0] * 5
+    trajectory.points[3].time_from_start = Duration(sec=-1, nanosec=7)
+    request = PredictTrajectory.Request(
+        trajectory=trajectory, repeat=7, motor_temperature_degc=[1.5, math.nan]
+    )
+    sent = CMessage(PredictTrajectory.Request).fill(request)
+    memory = CMessage(PredictTrajectory.Request)
+    with sent.serialised() as data:
+        sent.free()
+        memory.deserialise(bytes(data))
+    found = memory.read()
+    memory.free()
+    expected = PointColumns.of(trajectory)
+    assert found.repeat == 7
+    np.testing.assert_array_equal(found.motor_temperature_degc, [1.5, math.nan])
+    assert found.trajectory.joint_names == expected.joint_names == JOINTS
+    np.testing.assert_array_equal(found.trajectory.time, expected.time)
+    for kind in KINDS:
+        lengths, values = getattr(found.trajectory, kind)
+        np.testing.assert_array_equal(lengths, getattr(expected, kind)[0])
+        if kind != "accelerations":  # of a wrong length: refused without its figures
+            np.testing.assert_array_equal(values, getattr(expected, kind)[1])
+    several = CompareTrajectories.Request(
+        trajectories=[swing(), JointTrajectory()], joint_names=["a", "b"], cycle_time=2.5
+    )
+    memory = CMessage(CompareTrajectories.Request).fill(several)
+    found = memory.read()
+    memory.free()
+    assert [len(one.time) for one in found.trajectories] == [5, 0]
+    assert (found.joint_names, found.cycle_time) == (["a", "b"], 2.5)

@@ -26,6 +26,14 @@ def keep_freed_memory() -> None:
     mallopt(M_MMAP_THRESHOLD, KEPT)
 
 
+def give_back_freed_memory() -> None:
+    """Give all freed memory back to the kernel, once; nothing happens without glibc."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError):
+        return
+
+
 def peak_memory() -> int:
     """Return the most memory that this process has held so far. [bytes]
 

@@ -135,7 +135,7 @@ def _observe(
     while time.monotonic() < deadline:
         executor.spin_once(timeout_sec=1.0)
         watch.times.append(time.monotonic() - begin)
-        watch.memory.append(_memory(pid))
+        watch.memory.append(memory_of(pid))
         if published is None and select.select([driver.stdout], [], [], 0)[0]:
             word, _, number = driver.stdout.readline().partition(" ")
             if word == "published":
@@ -192,7 +192,7 @@ def _growth(what: str, watch: Watch) -> list[Figure]:
     ]
 
 
-def _memory(pid: int) -> float:
+def memory_of(pid: int) -> float:
     """Resident memory of a process of its own, without files and shared buffers. [MB]"""
     with open(f"/proc/{pid}/status") as status:
         kib = next(int(line.split()[1]) for line in status if line.startswith("RssAnon"))

@@ -28,6 +28,7 @@ import month
 import network
 import page_day
 import service_kills
+import service_load
 import wear
 from figure import Figure, LongRun
 from rich.console import Console
@@ -40,6 +41,7 @@ RUNS: dict[str, LongRun] = {
     "kills": kills,
     "service_kills": service_kills,
     "load": load,
+    "service_load": service_load,
     "fuzz": fuzz,
     "flips": flips,
     "flood": flood,

@@ -39,9 +39,8 @@ from ros2_energy_monitor.diagnostics.energy import (
     temperature_source,
 )
 from ros2_energy_monitor.diagnostics.model_check import ModelCheck
-from ros2_energy_monitor.services.compare_trajectories import ComparisonService
 from ros2_energy_monitor.services.payload import PayloadService
-from ros2_energy_monitor.services.predict_trajectory import PredictionService
+from ros2_energy_monitor.services.trajectory_services import ComparisonService, PredictionService
 
 
 class EnergyMonitor(MonitorNode[EnergyParameters]):

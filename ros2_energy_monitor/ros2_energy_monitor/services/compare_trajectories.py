@@ -1,4 +1,4 @@
-"""The service that predicts several trajectories and says which is the cheapest."""
+"""What ``~/compare_trajectories`` answers: which of several trajectories is the cheapest."""
 
 from __future__ import annotations
 
@@ -6,20 +6,15 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ros2_energy_msgs.msg import CandidateEnergy
-from ros2_energy_msgs.srv import CompareTrajectories
-
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError, UnknownJointError
 from robot_energy.model import RobotModel
-from robot_energy.model.payload import Payload
+from robot_energy.model.payload import Payload, several_carried
 from robot_energy.shown_text import MAX_LINE, shown
 from ros2_energy_monitor.services.predict_trajectory import (
     MAX_SAMPLES,
     Answer,
-    GivenUp,
-    PredictionService,
     temperatures_of,
 )
 
@@ -32,42 +27,31 @@ def compared(
     carried: Sequence[Payload],
     newest_degc: Float,
     calibration: Calibrated,
-    stopped: Callable[[], bool] = lambda: False,
 ) -> Answer:
     """Compare trajectories.
 
     Args:
         model: The robot's model.
-        request: ``CompareTrajectories.Request``.
+        request: Fields of a ``CompareTrajectories.Request``, its trajectories as `PointColumns`.
         carried: Bodies that the robot carries.
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-        stopped: Asked for every block of samples whether to give up.
 
     Returns:
-        Fields of the response.
+        Fields of the response; each candidate as fields of a ``CandidateEnergy``.
 
     Raises:
         MotionError: If the request as a whole makes no sense.
         UnknownJointError: If a temperature is that of another robot's joint.
-        GivenUp: If it was given up.
     """
-    # Heavy and seldom used: imported by the first comparison, not by the monitor.
-    from robot_energy.motion.joint_trajectory import JointTrajectory, read_points
+    # Heavy: imported by the process that predicts, not by the monitor.
+    from robot_energy.motion.joint_trajectory import JointTrajectory, through_points
     from robot_energy.optimization.comparison import compare_motions
 
-    def progress(_: float) -> None:
-        if stopped():
-            raise GivenUp
-
     def candidate(number: int) -> Callable[[], JointTrajectory]:
-        return lambda: read_points(request.trajectories[number], f"trajectory {number}")
+        return lambda: through_points(request.trajectories[number], f"trajectory {number}")
 
-    if len(request.trajectories) > MAX_CANDIDATES:
-        raise MotionError(
-            f"{len(request.trajectories)} trajectories were given", f"at most {MAX_CANDIDATES}"
-        )
     if foreign := sorted(set(request.joint_names) - set(model.joint_names)):
         raise UnknownJointError(
             f"a temperature was given for {foreign[0]}",
@@ -86,25 +70,24 @@ def compared(
         cycle_time=request.cycle_time,
         peak_limit=request.peak_limit or math.inf,
         calibration=calibration,
-        progress=progress,
         max_samples=MAX_SAMPLES,
     )
     best = result.cheapest
     advantage, half = result.advantage
-    candidates: list[CandidateEnergy] = []
+    candidates: list[Answer] = []
     for one in result.candidates:
         more = (math.nan, math.nan) if best is None else one.more_than(result.candidates[best])
         candidates.append(
-            CandidateEnergy(
-                feasible=one.feasible,
-                message=shown(one.message, MAX_LINE),
-                duration=one.duration,
-                predicted_energy=one.energy,
-                predicted_energy_band=one.half,
-                predicted_peak_power=one.peak,
-                more_energy=more[0],
-                more_energy_band=more[1],
-            )
+            {
+                "feasible": one.feasible,
+                "message": shown(one.message, MAX_LINE),
+                "duration": one.duration,
+                "predicted_energy": one.energy,
+                "predicted_energy_band": one.half,
+                "predicted_peak_power": one.peak,
+                "more_energy": more[0],
+                "more_energy_band": more[1],
+            }
         )
     if best is None:
         message = "no trajectory is feasible; expected one at least; see the message of each"
@@ -116,6 +99,8 @@ def compared(
             message += (
                 f"; the next needs {advantage:.4g} J more, less than its band of {half:.2g} J"
             )
+    if several := several_carried(carried):
+        message += f"; the robot carries {several}"
     return {
         "success": best is not None,
         "message": message,
@@ -125,11 +110,3 @@ def compared(
         "advantage_band": half,
         "advantage_certain": bool(advantage > half),
     }
-
-
-class ComparisonService(PredictionService):
-    """Serves ``~/compare_trajectories``, in a thread of its own; see its base."""
-
-    interface = CompareTrajectories
-    name = "compare_trajectories"
-    answer = staticmethod(compared)

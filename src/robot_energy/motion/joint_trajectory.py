@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.planned import SampledMotion
+from robot_energy.motion.point_columns import KINDS, PointColumns
 from robot_energy.motion.ptp import Trajectory
-from robot_energy.units import SECOND_NS
 
 MAX_POINTS = 1_000_000
 MAX_VALUE = 1e6  # of any number
@@ -136,28 +136,25 @@ def read_points(message: Any, name: str) -> JointTrajectory:
     Raises:
         MotionError: If points are missing, incomplete or out of order.
     """
-    points: Sequence[Any] = message.points
-    if not 2 <= len(points) <= MAX_POINTS:
-        raise MotionError(f"{name} has {len(points)} points", f"2 to {MAX_POINTS}")
-    time = np.array(
-        [p.time_from_start.sec + p.time_from_start.nanosec / SECOND_NS for p in points],
-        dtype=np.float64,
-    )
-    n_joints = len(message.joint_names)
-    columns = {
-        what: _column(points, what, n_joints, name)
-        for what in ("positions", "velocities", "accelerations")
-    }
-    if columns["positions"] is None:
+    return through_points(PointColumns.of(message), name)
+
+
+def through_points(points: PointColumns, name: str) -> JointTrajectory:
+    """Return the motion through points.
+
+    Args:
+        points: In columns.
+        name: Where they come from, for messages.
+
+    Raises:
+        MotionError: If points are missing, incomplete or out of order.
+    """
+    if not 2 <= len(points.time) <= MAX_POINTS:
+        raise MotionError(f"{name} has {len(points.time)} points", f"2 to {MAX_POINTS}")
+    position, velocity, acceleration = (points.column(kind, name) for kind in KINDS)
+    if position is None:
         raise MotionError(f"{name} has points without positions", "a position of every joint")
-    return JointTrajectory(
-        [str(joint) for joint in message.joint_names],
-        time,
-        columns["positions"],
-        columns["velocities"],
-        columns["accelerations"],
-        name,
-    )
+    return JointTrajectory(points.joint_names, points.time, position, velocity, acceleration, name)
 
 
 def _different_points(time: Float, joint_position: Float) -> NDArray[np.bool_]:
@@ -176,11 +173,3 @@ def _different_points(time: Float, joint_position: Float) -> NDArray[np.bool_]:
         else:
             last = row
     return kept
-
-
-def _column(points: Sequence[Any], what: str, n_joints: int, name: str) -> Float | None:
-    """One kind of figure of all points; None where not every point has it."""
-    rows = [np.asarray(getattr(point, what), dtype=np.float64) for point in points]
-    if any(len(row) not in (0, n_joints) for row in rows):
-        raise MotionError(f"{name} has {what} of another length", f"{n_joints}, or none")
-    return np.stack(rows) if all(len(row) for row in rows) and n_joints else None

@@ -14,6 +14,7 @@ from robot_energy.motion.ptp import SampledPath, Trajectory
 from robot_energy.units import SECOND_NS
 
 BLOCK = 4096  # samples
+STEP = 5e-3  # s between samples, unless something else is asked for
 MIN_DURATION, MAX_DURATION = 1e-6, 1e7  # s; the longest is some four months
 MAX_SAMPLES = 1_000_000_000
 CLOSED_TOLERANCE = 1e-6  # rad or m, by which start and end of a repeated motion may differ
@@ -70,7 +71,7 @@ class SampledMotion:
         motion: SampledPath,
         joint_names: Sequence[str],
         duration: float,
-        step: float = 5e-3,
+        step: float = STEP,
         instants: Sequence[float] = (),
     ) -> None:
         if not MIN_DURATION <= duration <= MAX_DURATION:
@@ -82,7 +83,7 @@ class SampledMotion:
         self._motion = motion
         self.joint_names = tuple(joint_names)
         self.duration = duration
-        self._count = max(1, math.ceil(duration / step - 1e-9))
+        self._count = grid_steps(duration, step)
         self._instants = np.asarray(instants, dtype=np.float64)
         self.sample_count = self._count + 1 + len(self._instants)
 
@@ -96,6 +97,16 @@ class SampledMotion:
             if inside.any():
                 time = np.union1d(time, self._instants[inside])
             yield time, self._motion.sample(time)
+
+
+def grid_steps(duration: float, step: float = STEP) -> int:
+    """Return into how many equal steps a motion is cut.
+
+    Args:
+        duration: From start to end. [s]
+        step: Longest step. [s]
+    """
+    return max(1, math.ceil(duration / step - 1e-9))
 
 
 def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Trajectory]]:
