@@ -35,6 +35,7 @@ from ros2_energy_monitor.services.prediction_process import PredictionProcess
 from ros2_energy_monitor.services.raw_service import RawService, TakenRequest
 
 LOOK = 0.2  # s between two looks for a request
+CLIENTS = 1.0  # s between two questions whether there is a client
 KEPT = 10.0  # s that the process is kept without a client
 LARGE = 50_000  # samples; memory of such a request is given back at once
 BUSY = "a prediction is under way; expected one at a time; ask again when it is done"
@@ -81,7 +82,7 @@ class PredictionService:
         self._now: dict[str, Any] = {}  # what is known of the robot
         self._waiting: TakenRequest | None = None
         self._large = False  # whether the process holds a long trajectory
-        self._wanted = 0.0  # when there was a client last
+        self._wanted = self._due = 0.0  # when there was a client last; when to ask next
         self._thread = Thread(target=self._serve, name=f"prediction {self.name}", daemon=True)
 
     def open(self) -> None:
@@ -199,6 +200,9 @@ class PredictionService:
     def _keep_process(self) -> None:
         """Start the process before it is needed, and end it when it no longer is."""
         now = monotonic()
+        if now < self._due:
+            return
+        self._due = now + CLIENTS
         with suppress(InvalidHandle):
             if self._node.count_clients(self._service.name):
                 self._wanted = now
