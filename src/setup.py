@@ -28,7 +28,7 @@ CORE = [
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]
 PRINTING = ["shapely>=2.0", "trimesh>=4.0"]
-FLEET = ["distributed>=2025.1", "fsspec>=2024.2", "threadpoolctl>=3.1"]
+FLEET = ["cryptography>=42", "distributed>=2025.1", "fsspec>=2024.2", "threadpoolctl>=3.1"]
 DASHBOARD = ["prometheus-client>=0.20", "starlette>=0.37", "uvicorn>=0.30"]
 PAPERS = ["Jinja2>=3.1", *IDENTIFY, *REPORT]
 

@@ -44,6 +44,7 @@ EXTRAS = {
     "dask": "fleet",
     "distributed": "fleet",
     "fsspec": "fleet",
+    "cryptography": "fleet",
 }
 FEW = 6  # choices that are all named, even where one of them is near
 ENTRY_POINTS = "robot_energy.commands"  # group of those that have an add_parser

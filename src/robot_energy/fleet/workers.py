@@ -5,14 +5,17 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
+from multiprocessing import resource_tracker
 from typing import Any, cast
 
 from robot_energy.errors import DatasetError
+from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.fleet.bag_list import FleetBag
 from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy.model import RobotModel
@@ -43,7 +46,10 @@ def on_dask(
     memory: str = "2GB",
     max_scratch: int = MAX_SCRATCH,
 ) -> Generator[Replays]:
-    """Connect to a scheduler, or start one with workers that only this host can reach.
+    """Connect to a scheduler, or start one with workers that this process alone can reach.
+
+    What is started talks by TLS with a key that lies in memory only: who lacks it, another user
+    of this host among them, is refused by scheduler and workers.
 
     Args:
         scheduler: Its address, such as ``tcp://10.0.0.5:8786``; None to start one.
@@ -59,6 +65,7 @@ def on_dask(
     """
     import dask.config
     from distributed import Client, LocalCluster
+    from distributed.security import Security
 
     settings = {
         "distributed.worker.profile.enabled": False,  # looks at the stack every 10 ms
@@ -68,21 +75,28 @@ def on_dask(
         "distributed.scheduler.active-memory-manager.start": False,
         "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
         "distributed.deploy.lost-worker-timeout": LOST,
+        "distributed.scheduler.http.routes": [],  # pages that every user of this host could read
+        "distributed.worker.http.routes": [],
     }
     logging.getLogger("tornado.application").setLevel(logging.CRITICAL)  # workers that died
     with dask.config.set(cast("Any", settings)), ExitStack() as ends:
         try:
             cluster = None
             if scheduler is None:
-                cluster = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    memory_limit=memory,
-                    host="127.0.0.1",
-                    dashboard_address=HTTP,  # of the scheduler: None would be any interface
-                    worker_dashboard_address=HTTP,
-                    silence_logs=logging.CRITICAL,  # what went wrong with a bag is its row
-                )
+                scratch = ends.enter_context(TemporaryFolder()).path
+                with _unheard():
+                    cluster = LocalCluster(
+                        n_workers=workers,
+                        threads_per_worker=1,
+                        memory_limit=memory,
+                        local_directory=str(scratch),  # else it stays where the command ran
+                        host="127.0.0.1",
+                        dashboard_address=HTTP,  # of the scheduler: None would be any interface
+                        worker_dashboard_address=HTTP,
+                        silence_logs=logging.CRITICAL,  # what went wrong with a bag is its row
+                        protocol="tls",
+                        security=Security.temporary(),
+                    )
                 ends.callback(cluster.close)
                 ends.enter_context(_kept(cluster, workers))
             client = Client(cluster or scheduler, timeout=TIMEOUT)
@@ -97,6 +111,17 @@ def on_dask(
                 "start one with `dask scheduler`",
             ) from error
         yield lambda bags, models: _on_client(client, bags, models, max_scratch)
+
+
+@contextmanager
+def _unheard() -> Generator[None]:
+    """Keep Ctrl-C and the end of the terminal from processes that are started: we end them."""
+    resource_tracker.ensure_running()  # else started by a thread of Dask, which then hears both
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _report_seldom(dask_worker: Any) -> None:

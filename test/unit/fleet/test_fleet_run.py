@@ -140,6 +140,54 @@ def test_each_worker_has_a_core_of_its_own_also_after_a_death(monkeypatch):
         os.sched_setaffinity(0, every)
 
 
+OTHER_USER = """
+import os, socket, ssl, sys
+from distributed.security import Security
+tls = Security.temporary().get_connection_args("client")["ssl_context"]
+tls.verify_mode = ssl.CERT_NONE  # who breaks in does not ask whom it talks to
+if os.getuid() == 0:
+    os.setgroups([]); os.setgid(65534); os.setuid(65534)
+for port in map(int, sys.argv[1:]):
+    for way, said in (("page", b"GET /info/main/workers.html HTTP/1.0\\r\\n\\r\\n"),
+                      ("plain", bytes(64)), ("tls", b"")):
+        try:
+            with socket.create_connection(("127.0.0.1", port), 60) as own:
+                with (tls.wrap_socket(own) if way == "tls" else own) as talk:
+                    talk.sendall(said)
+                    answer = talk.recv(1000)
+        except (ssl.SSLError, ConnectionError):
+            answer = b""
+        print(os.getuid(), port, way, answer)
+        if answer.startswith(b"HTTP"):
+            break
+"""
+
+
+def test_another_user_of_this_host_is_refused_by_scheduler_and_workers(hall):
+    with on_dask(workers=1) as replays:
+        models = FleetModels()
+        bags = list_bags(str(hall / "r1" / "bag1"), models, "kr16", EFFORT)
+        assert len(list(replays(iter(bags), models.models))) == 1
+        ports = {
+            one.laddr.port
+            for process in (psutil.Process(), *workers())
+            for one in process.net_connections("tcp")
+            if one.status == psutil.CONN_LISTEN
+        }
+        words = [sys.executable, "-c", OTHER_USER, *map(str, ports)]
+        run = subprocess.run(words, capture_output=True, text=True, check=True)
+    found = [line.split(" ", 3) for line in run.stdout.splitlines()]
+    if os.getuid() == 0:
+        assert {user for user, *_ in found} == {"65534"}
+    else:
+        print("not root: asked as the same user without the key")
+    answers = {(way, answer.partition("\\r")[0]) for *_, way, answer in found}
+    assert len(ports) >= 4  # scheduler and worker: for messages, for pages
+    assert answers == {
+        ("page", "b'HTTP/1.1 404 Not Found"), ("page", "b''"), ("plain", "b''"), ("tls", "b''")
+    }  # fmt: skip
+
+
 def deadly(bag, model, max_scratch):
     """Replay a bag; under one of them the process dies, as one without memory does."""
     if bag.place.address.endswith("bag2"):
