@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gzip
 
+import bag_lists
 import bags
 import containers
 import files
@@ -41,6 +42,7 @@ TARGETS = {
     "gcode": Target(motions.gcode, motions.gcode_seeds),
     "moves_file": Target(motions.moves_file, motions.moves_seeds),
     "trajectory": Target(motions.trajectory, motions.trajectory_seeds),
+    "addresses": Target(bag_lists.addresses, bag_lists.address_seeds),
     "file_arguments": Target(files.file_arguments, files.file_seeds),
     "trajectory_csv": Target(motions.trajectory_csv, motions.trajectory_csv_seeds),
 }

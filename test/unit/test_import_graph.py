@@ -61,8 +61,9 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        api bag_joints bag_list bag_row bag_sums dataset dataset_columns findings identify
-        joint_sums merged_friction merged_laws report run sisters tables wear_history workers
+        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
+        identify joint_sums merged_friction merged_laws report run sisters tables wear_history
+        workers
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps

@@ -96,7 +96,9 @@ def _run(args: Namespace) -> int:
     scratch = int(args.scratch * 1e9)
     done = FleetRun()
     with dataset.locked():
-        nothing = bags is not None and all(dataset.has(bag.name) for bag in bags)
+        nothing = bags is not None and all(
+            bag.place.problem is not None or dataset.has(bag.name) for bag in bags
+        )
         where = (None, 0) if nothing else (args.scheduler, args.workers)
         with where_asked(*where, args.memory, scratch) as replays:
             for round_ in [bags] if bags is not None else _rounds(args, models):

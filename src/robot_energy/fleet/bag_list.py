@@ -1,72 +1,39 @@
-"""The bags of a fleet: found in a folder, by a pattern or in a CSV table, on any file system.
-
-Addresses are those of fsspec: a local path, or a URL such as ``s3://recordings/2026``.
-"""
+"""The bags of a fleet, each with its robot and model: of a place, or of a CSV table."""
 
 from __future__ import annotations
 
 import csv
-import hashlib
-import json
+import io
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any, cast
-
-from fsspec.core import url_to_fs  # type: ignore[import-untyped]
+from typing import Any
+from urllib.parse import quote
 
 from robot_energy import __version__
-from robot_energy.bag.mcap_records import MAGIC
-from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.errors import DatasetError
+from robot_energy.errors import DatasetError, RobotEnergyError
+from robot_energy.fleet.bag_places import (
+    UNREAD,
+    BagPlace,
+    digest,
+    file_system,
+    find_bags,
+    is_of_folder,
+    named_on,
+    no_bag,
+    read_whole,
+    unusable,
+)
 from robot_energy.model import RobotModel, load
 from robot_energy.recorded_jobs import load_jobs
 from robot_energy.shown_text import shown
 
 COLUMNS = ("bag", "model", "robot", "programme", "shift", "jobs", "effort")
-MESSAGES = (".mcap", ".db3", ".zstd")  # endings of files with messages
-CHANGED = ("ETag", "mtime", "LastModified", "last_modified", "updated", "created")
-DIGITS = 16  # of a hash in a name
-UNREAD = "unread"  # instead of the state of a bag that is to be tried again
-
-Infos = dict[str, dict[str, Any]]
-
-
-def digest(*parts: object) -> str:
-    """Return a short hash of plain values.
-
-    Args:
-        *parts: The values.
-    """
-    text = json.dumps(parts, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
-
-
-@dataclass(frozen=True)
-class BagPlace:
-    """Where a bag is.
-
-    Attributes:
-        address: Local path, or URL.
-        files: Addresses of its files with messages and metadata; none if it is not there.
-        sizes: Of these files. [bytes]
-        state: Hash of their sizes and times of change.
-        is_folder: Whether it is a folder of rosbag2.
-        is_local: Whether it can be read where it is.
-    """
-
-    address: str
-    files: tuple[str, ...]
-    sizes: tuple[int, ...]
-    state: str
-    is_folder: bool
-    is_local: bool
-
-    @property
-    def size(self) -> int:
-        """Of all files. [bytes]"""
-        return sum(self.sizes)
+MAX_NAME = 240  # characters of a robot's name in that of its folder, some of which need twelve
+MAX_SHOWN = 40
+SHORT = 20  # characters that always fit into it
 
 
 @dataclass(frozen=True)
@@ -177,88 +144,6 @@ class FleetModels:
         return name
 
 
-def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterator[BagPlace]:
-    """Find bags.
-
-    A folder with a metadata.yaml is a bag, and so is one whose MCAP files have its name and a
-    number, as rosbag2 names them: a recording that is not closed yet, or never was. Elsewhere, and
-    where files are named themselves, each MCAP file is.
-
-    Args:
-        where: Folder, pattern with ``*``, or one bag.
-        split: Whether each MCAP file is a bag of its own in folders of rosbag2 too.
-        complete: Whether to leave out what is still being written: folders without metadata,
-            MCAP files without their end.
-
-    Yields:
-        In order of their addresses.
-
-    Raises:
-        DatasetError: If the place cannot be read.
-    """
-    try:
-        system, root = cast("tuple[Any, str]", url_to_fs(where))
-        roots = cast("list[str]", system.glob(root) if "*" in root else [root])
-        infos: Infos = {}
-        for one in roots:
-            infos |= cast("Infos", system.find(one, detail=True))
-    except (OSError, ValueError, ImportError) as error:
-        raise DatasetError(
-            f"{where} cannot be read ({error})", "a folder, pattern or bag"
-        ) from error
-    named = set(roots)
-    folders: dict[str, list[str]] = {}
-    for path in sorted(infos):
-        folders.setdefault(str(PurePosixPath(path).parent), []).append(path)
-    for folder, paths in sorted(folders.items()):
-        messages = [path for path in paths if path.endswith(MESSAGES)]
-        metadata = f"{folder}/{FILE_NAME}"
-        mcap = [path for path in messages if path.endswith(".mcap")]
-        unclosed = all(_of_folder(path) and path not in named for path in mcap)
-        if messages and (metadata in paths or unclosed) and not (split and mcap):
-            if not complete or (metadata in paths and infos[metadata].get("size")):
-                yield _place(system, folder, infos, [*messages, metadata])
-            continue
-        for path in mcap:
-            if not complete or _has_end(system, path, infos[path]):
-                yield _place(system, path, infos, [path])
-
-
-def _of_folder(path: str) -> bool:
-    """Whether an MCAP file has the name of its folder and a number."""
-    *_, folder, file = ("", *filter(None, path.split("/")))
-    name, _, number = file.removesuffix(".mcap").rpartition("_")
-    return name == folder and number.isdecimal() and file.endswith(".mcap")
-
-
-def _place(system: Any, address: str, infos: Infos, files: list[str]) -> BagPlace:
-    own = [(path, infos[path]) for path in files if path in infos]
-    state = digest(
-        [
-            (PurePosixPath(path).name, info.get("size"), [str(info.get(key)) for key in CHANGED])
-            for path, info in own
-        ]
-    )
-    is_local = _is_local(system)
-    named = address if is_local else str(system.unstrip_protocol(address))
-    places = [path if is_local else str(system.unstrip_protocol(path)) for path, _ in own]
-    sizes = tuple(int(info.get("size") or 0) for _, info in own)
-    return BagPlace(named, tuple(places), sizes, state, address not in infos, is_local)
-
-
-def _is_local(system: Any) -> bool:
-    names = system.protocol
-    return "file" in ((names,) if isinstance(names, str) else tuple(names))
-
-
-def _has_end(system: Any, path: str, info: Mapping[str, Any]) -> bool:
-    """Whether an MCAP file was closed by its writer."""
-    size = int(info.get("size") or 0)
-    if size <= 2 * len(MAGIC):
-        return False
-    return cast("bytes", system.cat_file(path, start=size - len(MAGIC))) == MAGIC
-
-
 def list_bags(
     where: str,
     models: FleetModels,
@@ -286,6 +171,8 @@ def list_bags(
         DatasetError: If place or table cannot be used.
         RobotEnergyError: If a model or a file of the options cannot be used.
     """
+    if robot and robot != shown(robot):
+        raise DatasetError(f"the name of the robot is '{shown(robot)}'", "one of letters, digits")
     given, texts = dict(options), dict[str, str]()
     for name in ("jobs", "inputs"):
         if path := given.pop(name, None):
@@ -293,29 +180,55 @@ def list_bags(
     base = FleetBag(BagPlace("", (), (), "", False, True), robot or "", model=model or "",
                     options={key: value for key, value in given.items() if value is not None},
                     texts=texts)  # fmt: skip
-    if where.lower().endswith(".csv"):
-        rows = list(_table(where, base, split, complete))
+    if model:
+        models.digest_of(model)
+    is_table = where.lower().endswith(".csv")
+    if is_table:
+        rows = _table(where, base, split, complete)
     else:
-        rows = [replace(base, place=place) for place in find_bags(where, split, complete)]
+        rows = (replace(base, place=place) for place in find_bags(where, split, complete))
     found: list[FleetBag] = []
-    for bag in rows:
-        if not bag.model:
-            raise DatasetError(
-                f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
-            )
-        named = bag.robot or _robot_of(bag.place.address, bag.place.is_folder)
-        found.append(replace(bag, robot=named, model_digest=models.digest_of(bag.model)))
+    for row in rows:
+        bag = _of_robot(row)
+        place = bag.place
+        try:
+            if place.problem is None:
+                bag = replace(bag, model_digest=_digest_of(bag, models))
+            found.append(bag)
+        except RobotEnergyError as error:
+            if not is_table:
+                raise
+            found.append(replace(bag, place=replace(place, problem=error)))
     if not found and not complete:
-        raise DatasetError(
-            f"{where} holds no bag", "MCAP files or folders of rosbag2", "check the path"
-        )
+        raise no_bag(where)
     return found
+
+
+def _of_robot(bag: FleetBag) -> FleetBag:
+    """The bag with the name of its robot, which is that of a folder of the dataset."""
+    robot = bag.robot or _robot_of(bag.place.address, bag.place.is_folder)
+    if len(quote(robot, safe=" ")) <= MAX_NAME:
+        return replace(bag, robot=robot)
+    long = DatasetError(
+        f"the name of the robot, {shown(robot, MAX_SHOWN)}, is too long", "a short one"
+    )
+    problem = bag.place.problem or long
+    return replace(bag, robot=robot[:SHORT], place=replace(bag.place, problem=problem))
+
+
+def _digest_of(bag: FleetBag, models: FleetModels) -> str:
+    """Hash of the model of a bag."""
+    if not bag.model:
+        raise DatasetError(
+            f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
+        )
+    return models.digest_of(bag.model)
 
 
 def _robot_of(address: str, is_folder: bool) -> str:
     """Name of the folder in which a recording lies, whether the bag is all of it or one file."""
     folder = PurePosixPath(address.rstrip("/")).parent
-    is_part = not is_folder and _of_folder(address)
+    is_part = not is_folder and is_of_folder(address)
     return (folder.parent if is_part else folder).name or "robot"
 
 
@@ -330,62 +243,83 @@ def _text(name: str, path: Path) -> str:
 
 
 def _table(where: str, base: FleetBag, split: bool, complete: bool) -> Iterator[FleetBag]:
-    """The rows of a CSV table; paths of bags start at its folder, others may."""
+    """The rows of a CSV table; paths of bags start at its folder, others may.
+
+    A row that cannot be used is a bag with its problem.
+    """
     try:
-        system, path = cast("tuple[Any, str]", url_to_fs(where))
-        text = cast("bytes", system.cat_file(path)).decode("utf-8-sig")
-    except (OSError, ValueError, ImportError) as error:
+        text = read_whole(where).decode("utf-8-sig")
+    except ValueError as error:
         raise DatasetError(f"{where} cannot be read ({error})", "a CSV table in UTF-8") from error
-    rows = csv.DictReader(text.splitlines(), restkey="", restval="")
-    unknown = [name for name in rows.fieldnames or [] if name not in COLUMNS]
-    if unknown or "bag" not in (rows.fieldnames or []):
+    rows = csv.DictReader(io.StringIO(text, newline=""), restkey="", restval="")
+    try:
+        names = rows.fieldnames or []
+    except csv.Error as error:
+        raise DatasetError(f"{where} cannot be read ({error})", "a CSV table") from error
+    unknown = [name for name in names if name not in COLUMNS]
+    if unknown or "bag" not in names:
         found = f"has the column '{shown(unknown[0])}'" if unknown else "has no column 'bag'"
         raise DatasetError(f"{where} {found}", f"columns of {', '.join(COLUMNS)}; bag is needed")
+    while True:
+        first = rows.line_num + 1
+        row: dict[str, str] = {}
+        try:
+            row = next(rows)
+            yield from _row(where, first, row, base, split, complete)
+        except StopIteration:
+            return
+        except Exception as error:  # a row ends no fleet
+            if isinstance(error, csv.Error):
+                error = DatasetError(
+                    f"line {first} of {where} cannot be read ({error})", "a row of a CSV table"
+                )
+            address = row.get("bag") or f"{where}, line {first}"
+            robot = row.get("robot") or base.robot
+            yield replace(base, place=unusable(address, error), robot=robot, named=(address,))
+
+
+def _row(
+    where: str, line: int, row: dict[str, str], base: FleetBag, split: bool, complete: bool
+) -> Iterator[FleetBag]:
+    """The bags of one row."""
     folder = Path(where).parent
-    for number, row in enumerate(rows, start=2):
-        if row.get("") or not row["bag"]:
-            raise DatasetError(
-                f"line {number} of {where} has {'too many cells' if row.get('') else 'no bag'}",
-                "one cell for each column",
-            )
-        texts, options = dict(base.texts), dict(base.options)
-        if row.get("jobs"):
-            texts["jobs"] = _text("jobs", Path(_near(folder, row["jobs"])))
-        if row.get("effort"):
-            options["effort"] = row["effort"]
-        named = row.get("model") or base.model
-        own = replace(
-            base,
-            robot=row.get("robot") or base.robot,
-            programme=row.get("programme") or "",
-            shift=row.get("shift") or "",
-            model=_near(folder, named),
-            options=options,
-            texts=texts,
+    if row.get("") or not row["bag"]:
+        raise DatasetError(
+            f"line {line} of {where} has {'too many cells' if row.get('') else 'no bag'}",
+            "one cell for each column",
         )
-        path = _from(where, row["bag"])
-        places = list(find_bags(path, split, complete))
-        address = _address(path)
-        own = replace(own, named=(address, row["bag"]))
-        if not places and not complete:  # a row of the dataset will say so
-            places = [BagPlace(address, (), (), UNREAD, False, True)]
-        for place in places:
-            yield replace(own, place=place)
+    texts, options = dict(base.texts), dict(base.options)
+    if row.get("jobs"):
+        texts["jobs"] = _text("jobs", Path(_near(folder, row["jobs"])))
+    if row.get("effort"):
+        options["effort"] = row["effort"]
+    path = _from(where, row["bag"])
+    address = named_on(*file_system(path))
+    own = replace(
+        base,
+        robot=row.get("robot") or base.robot,
+        programme=row.get("programme") or "",
+        shift=row.get("shift") or "",
+        model=_near(folder, row.get("model") or base.model),
+        options=options,
+        texts=texts,
+        named=(address, row["bag"]),
+    )
+    places = list(find_bags(path, split, complete))
+    if not places and not complete:
+        places = [unusable(address, no_bag(address))]
+    for place in places:
+        yield replace(own, place=place)
 
 
 def _from(table: str, name: str) -> str:
     """A path that starts at the folder of the table."""
     if "://" in table and "://" not in name and not name.startswith("/"):
         return f"{table.rpartition('/')[0]}/{name}"
-    return name if "://" in name else str(Path(table).parent / Path(name).expanduser())
-
-
-def _address(path: str) -> str:
-    """As `find_bags` gives it."""
-    system, found = cast("tuple[Any, str]", url_to_fs(path))
-    return found if _is_local(system) else str(system.unstrip_protocol(found))
+    return name if "://" in name else str(Path(table).parent / os.path.expanduser(name))
 
 
 def _near(folder: Path, name: str) -> str:
     """A path that starts at the folder of the table, if it is there; else as it stands."""
-    return str(folder / name) if name and "://" not in name and (folder / name).exists() else name
+    path = folder / name
+    return str(path) if name and "://" not in name and os.path.exists(path) else name

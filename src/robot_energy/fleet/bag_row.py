@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import Any, cast
-
-from fsspec.core import url_to_fs  # type: ignore[import-untyped]
+from typing import Any
 
 from robot_energy import __version__
 from robot_energy.accounting.totals import Totals
@@ -21,7 +19,8 @@ from robot_energy.bag_replay import Replay
 from robot_energy.blocks import Phase
 from robot_energy.errors import DatasetError, RobotEnergyError
 from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.fleet.bag_list import BagPlace, FleetBag
+from robot_energy.fleet.bag_list import FleetBag
+from robot_energy.fleet.bag_places import BagPlace, file_system
 from robot_energy.fleet.bag_sums import HourSums, MeterErrors
 from robot_energy.fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
@@ -115,8 +114,6 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
 
 def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:
     """The bag on this host: where it is, or a copy."""
-    if not place.files:
-        raise DatasetError(f"{place.address} holds no bag", "an MCAP file or a rosbag2 folder")
     if place.is_local:
         return Path(place.address)
     if place.size > max_scratch:
@@ -128,7 +125,7 @@ def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:
     target = scratch / "bag"
     target.mkdir()
     for address in place.files:
-        system, path = cast("tuple[Any, str]", url_to_fs(address))
+        system, path = file_system(address)
         system.get_file(path, str(target / PurePosixPath(path).name))
     return target if place.is_folder else target / PurePosixPath(place.address).name
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from robot_energy.errors import ParameterError
 from robot_energy.fleet.bag_list import FleetBag
-from robot_energy.fleet.bag_row import replay_bag
+from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy.fleet.dataset import Bag, Dataset
 from robot_energy.fleet.workers import MAX_SCRATCH, Models, Replays, Source, on_dask
 from robot_energy.results.fleet import DamagedBag, FleetRunReport, RefusedBag
@@ -89,11 +89,14 @@ def run_fleet(
         DatasetError: If a row cannot be written, or the scheduler is lost.
     """
     done = done or FleetRun()
+    unusable: list[FleetBag] = []
 
     def missing() -> Iterator[FleetBag]:
         for bag in bags:
             done.bags += 1
-            if dataset.has(bag.name):
+            if bag.place.problem is not None:
+                unusable.append(bag)
+            elif dataset.has(bag.name):
                 dataset.remove(bag.parts)
                 dataset.remove(bag.missed, unread=True)
                 done.there += 1
@@ -103,27 +106,35 @@ def run_fleet(
                 yield bag
 
     for bag, row in replays(missing(), models):
-        dataset.add(row.key, row.date, row.data)
-        if not row.key.is_unread:
-            dataset.remove(bag.parts)
-        dataset.remove(bag.missed, unread=True)
-        address = bag.place.address
-        own = row.key.robot, address
-        done.refused.pop(own, None)
-        done.damaged.pop(own, None)
-        if row.key.reason:
-            done.refused[own] = RefusedBag(address, row.key.robot, row.key.reason)
-        else:
-            done.read += 1
-        if row.problems:
-            done.damaged[own] = DamagedBag(address, row.key.robot, row.problems)
-        done.jobs_left_out += row.jobs_left_out
-        done.observed_time += row.observed_time
-        done.written += len(row.data)
-        done.peak_memory = max(done.peak_memory, row.peak_memory)
-        done.done_size += bag.place.size
+        _keep(bag, row, dataset, done)
+        progress(done)
+    for bag in unusable:
+        _keep(bag, refused(bag, bag.place.problem or ValueError()), dataset, done)
         progress(done)
     return done
+
+
+def _keep(bag: FleetBag, row: BagRow, dataset: Dataset, done: FleetRun) -> None:
+    """Put a row into the dataset, and count it."""
+    dataset.add(row.key, row.date, row.data)
+    if not row.key.is_unread:
+        dataset.remove(bag.parts)
+    dataset.remove(bag.missed, unread=True)
+    address = bag.place.address
+    own = row.key.robot, address
+    done.refused.pop(own, None)
+    done.damaged.pop(own, None)
+    if row.key.reason:
+        done.refused[own] = RefusedBag(address, row.key.robot, row.key.reason)
+    else:
+        done.read += 1
+    if row.problems:
+        done.damaged[own] = DamagedBag(address, row.key.robot, row.problems)
+    done.jobs_left_out += row.jobs_left_out
+    done.observed_time += row.observed_time
+    done.written += len(row.data)
+    done.peak_memory = max(done.peak_memory, row.peak_memory)
+    done.done_size += bag.place.size
 
 
 def in_turn(max_scratch: int = MAX_SCRATCH) -> Replays:

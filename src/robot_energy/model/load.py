@@ -6,6 +6,7 @@ expected.
 
 from __future__ import annotations
 
+import os
 from importlib import resources
 from pathlib import Path
 from typing import cast
@@ -72,7 +73,7 @@ def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
         UrdfAwaitedError: If the file leaves its URDF to a topic and none is given.
     """
     path = Path(name)
-    if not path.is_file() and str(name) in shipped_models():
+    if not os.path.isfile(path) and str(name) in shipped_models():
         path = shipped_models()[str(name)]
     text = read_text(
         path,

@@ -1,5 +1,7 @@
 """The bags of a fleet: found in folders, by patterns, in tables, on other file systems."""
 
+import os
+import re
 import shutil
 
 import fsspec
@@ -7,7 +9,10 @@ import pytest
 
 from places import ROOT
 from robot_energy.errors import DatasetError
-from robot_energy.fleet.bag_list import FleetModels, find_bags, list_bags
+from robot_energy.fleet.bag_list import FleetModels, list_bags
+from robot_energy.fleet.bag_places import find_bags
+from robot_energy.fleet.dataset import Dataset
+from robot_energy.fleet.run import in_turn, run_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 FILE = BAG / "kr16_all_topics_0.mcap"
@@ -119,6 +124,7 @@ def test_a_table_names_bags_models_and_jobs(hall):
     assert said == ("left", "pick", "early", jobs, {"effort": "motor_torque"})
     assert [bag.model for bag in files] == ["ur3e", "ur3e"]
     assert gone.place.files == ()
+    assert "holds no bag" in str(gone.place.problem)
 
 
 def test_a_bag_of_a_table_has_one_address_there_or_gone(hall, monkeypatch):
@@ -144,14 +150,96 @@ def test_a_bag_of_a_table_has_one_address_there_or_gone(hall, monkeypatch):
     [
         ("bags\nx\n", "has the column 'bags'"),
         ("robot\nx\n", "has no column 'bag'"),
-        ("bag,robot\na,b,c\n", "line 2 .* too many cells"),
-        ("bag,robot\n,b\n", "line 2 .* has no bag"),
     ],
 )
 def test_a_wrong_table_is_refused(tmp_path, text, match):
     (tmp_path / "bags.csv").write_text(text)
     with pytest.raises(DatasetError, match=match):
         list_bags(str(tmp_path / "bags.csv"), FleetModels(), "kr16", {})
+
+
+WRONG = {
+    ",b": "line 3 .* has no bag",
+    "a,b,,,,,,h": "line 3 .* too many cells",
+    '"a' + "x" * 140_000 + '",b': "line 3 .*field larger",
+    f"r2,{'r' * 300}": "name of the robot, r+..., is too long",
+    "r2,,no_model": "'no_model' cannot be read",
+    "r2,,kr16,none.yaml": "none.yaml",
+    "zip://r2/a.mcap": "has 'zip'; expected a local path, or one of the protocols file, s3",
+    "github://a/b": "has 'github'",
+    "memory://a::memory://b": "has '::'",
+    "data:text/plain,x": "too many cells|holds no bag",
+    "data:text/plain": "holds no bag",
+    "~nobody-has-this-name/x": "holds no bag",
+    "gone": "holds no bag",
+    "s3://a/b": "s3://a/b cannot be read",
+}
+
+
+@pytest.mark.parametrize("row", WRONG)
+def test_a_row_that_cannot_be_used_ends_no_fleet(hall, tmp_path, row, monkeypatch):
+    def no_client(address):
+        raise RuntimeError("a client has errors of its own")
+
+    if row.startswith("s3"):
+        monkeypatch.setattr("robot_energy.fleet.bag_places.url_to_fs", no_client)
+    table = hall / "bags.csv"
+    table.write_text(f"bag,robot,model,jobs\nr2/a.mcap\n{row}\nr2/b.mcap\n")
+    models, dataset = FleetModels(), Dataset(tmp_path / "d")
+    bags = list_bags(str(table), models, "kr16", {})
+    wrong = [bag for bag in bags if bag.place.problem is not None]
+    assert len(bags) - len(wrong) == 2
+    assert wrong
+    for again in range(2):
+        done = run_fleet(bags, models.models, dataset, in_turn())
+        assert len(done.refused) == len(wrong)
+        assert (done.read, done.there) == ((0, 2) if again else (2, 0))
+    for one, reason in zip(wrong, done.refused.values(), strict=True):
+        assert re.search(WRONG[row], str(one.place.problem))
+        assert one.place.problem.found == reason.reason
+
+
+def test_linked_folders_are_followed_once(hall, tmp_path):
+    store = tmp_path / "store"
+    (store / "r3").mkdir(parents=True)
+    shutil.copy(FILE, store / "r3")
+    (hall / "r3").symlink_to(store / "r3")
+    (hall / "r0").symlink_to(hall / "r2")  # is there under its own name
+    (hall / "r2" / "latest.mcap").symlink_to("b.mcap")
+    (hall / "r3" / "round").symlink_to(hall)
+    (hall / "r4").symlink_to("gone")
+    found = {one.address.rpartition("hall/")[2]: one.problem for one in find_bags(str(hall))}
+    assert found.keys() == {"r1/monday", "r2/a.mcap", "r2/b.mcap", f"r3/{FILE.name}", "r4"}
+    assert "leads to gone, which is not there" in str(found.pop("r4"))
+    assert set(found.values()) == {None}
+    by_pattern = names(find_bags(str(hall / "*")))
+    assert sorted(by_pattern) == sorted([*found, "r4"])
+    robots = [bag.robot for bag in list_bags(str(hall), FleetModels(), "kr16", {})]
+    assert sorted(robots) == sorted(["r1", "r2", "r2", "r3", hall.name])
+
+
+def test_what_cannot_be_looked_into_is_named(hall, monkeypatch):
+    os.mkfifo(hall / "r1" / "pipe.mcap")
+    scandir = os.scandir
+
+    def refusing(folder):
+        if str(folder) == str(hall / "r2"):
+            raise PermissionError(13, "Permission denied", str(folder))
+        return scandir(folder)
+
+    monkeypatch.setattr(os, "scandir", refusing)
+    problems = [str(one.problem) for one in find_bags(str(hall)) if one.problem]
+    pipe, folder = sorted(problems)
+    assert "pipe.mcap is no file" in pipe
+    assert "r2 cannot be read (Permission denied)" in folder
+
+
+def test_a_name_that_is_no_text_is_named(hall):
+    os.rename(os.fsencode(hall / "r2" / "a.mcap"), os.fsencode(hall / "r2") + b"/\xff.mcap")
+    first, *_ = find_bags(str(hall))
+    assert "is not UTF-8" in str(first.problem)
+    with pytest.raises(DatasetError, match="name of the robot"):
+        list_bags(str(hall), FleetModels(), "kr16", {}, robot="\udcff")
 
 
 def test_bags_are_found_on_other_file_systems():
