@@ -1,8 +1,8 @@
 """Tables of kinds: everything that is of one kind of drive model, friction law, meter ...
 
 A kind is one object that brings all parts it has: its entry of the model file, its physics,
-its fit, its label. Layers above the table add their parts to the kinds that are shipped with
-`Kinds.complete`; a kind of a user brings all parts at once with `Kinds.register`, in one file.
+its fit, its label. Parts of the shipped kinds that stand in layers above the table are named
+there, see `Part`; a kind of a user brings all parts at once with `Kinds.register`, in one file.
 Nobody compares the name of a kind: who needs to know something of it asks for a field.
 """
 
@@ -12,10 +12,12 @@ import difflib
 import importlib.util
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from pkgutil import resolve_name
+from typing import Any, Generic, TypeVar, cast
 
 from robot_energy.errors import KindError
 
@@ -37,6 +39,32 @@ class Kind:
     name: str
     label: str
     line: str
+
+
+class Part:
+    """A function of a layer above the table of its kind, imported when it is first called.
+
+    So a table is complete whatever was imported before, and imports nothing from above.
+
+    Args:
+        name: As ``package.module:function``.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @cached_property
+    def function(self) -> Callable[..., Any]:
+        """The function itself."""
+        return cast("Callable[..., Any]", resolve_name(self.name))
+
+    def __call__(self, *args: Any) -> Any:
+        """Call the function.
+
+        Args:
+            *args: Of the function.
+        """
+        return self.function(*args)
 
 
 K = TypeVar("K", bound=Kind)
@@ -92,15 +120,6 @@ class Kinds(dict[str, K], Generic[K]):
             self.remove(kind.name)
             raise
         return kind
-
-    def complete(self, name: str, **parts: Any) -> None:
-        """Add the parts that a layer above the table has of a kind.
-
-        Args:
-            name: Of the kind.
-            parts: By the name of the field.
-        """
-        self[name] = replace(self[name], **parts)
 
     def remove(self, name: str) -> None:
         """Take a kind out again.

@@ -8,7 +8,6 @@ bag, where there are few robots), and from the constant errors of sensors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from robot_energy.blocks import Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, MODEL, NODES_DEGC, SIGN, VISCOUS
-from robot_energy.fleet.merged_laws import LAWS, JointBags, MergedSums, constant_law
+from robot_energy.fleet.merged_laws import JointBags, MergedSums
 from robot_energy.identify.friction.friction import MIN_SAMPLES, FrictionFit, points_of
 from robot_energy.identify.friction.laws import MIN_RANGE
 from robot_energy.identify.stats.cross_validation import (
@@ -27,7 +26,7 @@ from robot_energy.identify.stats.cross_validation import (
 )
 from robot_energy.identify.stats.regression import Fit
 from robot_energy.identify.stats.systematic import SensorLimits
-from robot_energy.model.friction_laws import LawEntry
+from robot_energy.model.friction_laws import FRICTION_LAWS, FrictionLaw, LawEntry
 from robot_energy.physics.friction import viscous_law
 
 MIN_GROUPS = 5  # robots, from which on they are left out one by one
@@ -69,9 +68,9 @@ def fit_merged(
     _require(bags)
     warnings: list[str] = []
     span = (float(bags.degc.min()), float(bags.degc.max()))
-    kinds = LAWS
+    kinds = dict(FRICTION_LAWS)
     if span[1] - span[0] < MIN_RANGE:
-        kinds = {"constant": constant_law}
+        kinds = {name: kind for name, kind in kinds.items() if not kind.follows_temperature}
         warnings.append(
             f"{bags.name}: the range of its motor temperature is below {MIN_RANGE:g} K, so its "
             "friction is taken as constant"
@@ -85,7 +84,7 @@ def fit_merged(
     errors: dict[str, HeldOut] = {}
     for name, kind in kinds.items():
         try:
-            laws[name], fits[name] = kind(merged)
+            laws[name], fits[name] = _fitted(kind, merged)
             errors[name] = _held_out(kind, merged, fold)
         except NotIdentifiableError as error:
             if name == "constant":
@@ -151,15 +150,19 @@ def _merge(bags: JointBags, sensors: SensorLimits, own_bodies: bool, source: str
     return MergedSums(bags, bags.gram.sum(axis=0), group, sensors, own_bodies, source)
 
 
-def _held_out(
-    kind: Callable[[MergedSums], tuple[LawEntry, Fit]], merged: MergedSums, fold: Int
-) -> HeldOut:
+def _fitted(kind: FrictionLaw, merged: MergedSums) -> tuple[LawEntry, Fit]:
+    if kind.merged_fit is None:
+        raise NotIdentifiableError("it has no fit to the sums of a fleet", "a law with merged_fit")
+    return kind.merged_fit(merged)
+
+
+def _held_out(kind: FrictionLaw, merged: MergedSums, fold: Int) -> HeldOut:
     """Error of a law on bags at temperatures that its fit has not seen."""
     square = total = rows = 0.0
     folds = np.unique(fold)
     for one in folds:
         seen, unseen = merged.bags.only(fold != one), merged.bags.only(fold == one)
-        law, fit = kind(_merge(seen, merged.sensors, merged.own_bodies, ""))
+        law, fit = _fitted(kind, _merge(seen, merged.sensors, merged.own_bodies, ""))
         error = score(unseen, law, float(fit.values[0]))
         count = float(unseen.rows.sum())
         square += error.rms**2 * count

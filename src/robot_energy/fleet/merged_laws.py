@@ -6,7 +6,6 @@ the nodes of temperature all sums of squares follow from the products of the col
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -150,7 +149,7 @@ class MergedSums:
         return moved_by(fit, BODIES, self.sensors.bodies * _solved(normal, rigid))
 
 
-def constant_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
+def fit_constant(merged: MergedSums) -> tuple[LawEntry, Fit]:
     """Fit one viscous coefficient for all temperatures.
 
     Args:
@@ -164,8 +163,15 @@ def constant_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
     return ConstantLaw(law="constant", viscous=identified(value, std, merged.source)), fit
 
 
-def _exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
-    """Search the temperature scale c; everything else is linear for a given c."""
+def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Fit the exponential law: its scale c is searched, everything else is linear.
+
+    Args:
+        merged: Sums of the joint.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell its parameters.
+    """
     span = float(np.ptp(merged.bags.degc))
     if span < MIN_RANGE:
         raise NotIdentifiableError(f"its bags lie within {span:.1f} K", f"{MIN_RANGE:g} K or more")
@@ -219,8 +225,15 @@ def _exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
     return law.model_copy(update={"std": float(greatest)}), fit
 
 
-def _table_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
-    """Fit the viscous coefficient at every node that the bags have seen."""
+def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Fit the viscous coefficient at every node that the bags have seen.
+
+    Args:
+        merged: Sums of the joint.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell its parameters.
+    """
     seen = merged.whole[VISCOUS, VISCOUS].sum(axis=1)
     kept = np.flatnonzero(seen >= MIN_SHARE * seen.sum())
     if len(kept) < 2:
@@ -241,14 +254,6 @@ def _table_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
         source=merged.source,
     )
     return law, fit
-
-
-LAWS: dict[str, Callable[[MergedSums], tuple[LawEntry, Fit]]] = {
-    "constant": constant_law,
-    "exponential": _exponential_law,
-    "table": _table_law,
-}
-"""The simplest first."""
 
 
 def _shapes(shape: Float) -> Float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, model_validator
 
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.kinds import Kind, Kinds, Part
 from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag
 
 if TYPE_CHECKING:
@@ -129,6 +129,7 @@ DRIVE_MODELS = Kinds(
         name="ideal",
         label="ideal",
         line="electrical input is shaft power (paper A, eq. 6)",
+        physics=Part("robot_energy.physics.drive:ideal"),
         lossless=True,
     ),
     DriveModel(
@@ -137,6 +138,9 @@ DRIVE_MODELS = Kinds(
         line="shaft power over the efficiency of the nearest measured torque and speed (paper B)",
         key="efficiency_map",
         entry=EfficiencyMap,
+        physics=Part("robot_energy.physics.drive:EfficiencyMaps"),
+        fitted=Part("robot_energy.identify.drives.drives:fitted_map"),
+        way="map",
         in_identity=True,
     ),
     DriveModel(
@@ -145,6 +149,11 @@ DRIVE_MODELS = Kinds(
         line="shaft power plus constant, speed-dependent and copper losses",
         key="losses",
         entry=LossDrive,
+        physics=Part("robot_energy.physics.drive:LossModel"),
+        deviation=Part("robot_energy.uncertainty.deviation:loss_model_deviation"),
+        loss_deviations=Part("robot_energy.uncertainty.deviation:loss_model_deviations"),
+        fitted=Part("robot_energy.identify.drives.drives:fitted_losses"),
+        way="losses",
         in_identity=True,
         constant_loss=lambda entry: entry.constant.value,
         figures=(

@@ -145,13 +145,13 @@ class EfficiencyMaps:
         return power, extrapolated
 
 
-def _ideal(entries: list[object]) -> Ideal:
+def ideal(entries: list[object]) -> Ideal:
+    """Return the drives of joints that lose nothing.
+
+    Args:
+        entries: None: there is no entry.
+    """
     return Ideal()
-
-
-DRIVE_MODELS.complete("ideal", physics=_ideal)
-DRIVE_MODELS.complete("loss_model", physics=LossModel)
-DRIVE_MODELS.complete("efficiency_map", physics=EfficiencyMaps)
 
 
 def drive_from_model(model: RobotModel) -> Drive:

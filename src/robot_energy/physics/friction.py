@@ -159,12 +159,22 @@ def viscous_law(entry: LawEntry) -> ViscousLaw:
     return kind.curve(entry)
 
 
-def _constant(entry: ConstantLaw) -> ViscousLaw:
+def constant_law(entry: ConstantLaw) -> ViscousLaw:
+    """Return one viscous coefficient for all temperatures.
+
+    Args:
+        entry: Of the model file.
+    """
     value, std = entry.viscous.value, _level(entry.viscous.std)
     return ViscousLaw(-np.inf, np.inf, partial(constant_viscous, viscous=value), std)
 
 
-def _exponential(entry: ExponentialLaw) -> ViscousLaw:
+def exponential_law(entry: ExponentialLaw) -> ViscousLaw:
+    """Return ``a + b exp(-T/c)``, as far outside the fitted range as the entry says.
+
+    Args:
+        entry: Of the model file.
+    """
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
     formula = partial(exponential_viscous, a=a, b=b, c=c)
@@ -208,15 +218,15 @@ def _exponential_std(degc: Float, b: float, c: float, covariance: Float) -> Floa
     return _std_along(_slopes(degc, b, c), covariance)
 
 
-def _table(entry: TableLaw) -> ViscousLaw:
+def table_law(entry: TableLaw) -> ViscousLaw:
+    """Return the monotone curve through identified points.
+
+    Args:
+        entry: Of the model file.
+    """
     points, std = entry.motor_temperature_degc, entry.std
     deviation = None if std is None else partial(np.interp, xp=points, fp=std)
     return ViscousLaw(points[0], points[-1], table_curve(points, entry.viscous), deviation)
-
-
-FRICTION_LAWS.complete("constant", curve=_constant)
-FRICTION_LAWS.complete("exponential", curve=_exponential)
-FRICTION_LAWS.complete("table", curve=_table)
 
 
 class FrictionModel:

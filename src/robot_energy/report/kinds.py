@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robot_energy.identify.drives import drives as _drives
-from robot_energy.identify.friction import laws as _laws
 from robot_energy.inputs.meter.kinds import METER_KINDS, OTHER
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.kinds import Kind
@@ -13,8 +11,6 @@ from robot_energy.log_formats import LOG_FORMATS
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.presets import ROBOTS
-
-FITS = (_drives, _laws)  # modules that add the fits to the tables
 
 
 def kinds_listing() -> str:

@@ -222,8 +222,12 @@ def _loss_stds(entries: list[LossDrive]) -> dict[str, Float]:
     }
 
 
-def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
-    """Deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC."""
+def loss_model_deviation(entries: list[LossDrive]) -> DriveDeviation:
+    """Return the deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC.
+
+    Args:
+        entries: One per joint, in model order.
+    """
     return partial(_loss_deviation, **_loss_stds(entries))
 
 
@@ -247,8 +251,12 @@ def _share_of_loss(speed: Float, torque: Float, loss: Float, *, share: float) ->
     return share * np.abs(loss)
 
 
-def _loss_figures(entries: list[LossDrive]) -> LossDeviations:
-    """The four terms of `_loss_model`, each for itself."""
+def loss_model_deviations(entries: list[LossDrive]) -> LossDeviations:
+    """Return the four terms of `loss_model_deviation`, each for itself.
+
+    Args:
+        entries: One per joint, in model order.
+    """
     stds = _loss_stds(entries).values()
 
     def deviations(speed: Float, torque: Float) -> Float:
@@ -256,9 +264,6 @@ def _loss_figures(entries: list[LossDrive]) -> LossDeviations:
         return np.stack([std * one for std, one in zip(stds, of_one, strict=True)])
 
     return deviations
-
-
-DRIVE_MODELS.complete("loss_model", deviation=_loss_model, loss_deviations=_loss_figures)
 
 
 def payload_shares(model: RobotModel) -> Float:

@@ -1,5 +1,8 @@
 """Sums of a bag against the plant that made it."""
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -7,13 +10,30 @@ from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear_records import FEATURES
 from robot_energy.fleet.bag_joints import bag_figures
 from robot_energy.fleet.bag_sums import HourSums
-from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, SIGN, VISCOUS, JointSums, gram_of
+from robot_energy.fleet.joint_sums import (
+    COLUMNS,
+    MEASURED,
+    NODES,
+    NODES_DEGC,
+    SIGN,
+    VISCOUS,
+    JointSums,
+    gram_of,
+)
 from robot_energy.fleet.merged_friction import fit_merged, score
 from robot_energy.fleet.merged_laws import JointBags, without_nuisances
 from robot_energy.identify.stats.systematic import SensorLimits
 from robot_energy.model import load
+from robot_energy.model.figure import Figure
+from robot_energy.model.friction_laws import (
+    FRICTION_LAWS,
+    FrictionLaw,
+    LawEntry,
+    register_friction_law,
+)
 from robot_energy.model.payload import payload
 from robot_energy.motion import Program
+from robot_energy.physics.friction import ViscousLaw
 from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.units import HOUR_NS
 from robot_energy_papers.learning_study import joint_block, pipeline_of, work
@@ -79,6 +99,46 @@ def test_the_law_over_temperature_is_found_on_temperatures_it_has_not_seen():
         assert point.viscous == pytest.approx(true, rel=0.05)
     assert fit.errors["exponential"].rms < 0.5 * fit.errors["constant"].rms
     assert score(joint, fit.law, fit.coulomb).rms < score(joint, None, 0.0).rms
+
+
+class Line(LawEntry):
+    """fv = at_zero + slope T."""
+
+    law: Literal["line"]
+    at_zero: Figure
+    slope: Figure
+
+
+def line_curve(entry):
+    at_zero, slope = entry.at_zero.value, entry.slope.value
+    return ViscousLaw(0.0, 100.0, lambda t: at_zero + slope * t, lambda t: np.full(t.shape, np.nan))
+
+
+def line_fit(merged):
+    fit = merged.fit(np.column_stack([np.ones(NODES), NODES_DEGC]), ("at zero", "slope"))
+    at_zero, slope = (Figure(value=float(one), tag="identified") for one in fit.values[1:])
+    return Line(law="line", at_zero=at_zero, slope=slope), fit
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_law_of_a_user_is_fitted_to_a_fleet(fitted):
+    config = RigConfig.plain().having("lubricant_temperature")
+    joint = bags([run(config, degc=degc)[0] for degc in (30.0, 35.0, 40.0)], 1)
+    kind = FrictionLaw(name="line", label="line", line="a line", entry=Line, curve=line_curve)
+    register_friction_law(replace(kind, merged_fit=line_fit) if fitted else kind)
+    try:
+        fit = fit_merged(joint, EXACT, False, "")
+    finally:
+        FRICTION_LAWS.remove("line")
+    if not fitted:
+        assert "no line law, because it has no fit to the sums of a fleet" in " ".join(fit.warnings)
+        assert "line" not in fit.laws
+        return
+    law, oil = line_curve(fit.laws["line"]), PROFILE.lubricant[1]
+    for degc in (30.0, 40.0):
+        true = PROFILE.viscous_40[1] * oil.friction_factor(degc)
+        assert law.viscous(np.array(degc)) == pytest.approx(true, rel=0.05)
+    assert fit.errors["line"].rms < fit.errors["constant"].rms
 
 
 def test_a_heavier_payload_is_a_mass_and_no_friction():

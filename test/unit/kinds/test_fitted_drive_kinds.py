@@ -1,6 +1,7 @@
 """Identification of drives next to a drive model of a user, with and without a fit of its own."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,11 +78,11 @@ def test_a_user_s_fit_that_fails_leaves_the_comparison_of_the_others(toys):
     def nothing(axis, source):
         raise NotIdentifiableError("no loss")
 
-    DRIVE_MODELS.complete(SQUARE_ROOT, fitted=nothing)
+    DRIVE_MODELS[SQUARE_ROOT] = replace(kind, fitted=nothing)
     try:
         held = RecordingContents(("axle",), True, True, False, drive_power=True)
         fit = fit_drives(drive_data_of_logs([(held, [drive_samples(1)])], "newton_metre"))
     finally:
-        DRIVE_MODELS.complete(SQUARE_ROOT, fitted=kind.fitted)
+        DRIVE_MODELS[SQUARE_ROOT] = kind
     assert fit.chosen in ("loss_model", "efficiency_map")
     assert SQUARE_ROOT not in fit.comparisons[0].scores

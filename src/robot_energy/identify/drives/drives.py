@@ -382,13 +382,21 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
     return model.changed(joints=joints, drive=fit.chosen)
 
 
-def _fitted_losses(axis: AxisFit, source: str) -> object:
+def fitted_losses(axis: AxisFit, source: str) -> object:
+    """Return the entry of the loss model; None where the data do not tell it.
+
+    Args:
+        axis: What was identified of a drive.
+        source: Where the data come from.
+    """
     return None if axis.losses is None else axis.losses.entry(source)
 
 
-def _fitted_map(axis: AxisFit, source: str) -> object:
+def fitted_map(axis: AxisFit, source: str) -> object:
+    """Return the entry of the efficiency map; None where the data do not tell it.
+
+    Args:
+        axis: What was identified of a drive.
+        source: Where the data come from.
+    """
     return None if axis.map is None else axis.map.entry
-
-
-DRIVE_MODELS.complete("loss_model", fitted=_fitted_losses, way="losses")
-DRIVE_MODELS.complete("efficiency_map", fitted=_fitted_map, way="map")

@@ -136,13 +136,31 @@ def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, 
     return fit(data, source)
 
 
-def _fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
+def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
+    """Return one viscous coefficient for all temperatures, and its regression.
+
+    Args:
+        data: Samples in motion.
+        source: Where they come from, for the model file.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell its parameters.
+    """
     fit = regress_friction(data, np.ones((len(data), 1)), ["viscous"])
     value, std = float(fit.values[1]), float(fit.std[1])
     return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit
 
 
-def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
+def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
+    """Return the free curve over temperature, and its regression.
+
+    Args:
+        data: Samples in motion.
+        source: Where they come from, for the model file.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell its parameters.
+    """
     degc, nodes = data.motor_temperature_degc, _nodes(data)
     if len(nodes) < 2:
         raise NotIdentifiableError(
@@ -169,11 +187,19 @@ def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
     return table, fit
 
 
-def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fit]:
-    """Search the temperature scale c; everything else is linear for a given c."""
+def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fit]:
+    """Return the exponential law, whose scale c is searched, and its regression.
+
+    Args:
+        data: Samples in motion.
+        source: Where they come from, for the model file.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell its parameters.
+    """
     degc = data.motor_temperature_degc
     middle = float(degc.mean())
-    root = (_fit_constant if len(_nodes(data)) < 2 else _fit_table)(data, "")[1].weight
+    root = (fit_constant if len(_nodes(data)) < 2 else fit_table)(data, "")[1].weight
     fixed = _columns(data, np.ones((len(data), 1)))
 
     def decay(scale: float) -> Float:
@@ -259,11 +285,6 @@ def _with_coulomb_of(fit: Fit, tangent: Fit) -> Fit:
         own[0] = part[0]
         parts[cause] = own
     return replace(fit, covariance=covariance, parts=parts)
-
-
-FRICTION_LAWS.complete("constant", fit=_fit_constant)
-FRICTION_LAWS.complete("exponential", fit=_fit_exponential)
-FRICTION_LAWS.complete("table", fit=_fit_table)
 
 
 def fitted_laws() -> tuple[str, ...]:
