@@ -27,6 +27,7 @@ import load
 import month
 import network
 import page_day
+import sanitizers
 import service_kills
 import service_load
 import wear
@@ -46,6 +47,7 @@ RUNS: dict[str, LongRun] = {
     "flips": flips,
     "flood": flood,
     "network": network,
+    "sanitizers": sanitizers,
     "page_day": page_day,
     "wear": wear,
 }

@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -26,6 +27,7 @@ from robot_energy.fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy.fleet.joint_sums import JointSums
 from robot_energy.identify.stats.regression import one_thread
+from robot_energy.kinds import load_kinds
 from robot_energy.model import RobotModel
 from robot_energy.process_memory import keep_freed_memory, peak_memory
 from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
@@ -103,6 +105,7 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
     keep_freed_memory()
     bag_hash = None
     try:
+        _load_kinds()
         with contextlib.ExitStack() as stack:
             scratch = stack.enter_context(TemporaryFolder()).path
             path = _here(bag.place, scratch, max_scratch)
@@ -110,6 +113,12 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
             return _replayed(bag, bag_hash, path, model, scratch)
     except Exception as error:  # a bag stops no fleet
         return refused(bag, error, None if isinstance(error, OSError) else bag_hash)
+
+
+@cache
+def _load_kinds() -> None:
+    """Kinds of the user, which a worker has not loaded yet."""
+    load_kinds()
 
 
 def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:

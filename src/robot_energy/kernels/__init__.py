@@ -28,7 +28,8 @@ SWITCH = "ROBOT_ENERGY_KERNELS"
 class Compiled(Protocol):
     """What the compiled module offers; the lock of the interpreter is free meanwhile.
 
-    All raise TypeError or ValueError where an array has another type, shape or order.
+    All raise TypeError or ValueError where an array has another type, shape or order, or stamps
+    fall or lie beyond 2^62 ns, and OverflowError where a whole number has more than 64 bits.
     """
 
     def inverse_dynamics(

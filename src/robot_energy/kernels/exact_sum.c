@@ -39,7 +39,7 @@ CLONES void exact_sum_of_column(const char *energy, int64_t stride, int64_t rows
             total += wholes[lane];
             left += rests[lane];
         }
-        *microjoule += (int64_t)total;
-        *remainder += (int64_t)(left * REMAINDERS);
+        *microjoule = (int64_t)((uint64_t)*microjoule + (uint64_t)(int64_t)total);
+        *remainder = (int64_t)((uint64_t)*remainder + (uint64_t)(int64_t)(left * REMAINDERS));
     }
 }

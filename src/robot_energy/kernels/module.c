@@ -42,6 +42,27 @@ static int dense(const Py_buffer *view, int by_column) {
     return (inner < 2 || near == 8) && (outer < 2 || far == 8 * inner);
 }
 
+/* Whether times can be taken from each other; also whether they rise, where that is asked for. */
+static int sound_times(const Py_buffer *view, Py_ssize_t count, int rising) {
+    const int64_t *time = view->buf;
+    for (Py_ssize_t row = 0; row < count; row++)
+        if (time[row] <= -MOST_TIME || time[row] >= MOST_TIME
+            || (rising && row && time[row] < time[row - 1]))
+            return 0;
+    return 1;
+}
+
+static int sound_time(long long time) { return -MOST_TIME < time && time < MOST_TIME; }
+
+/* Whether an array holds numbers of 1, 2, 4 or 8 bytes: bytes written to objects are pointers. */
+static int holds_numbers(const Py_buffer *view) {
+    const char *format = view->format ? view->format : "B";
+    if (*format && strchr("=<>@!", *format)) format++;
+    return *format && strchr("?bBhHiIlLqQefd", *format) && !format[1]
+           && (view->itemsize == 1 || view->itemsize == 2 || view->itemsize == 4
+               || view->itemsize == 8);
+}
+
 static PyObject *refuse(arrays *held, const char *why) {
     if (why) PyErr_SetString(PyExc_ValueError, why);
     release(held);
@@ -54,9 +75,9 @@ static int read_chain(chain *tree, const Py_buffer *table, const double *gravity
     const double *row = table->buf;
     for (int i = 0; i < tree->joints; i++, row += BODY_COLUMNS) {
         body *b = &tree->bodies[i];
+        if (!(row[0] >= 0 && row[0] <= i)) return 1;
         b->parent = (int)row[0];
         b->prismatic = row[1] != 0.0;
-        if (!(row[0] >= 0 && row[0] <= i)) return 1;
         memcpy(b->turn, row + 2, sizeof b->turn);
         memcpy(b->place, row + 11, sizeof b->place);
         b->mass = row[14];
@@ -138,10 +159,13 @@ static PyObject *slopes_of(PyObject *self, PyObject *args) {
     task.rows = stamp->shape[0];
     task.columns = values->shape[1];
     task.start = start;
-    task.stop = start + out->shape[0];
     if (!dense(stamp, 0) || !dense(values, 1) || !dense(out, 1) || values->shape[0] != task.rows
-        || out->shape[1] != task.columns || start < 0 || task.stop > task.rows)
+        || out->shape[1] != task.columns || start < 0 || start > task.rows - out->shape[0])
         return refuse(&held, "found arrays that do not fit each other or are not by columns");
+    task.stop = start + out->shape[0];
+    if (behind_ns < 0 || ahead_ns < 0 || !sound_time(behind_ns) || !sound_time(ahead_ns)
+        || least_behind < 0 || least_ahead < 0 || !sound_times(stamp, task.rows, 1))
+        return refuse(&held, "found stamps that fall or lie beyond 2^62 ns, or a reach that does");
     double *time = malloc((size_t)(task.rows ? task.rows : 1) * sizeof *time);
     if (!time) {
         release(&held);
@@ -153,8 +177,8 @@ static PyObject *slopes_of(PyObject *self, PyObject *args) {
     task.out = out->buf;
     task.behind_ns = behind_ns;
     task.ahead_ns = ahead_ns;
-    task.least_behind = least_behind;
-    task.least_ahead = least_ahead;
+    task.least_behind = least_behind < task.rows ? least_behind : task.rows;
+    task.least_ahead = least_ahead < task.rows ? least_ahead : task.rows;
     int too_long;
     Py_BEGIN_ALLOW_THREADS
     for (int64_t row = 0; row < task.rows; row++)
@@ -312,6 +336,10 @@ static int take_curve(arrays *held, PyObject *given, pieces *curve) {
             PyErr_SetString(PyExc_ValueError, wrong);
             return 0;
         }
+        if (i < 2 && !sound_times(view, view->shape[0], 0)) {
+            PyErr_SetString(PyExc_ValueError, "found a time beyond 2^62 ns");
+            return 0;
+        }
         found[i] = view->buf;
     }
     curve->start = found[0];
@@ -339,6 +367,8 @@ static PyObject *compare(PyObject *self, PyObject *args) {
     if (!energy || !take_curve(&held, measured_given, &measured)
         || !take_curve(&held, predicted_given, &predicted))
         return refuse(&held, NULL);
+    if (!sound_time(start) || !sound_time(until))
+        return refuse(&held, "found a time beyond 2^62 ns");
     Py_ssize_t room = available->shape[0];
     if (duration->shape[0] != room || energy->shape[0] != room || energy->shape[1] != 2
         || !dense(available, 0) || !dense(duration, 0) || !dense(energy, 1))
@@ -402,16 +432,19 @@ static PyObject *columns_of(PyObject *self, PyObject *args) {
         column->place = PyLong_AsLongLong(PyTuple_GetItem(places, i));
         if (PyErr_Occurred()
             || PyObject_GetBuffer(PyTuple_GetItem(outs, i), view,
-                                  PyBUF_F_CONTIGUOUS | PyBUF_WRITABLE))
+                                  PyBUF_F_CONTIGUOUS | PyBUF_WRITABLE | PyBUF_FORMAT))
             goto end;
         count++;
+        if (!holds_numbers(view)) {
+            PyErr_Format(PyExc_TypeError, "found a column of '%s'; expected numbers", view->format);
+            goto end;
+        }
         column->size = view->itemsize;
         column->count = view->ndim == 2 ? view->shape[1] : 1;
         column->out = view->buf;
-        int whole_size = view->itemsize == 1 || view->itemsize == 2 || view->itemsize == 4
-                         || view->itemsize == 8;
-        if (!whole_size || view->ndim < 1 || view->ndim > 2 || view->shape[0] != rows
-            || column->place < 0 || column->place + column->count * column->size > size) {
+        if (view->ndim < 1 || view->ndim > 2 || view->shape[0] != rows || column->place < 0
+            || column->count > size / column->size
+            || column->place > size - column->count * column->size) {
             PyErr_SetString(PyExc_ValueError, "found a column that does not fit");
             goto end;
         }
@@ -443,10 +476,13 @@ static PyObject *follow(PyObject *self, PyObject *args) {
         if (!(views[i] = take(&held, given[i], kinds[i], 1, i > 2))) return refuse(&held, NULL);
     task.rows = views[0]->shape[0];
     int fits = kept >= 0 && views[3]->shape[0] == 2 && views[7]->shape[0] == 2
-               && views[4]->shape[0] >= kept + task.rows && views[5]->shape[0] >= kept + task.rows;
+               && kept <= views[4]->shape[0] - task.rows && kept <= views[5]->shape[0] - task.rows;
     for (int i = 0; i < 8; i++)
         fits &= dense(views[i], 0) && ((i > 2 && i < 6) || i == 7 || views[i]->shape[0] == task.rows);
     if (!fits) return refuse(&held, "found arrays that do not fit each other");
+    if (recent_ns <= 0 || !sound_time(recent_ns) || (before != NO_STAMP && !sound_time(before))
+        || !sound_times(views[0], task.rows, 1) || !sound_times(views[4], kept, 0))
+        return refuse(&held, "found stamps that fall or lie beyond 2^62 ns, or a time that does");
     task.stamp = views[0]->buf;
     task.power = views[1]->buf;
     task.constant = views[2]->buf;

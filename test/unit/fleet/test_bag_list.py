@@ -8,11 +8,14 @@ import fsspec
 import pytest
 
 from places import ROOT
+from robot_energy import kinds
 from robot_energy.errors import DatasetError
+from robot_energy.fleet import bag_row
 from robot_energy.fleet.bag_list import FleetModels, list_bags
 from robot_energy.fleet.bag_places import find_bags
 from robot_energy.fleet.dataset import Dataset
 from robot_energy.fleet.run import in_turn, run_fleet
+from robot_energy.model import load
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 FILE = BAG / "kr16_all_topics_0.mcap"
@@ -240,6 +243,16 @@ def test_a_name_that_is_no_text_is_named(hall):
     assert "is not UTF-8" in str(first.problem)
     with pytest.raises(DatasetError, match="name of the robot"):
         list_bags(str(hall), FleetModels(), "kr16", {}, robot="\udcff")
+
+
+def test_a_worker_loads_the_kinds_of_the_user(hall, tmp_path, monkeypatch):
+    mine = tmp_path / "mine.py"
+    mine.write_text("from pathlib import Path\nPath(__file__).with_suffix('.loaded').touch()\n")
+    monkeypatch.setenv(kinds.VARIABLE, str(mine))
+    bag_row._load_kinds.cache_clear()
+    (bag,) = list_bags(str(hall / "r2" / "a.mcap"), FleetModels(), "kr16", {})
+    bag_row.replay_bag(bag, load("kr16"), 0)
+    assert mine.with_suffix(".loaded").exists()
 
 
 def test_bags_are_found_on_other_file_systems():

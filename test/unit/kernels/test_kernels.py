@@ -426,6 +426,13 @@ def test_a_length_beyond_all_numbers_ends_the_walk():
 
 # Arrays that do not fit
 
+END = 2**63 - 1
+SLOPES = (np.arange(3), np.zeros((3, 1)), np.zeros((3, 1)))
+CURVE = (np.zeros(1, int), np.ones(1, int), np.zeros(1), np.zeros(1))
+ROOM = (np.zeros(1, int), np.zeros(1, int), np.zeros((2, 1)).T)
+LATE = (np.arange(3), np.zeros(3), np.zeros(3))
+KEPT = (np.zeros(2), *(np.zeros(size, int) for size in (3, 3, 3, 2)))
+
 
 @pytest.mark.parametrize(
     ("name", "arguments", "error"),
@@ -467,6 +474,31 @@ def test_a_length_beyond_all_numbers_ends_the_walk():
                      (np.zeros(1),)), ValueError),
         ("columns", (bytes(9), np.array([0]), bytes(9), np.zeros(0, int), np.zeros(0, int), (0,),
                      (np.zeros(2),)), ValueError),
+        ("columns", (bytes(9), np.array([0]), bytes(9), *[np.zeros(0, int)] * 2, (0,),
+                     (np.array([None]),)), TypeError),
+        ("columns", (bytes(9), np.array([0]), bytes(9), *[np.zeros(0, int)] * 2, (0,),
+                     (np.array(["12"], "S8"),)), TypeError),
+        ("columns", (bytes(9), np.array([0]), bytes(9), *[np.zeros(0, int)] * 2, (END - 4,),
+                     (np.zeros(1),)), ValueError),
+        ("columns", (bytes(9), np.array([0]), bytes(9), *[np.zeros(0, int)] * 2, (END + 1,),
+                     (np.zeros(1),)), OverflowError),
+        ("slopes", (*SLOPES, END, *[0] * 4, 1.0), ValueError),
+        ("slopes", (*SLOPES, END + 1, *[0] * 4, 1.0), OverflowError),
+        ("slopes", (*SLOPES, 0, END, 0, 0, 0, 1.0), ValueError),
+        ("slopes", (*SLOPES, 0, 0, -1, 0, 0, 1.0), ValueError),
+        ("slopes", (*SLOPES, 0, 0, 0, -END, 0, 1.0), ValueError),
+        ("slopes", (np.array([-END, 0, END]), *SLOPES[1:], 0, 1, 1, 1, 1, 1.0), ValueError),
+        ("slopes", (np.array([2, 1, 3]), *SLOPES[1:], 0, 1, 1, 1, 1, 1.0), ValueError),
+        ("compare", (CURVE, CURVE, -END, 1, *ROOM), ValueError),
+        ("compare", (CURVE, CURVE, 0, END, *ROOM), ValueError),
+        ("compare", (CURVE, CURVE, 0, END + 1, *ROOM), OverflowError),
+        ("compare", ((np.array([-END]), *CURVE[1:]), CURVE, 0, 1, *ROOM), ValueError),
+        ("follow", (*LATE, 0, 1, END, *KEPT), ValueError),
+        ("follow", (*LATE, 0, -1, 0, *KEPT), ValueError),
+        ("follow", (*LATE, END, 1, 0, *KEPT), ValueError),
+        ("follow", (np.array([-END, 0, END]), *LATE[1:], 0, 1, 0, *KEPT), ValueError),
+        ("inverse_dynamics", (np.full((1, 27), np.nan), np.zeros(3), *[np.zeros((2, 1))] * 4),
+         ValueError),
         ("inverse_dynamics", (np.ones((1, 27)), np.zeros(3), *[np.zeros((2, 1))] * 4), ValueError),
         ("inverse_dynamics", (np.zeros((65, 27)), np.zeros(3), *[np.zeros((2, 65))] * 4),
          ValueError),
@@ -483,6 +515,13 @@ def test_an_array_that_may_not_be_written_to_is_refused():
     locked.flags.writeable = False
     with pytest.raises((ValueError, BufferError)):
         kernels.compiled.add_exactly(np.zeros((2, 1)), locked, np.zeros(1, int))
+
+
+def test_samples_that_a_window_has_at_least_may_be_more_than_there_are():
+    stamp, values = np.arange(5) * 10**6, np.asfortranarray(np.arange(5.0)[:, None])
+    out = np.zeros((5, 1), order="F")
+    assert kernels.compiled.slopes(stamp, values, out, 0, 0, 0, END, END, 1e-3)
+    assert out == pytest.approx(1000.0)
 
 
 # The whole
