@@ -51,13 +51,14 @@ def run(folder: str, quick: bool) -> list[Figure]:
     if built.returncode or not Path(asan).is_file():
         return [Figure(what, f"skipped: {compiler} has no sanitizers, see {folder}/build.txt")]
     (Path(folder) / "sanitized.py").write_text(PLUGIN % library)
-    words = ["pytest", "-p", "sanitized", "-c", "test/pytest.ini", "test/unit/kernels", "-q"]
+    words = ["pytest", "-p", "sanitized", "-c", "test/pytest.ini", "test/unit/kernels", "-q", "-s"]
     done = subprocess.run(
         [sys.executable, "-m", *words, *(["-k", "refused or slopes"] if quick else [])],
         cwd=ROOT,
         env={
             **os.environ,
-            "LD_PRELOAD": asan,
+            # with the C++ library, whose exceptions it looks for when it is loaded
+            "LD_PRELOAD": f"{asan} {_said(compiler, '-print-file-name=libstdc++.so.6')}",
             "ASAN_OPTIONS": "detect_leaks=0",  # the interpreter keeps memory to its end
             "PYTHONPATH": os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")]),
         },

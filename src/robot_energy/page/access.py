@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import os
+import shlex
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +30,7 @@ class PageAccess:
         token: What readers of another address, and writers of any, must state; empty for none.
         allow_control: Whether buttons and their routes exist.
         hosts: Names in the Host header that are served, without the port.
+        open_file: File with the token where other users of this computer can read it; else empty.
     """
 
     address: str
@@ -34,6 +38,7 @@ class PageAccess:
     token: str
     allow_control: bool
     hosts: frozenset[str]
+    open_file: str = ""
 
     @property
     def loopback(self) -> bool:
@@ -53,6 +58,11 @@ class PageAccess:
             lines.append(
                 f"whoever reaches {self.address} and has the token can read {READABLE}; the token "
                 "and all figures travel unencrypted: use a network you trust, or a proxy with TLS"
+            )
+        if self.open_file:
+            lines.append(
+                f"every user of this computer can read the token in '{self.open_file}'; mend it "
+                f"with: chmod 600 {shlex.quote(self.open_file)}"
             )
         if self.allow_control:
             lines.append(
@@ -137,7 +147,8 @@ def page_access(
         names |= {LOOPBACK, "[::1]", *_own_names()}
     else:
         names |= {f"[{found.compressed}]" if found.version == 6 else found.compressed}
-    return PageAccess(str(found), port, token, allow_control, frozenset(names))
+    shown = token_file if token and os.stat(token_file).st_mode & stat.S_IROTH else ""
+    return PageAccess(str(found), port, token, allow_control, frozenset(names), shown)
 
 
 def _token(path: str) -> str:

@@ -1,6 +1,7 @@
 """Who may read the page and act on it, and what clients cannot do to it."""
 
 import json
+import os
 import threading
 import time
 from concurrent.futures import Future
@@ -179,6 +180,13 @@ def test_the_start_says_what_becomes_readable(token_file):
     assert "temperatures" in said
     assert "unencrypted" in said
     assert TOKEN not in said
+
+
+def test_a_token_that_every_user_can_read_is_said(token_file):
+    for mode, said in ((0o644, True), (0o640, False), (0o600, False)):
+        os.chmod(token_file, mode)
+        lines = page_access(token_file=token_file).sentences("http://x/")
+        assert any("every user" in line and "chmod 600" in line for line in lines) is said
 
 
 def test_a_port_in_use_is_refused_in_one_sentence(serve):
