@@ -34,6 +34,8 @@ PER_JOULE, PER_SECOND = 1e-6, 1e-9
 PACKED = "rows-"  # begin of the names of files with many rows
 LOCK = ".lock"
 CONTENT = "content"  # column by which copies of a bag are found
+MOST = 2**62  # of a whole number, so that some of them can be added
+NEEDED = frozenset({"name", "key", "robot", "bag", "reason", "joint", "hour_ns"})
 UNKNOWN_DATE = "unknown"  # of a bag that could not be read
 UNREADABLE = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
 
@@ -127,8 +129,16 @@ class Dataset:
             ) from error
 
     def files(self) -> list[Path]:
-        """Return all files, in order of their names."""
-        return sorted(self.folder.glob("robot=*/date=*/*.parquet"))
+        """Return all files, in order of their names.
+
+        Raises:
+            DatasetError: If one of them is a pipe or something else that has no end.
+        """
+        found = sorted(self.folder.glob("robot=*/date=*/*.parquet"))
+        for path in found:
+            if not path.is_file():
+                raise DatasetError(f"{path} is no file", "rows of bags", "move it away")
+        return found
 
     def has(self, name: str) -> bool:
         """Return whether a bag is there unchanged; older rows of it are removed.
@@ -334,7 +344,25 @@ def _read(rows: pl.LazyFrame) -> pl.DataFrame:
     found = rows.collect()
     if "key" in found.columns and found["key"].null_count():
         raise pl.exceptions.SchemaError("no table of bags")
+    if wrong := _why_wrong(found):
+        raise pl.exceptions.SchemaError(wrong)
     return found
+
+
+def _why_wrong(rows: pl.DataFrame) -> str:
+    """What no run writes: a row without its names, or a number that is none; empty for nothing."""
+    for column in rows.iter_columns():
+        if column.name in NEEDED and column.null_count():
+            return f"a row without '{column.name}'"
+        if column.dtype.is_float() and not column.drop_nulls().is_finite().all():
+            return f"'{column.name}' is no finite number"
+        if column.dtype.is_integer() and not column.drop_nulls().is_between(-MOST, MOST).all():
+            return f"'{column.name}' is beyond 2^62"
+        if column.name in TABLES:
+            own = column.explode().drop_nulls()
+            if len(own) and (wrong := _why_wrong(own.struct.unnest())):
+                return f"in '{column.name}', {wrong}"
+    return ""
 
 
 def read_tables(folder: str | Path) -> FleetTables:
@@ -353,7 +381,7 @@ def read_tables(folder: str | Path) -> FleetTables:
     wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
     tables = [name for name in SCHEMAS if name in TABLES]
     rows = scan(folder).select([name for name in RUNS if name in wanted] + tables)
-    rows = collected(rows, folder)
+    rows = collected(rows, folder).with_columns(pl.col("model_id").fill_null(""))
 
     def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
         more = [(pl.col(f"{f}_microjoule") * PER_JOULE).alias(t) for t, f in energy.items()

@@ -2,6 +2,7 @@
 
 import fcntl
 import io
+import os
 import subprocess
 import sys
 from itertools import permutations
@@ -225,6 +226,35 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, damage):
     bad.unlink()
     assert Dataset(tmp_path / "d").has("a-1-x")
     assert whole.exists()
+
+
+HOUR = {name: 1 for name in TABLES["hours"]}
+FOREIGN = {
+    "'robot'": {"robot": None},
+    "'motor_temperature_degc' is no finite": {"motor_temperature_degc": float("nan")},
+    "'start_ns' is beyond": {"start_ns": 2**63 - 1},
+    "in 'hours', a row without 'hour_ns'": {"hours": [HOUR | {"hour_ns": None}]},
+    "in 'hours', 'grid_energy' is no finite": {"hours": [HOUR | {"grid_energy": float("nan")}]},
+    "in 'hours', 'hour_ns' is beyond": {"hours": [HOUR | {"hour_ns": -(2**63)}]},
+}
+
+
+@pytest.mark.parametrize("why", FOREIGN)
+def test_a_row_that_no_run_writes_is_named_with_its_file(tmp_path, why):
+    dataset = Dataset(tmp_path / "d")
+    put(dataset, "a-1-x")
+    row = {"name": "b-1-x", "key": "b", "robot": "r1", "bag": "b", "reason": "", **FOREIGN[why]}
+    file = tmp_path / "d" / "robot=r1" / f"date={DAY}" / "foreign.parquet"
+    file.write_bytes(row_bytes(row))
+    with pytest.raises(DatasetError, match=f"foreign.parquet cannot be read .*{why}"):
+        read_tables(tmp_path / "d")
+
+
+def test_a_pipe_in_a_dataset_is_named(tmp_path):
+    put(Dataset(tmp_path / "d"), "a-1-x")
+    os.mkfifo(tmp_path / "d" / "robot=r1" / f"date={DAY}" / "pipe.parquet")
+    with pytest.raises(DatasetError, match=r"pipe\.parquet is no file"):
+        read_tables(tmp_path / "d")
 
 
 def test_a_file_that_may_not_be_read_is_not_to_be_moved(tmp_path, monkeypatch):
