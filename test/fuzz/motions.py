@@ -8,13 +8,15 @@ from target import JOINTS, done, in_file
 
 import robots
 from robot_energy.cdr import typestore
-from robot_energy.motion.gcode import load_gcode
+from robot_energy.motion.gcode import load_gcode, read_gcode
 from robot_energy.motion.joint_trajectory import read_points
 from robot_energy.motion.ptp_file import program_for, read_program
+from robot_energy.motion.slicing import Slicing, slice_stl
 from robot_energy.motion.tool_timing import TimedPath
 from robot_energy.motion.trajectory_io import MESSAGE as JOINT_TRAJECTORY
 from robot_energy.motion.trajectory_io import decode_trajectory, read_csv_trajectory
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_papers.boat import stl
 from robot_energy_papers.wall import Wall
 
 
@@ -44,6 +46,32 @@ def gcode_seeds() -> list[bytes]:
         "G91\nG1 X-5 Y1\nG20\nG1 Y.1 F50\nG90 G21\nG0 X5 F600 ; back\nM117 Hello (\nM2\n"
     )
     return [Wall(layers=2).gcode().encode(), rich.encode()]
+
+
+def shape(data: bytes) -> bool:
+    """A shape is refused, or becomes a program that is read."""
+    path = in_file("shape.stl", data)
+
+    def read() -> None:
+        for slicing in (Slicing(layer_height=0.05), Slicing(layer_height=0.03, bead_width=0.01)):
+            sliced = slice_stl(path, slicing)
+            assert read_gcode(sliced.gcode).path.printed_length > 0.0
+
+    return done(read)
+
+
+def shape_seeds() -> list[bytes]:
+    """Two pyramids that overlap; one as text, twice."""
+    corners = np.array([(0, 0, 0), (0, 200, 0), (300, 200, 0), (300, 0, 0), (0, 0, 90)])
+    sides = corners[[(0, 1, 2), (0, 2, 3), (0, 3, 4), (3, 2, 4), (2, 1, 4), (1, 0, 4)]]
+    facets = "".join(
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*corner) for corner in side.tolist())
+        + "endloop\nendfacet\n"
+        for side in sides
+    )
+    both = np.concatenate([sides, sides + [150, 0, 0]])
+    return [stl(both), f"solid it\n{facets * 2}endsolid it\n".encode()]
 
 
 def moves_file(data: bytes) -> bool:

@@ -40,6 +40,7 @@ TARGETS = {
     "services": Target(services.services, services.service_seeds),
     "state_file": Target(models.state_file, models.state_seeds),
     "gcode": Target(motions.gcode, motions.gcode_seeds),
+    "shape": Target(motions.shape, motions.shape_seeds),
     "moves_file": Target(motions.moves_file, motions.moves_seeds),
     "trajectory": Target(motions.trajectory, motions.trajectory_seeds),
     "addresses": Target(bag_lists.addresses, bag_lists.address_seeds),

@@ -62,7 +62,8 @@ def test_the_wall_of_paper_b_costs_what_its_program_costs(tmp_path):
 
 def test_a_ring_has_two_outlines_and_a_bead_stays_inside(tmp_path):
     """Radii 200 and 100 mm: a bead of 20 mm runs at 190 and 110 mm, and their sum stays."""
-    ring = write_stl(tmp_path / "ring.stl", prism([circle(200.0), circle(100.0)], 30.0))
+    walls = [circle(200.0), circle(100.0)[::-1]]  # the inner one faces inward
+    ring = write_stl(tmp_path / "ring.stl", prism(walls, 30.0))
     around = 3 * 2 * math.pi * 0.3
     plain = printed(slice_stl(ring))
     assert plain.printed_length == pytest.approx(around, rel=1e-3)
@@ -94,6 +95,74 @@ def test_units_and_open_shapes_are_named(tmp_path):
         [prism([square], 20.0), prism([circle(300.0)], 20.0)[:-2]]
     ))  # fmt: skip
     assert any("2 open cuts" in note for note in slice_stl(gap).notes)
+
+
+def box(low, high):
+    """A closed body between two corners, normals outward. [mm]"""
+    (x, y, z), (u, v, w) = low, high
+    bottom = [(x, y, z), (x, v, z), (u, v, z), (u, y, z)]
+    top = [(x, y, w), (u, y, w), (u, v, w), (x, v, w)]
+    lids = [(a, b, c) for a, b, c, d in (bottom, top)] + [(a, c, d) for a, b, c, d in (bottom, top)]
+    walls = prism([[(x, y), (u, y), (u, v), (x, v)]], w - z) + [0.0, 0.0, z]
+    return np.concatenate([np.asarray(lids), walls])
+
+
+TALL, LOW = box((0, 0, 0), (300, 200, 100)), box((300, 0, 0), (700, 200, 50))
+
+
+@pytest.mark.parametrize(
+    ("bodies", "around"),
+    [
+        ([TALL, LOW], [2 * (700 + 200), 2 * (300 + 200)]),  # they touch along a wall
+        ([TALL, box((300, 100, 0), (700, 300, 50))], [2 * (700 + 300), 2 * (300 + 200)]),
+        ([TALL, box((200, 0, 0), (700, 200, 50))], [2 * (700 + 200), 2 * (300 + 200)]),  # overlap
+        ([TALL, TALL], [2 * (300 + 200)] * 2),  # one stands twice
+        ([TALL, box((100, 50, 0), (200, 150, 100))], [2 * (300 + 200)] * 2),  # one inside
+        ([TALL, box((100, 50, 0), (200, 150, 100))[:, ::-1]], [2 * (300 + 200) + 400] * 2),  # a hole
+        ([TALL[:, ::-1]], [2 * (300 + 200)] * 2),  # all normals point inward
+        ([TALL, box((300.0001, 0, 0), (700, 200, 50))], [2 * (700 + 200), 2 * (300 + 200)]),
+        ([TALL, box((900, 0, 0), (950, 50, 50))], [2 * (300 + 200) + 200, 2 * (300 + 200)]),  # apart
+    ],
+)  # fmt: skip
+def test_bodies_that_touch_or_overlap_are_one_outline_in_each_layer(tmp_path, bodies, around):
+    shape = slice_stl(
+        write_stl(tmp_path / "bodies.stl", np.concatenate(bodies)), Slicing(layer_height=0.05)
+    )
+    moves = [move for move in printed(shape).segments if move.extruding]
+    for layer, way in enumerate(around, 1):
+        height = pytest.approx(0.05 * layer)
+        here = math.fsum(move.length for move in moves if move.end[2] == height)
+        assert here == pytest.approx(1e-3 * way, abs=1e-5)
+    assert not any("open" in note or "agree" in note for note in shape.notes)
+
+
+def test_a_layer_that_is_cut_along_a_lid_belongs_to_what_stands_above(tmp_path):
+    """The middle of the only layer is the top of the low body."""
+    shape = write_stl(tmp_path / "bodies.stl", np.concatenate([TALL, LOW]))
+    assert printed(slice_stl(shape, Slicing(layer_height=0.1))).printed_length == pytest.approx(1.0)
+
+
+def test_triangles_that_face_both_ways_are_said_and_holes_kept(tmp_path):
+    mixed = np.concatenate([TALL, box((100, 50, 0), (200, 150, 100))])
+    mixed[::3] = mixed[::3, ::-1]
+    shape = slice_stl(write_stl(tmp_path / "mixed.stl", mixed), Slicing(layer_height=0.05))
+    assert printed(shape).printed_length == pytest.approx(2 * 1.4)
+    assert any("in 2 layers the normals" in note for note in shape.notes)
+
+
+def test_layers_without_outline_are_said(tmp_path):
+    apart = np.concatenate([box((0, 0, 0), (50, 50, 20)), box((0, 0, 40), (50, 50, 60))])
+    shape = slice_stl(write_stl(tmp_path / "apart.stl", apart), Slicing(layer_height=0.02))
+    assert any("1 of 3 layers have no outline" in note for note in shape.notes)
+
+
+def test_why_nothing_can_be_printed_is_said(tmp_path):
+    walls = write_stl(tmp_path / "walls.stl", TALL[4:-2])
+    with pytest.raises(MotionError, match="2 open cuts.*closed surface"):
+        slice_stl(walls, Slicing(layer_height=0.05))
+    thin = write_stl(tmp_path / "thin.stl", box((0, 0, 0), (300, 2, 100)))
+    with pytest.raises(MotionError, match="wider than a bead of 20 mm"):
+        slice_stl(thin, Slicing(bead_width=0.02))
 
 
 @pytest.mark.parametrize(
