@@ -45,7 +45,23 @@ def gcode_seeds() -> list[bytes]:
         "G1 X20 E1 F3000\nG2 X30 Y10 I0 J10\nG3 X20 Y20 R10\nG3 X20 Y20 I5 J0 Z2\nG4 P200\n"
         "G91\nG1 X-5 Y1\nG20\nG1 Y.1 F50\nG90 G21\nG0 X5 F600 ; back\nM117 Hello (\nM2\n"
     )
-    return [Wall(layers=2).gcode().encode(), rich.encode()]
+    printer = (
+        "\ufeff;FLAVOR:Marlin\nM203 X500 Z10\nM84 X Y E\nG28 X Y\nM220 S50\nG0 X0 Y0 Z0 F3000\n"
+        "G1 X9 E2\nG1 E-1 F900\nM220 B\nM220 R\nG0 X0\nG29.1 Z0\nTx\nM1002 g_x : 2\nG4 S1\n"
+    )
+    klipper = (
+        "PRINT_START BED=60\nG0 X0 Y0 Z0\nSET_VELOCITY_LIMIT VELOCITY=40 ACCEL=9\nG1 X9 F600\n"
+        "EXCLUDE_OBJECT_START NAME=a\nG4 P9\nG1 X5\nPRINT_END\n"
+    )
+    milling = (
+        "$H\nG54 G17 G90.1\nG0 X0 Y0 Z0\nG2 X10 Y10 I10 J0 F600\nG18 G91.1\nG3 X15 Z5 I5 K0 P3\n"
+        "G19\nG2 Y20 Z9 R20\nX5 M8\nG53 G0 Z0\nM30\n"
+    )
+    return [
+        Wall(layers=2).gcode().encode(),
+        *(text.encode() for text in (rich, printer, klipper)),
+        milling.replace("$H\n", "").encode("utf-16"),
+    ]
 
 
 def shape(data: bytes) -> bool:
@@ -70,7 +86,7 @@ def shape_seeds() -> list[bytes]:
         + "endloop\nendfacet\n"
         for side in sides
     )
-    both = np.concatenate([sides, sides + [150, 0, 0]])
+    both = np.concatenate([sides, np.add(sides, [150, 0, 0])])
     return [stl(both), f"solid it\n{facets * 2}endsolid it\n".encode()]
 
 

@@ -124,9 +124,9 @@ MODULES = {
         reference schema
     """,
     "robot_energy.motion": """
-        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion planar
-        planned point_columns ptp ptp_file ptp_loop sequence slicing tool_corners tool_motion
-        tool_path tool_timing trajectory_io
+        fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
+        joint_trajectory load_motion planar planned point_columns ptp ptp_file ptp_loop sequence
+        slicing tool_corners tool_motion tool_path tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures

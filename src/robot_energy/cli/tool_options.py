@@ -23,7 +23,11 @@ TOOL: Options = {
     "--corner-tolerance MM": "greatest distance from a corner, default 3 mm; 0 stops in every "
     "corner",
     "--smoothing S": "of the tool's motion, default 0.02 s",
-    "--rapid M_PER_S": "speed of G0 without F, default 0.25 m/s",
+    "--rapid M_PER_S": "speed of G0 where no F counts for it, default 0.25 m/s",
+    "--flavor": (
+        "whose G-code the program is (default: found from it)",
+        {"choices": ("marlin", "reprapfirmware", "klipper", "grbl", "linuxcnc")},
+    ),
 }
 
 
@@ -90,5 +94,6 @@ def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOp
         placement=placement,
         start=None if start is None else joint_list(start, START, ()),
         limits=ToolLimits(**given),
+        flavor=args.flavor,
     )
     return options if args.rapid is None else replace(options, rapid_speed=args.rapid)

@@ -39,7 +39,8 @@ class ToolOptions:
         start: Joint positions near the first one; None: the middle of the ranges, bent.
             Shape (n,). [rad] or [m]
         limits: Limits of the tool's motion.
-        rapid_speed: Speed of G0 without feed. [m/s]
+        rapid_speed: Speed of G0 where no F counts for it. [m/s]
+        flavor: Whose G-code it is; None: found from the program.
         step: Between solutions of the inverse kinematics. [s]
         slicing: How a shape becomes a program.
     """
@@ -49,6 +50,7 @@ class ToolOptions:
     start: Float | None = None
     limits: ToolLimits = field(default_factory=ToolLimits)
     rapid_speed: float = RAPID_SPEED
+    flavor: str | None = None
     step: float = STEP
     slicing: Slicing = field(default_factory=Slicing)
 
@@ -119,11 +121,20 @@ def load_motion(
 
 def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotion:
     if file.suffix.lower() != STL:
-        return tool_program(load_gcode(file, options.rapid_speed), robot, options)
+        program = load_gcode(file, options.rapid_speed, options.flavor)
+        made = tool_program(program, robot, options)
+        return replace(made, notes=(_flavor_note(program, options), *made.notes))
     shape = slice_stl(file, options.slicing)
     program = read_gcode(shape.gcode, str(file), options.rapid_speed)
     made = tool_program(program, robot, options)
     return replace(made, notes=(*shape.notes, *made.notes))
+
+
+def _flavor_note(program: GcodeProgram, options: ToolOptions) -> str:
+    flavor, reason, certain = program.flavor
+    rapid = "the last F" if flavor.rapid_at_feed else f"{options.rapid_speed:g} m/s (--rapid)"
+    other = "" if certain else "; --flavor names another"
+    return f"the program was read as {flavor.title} ({reason}): G0 moves at {rapid}{other}"
 
 
 def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> LoadedMotion:
@@ -163,8 +174,13 @@ def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> L
             f"the start has {start.size} joint positions", f"{robot.n_joints}, one per joint"
         )
     limits = options.limits
+    stated = (
+        "the accelerations of the program are those of its machine"
+        if program.accelerations
+        else "the program states no accelerations"
+    )
     notes.append(
-        f"the program states no accelerations: {limits.acceleration:g} m/s^2 at the tool and "
+        f"{stated}: {limits.acceleration:g} m/s^2 at the tool and "
         f"corners within {limits.corner_tolerance * 1e3:g} mm are assumed"
     )
     if timed.stops:

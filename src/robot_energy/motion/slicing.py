@@ -259,6 +259,7 @@ class _Writer:
         self._lines = [
             f"; {name}: layers of {height:g} mm, {speed:g} mm/s; infill: none",
             "; made by robot-energy",
+            ";FLAVOR:LinuxCNC",  # G0 moves at the rapid speed
             *("G21 ; mm", "G90 ; absolute", "M83 ; E counts from line to line"),
         ]
         self._feed = f"F{options.speed * FEED_FACTOR:.10g}"

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, Segment, ToolPath
+from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, Point, Segment, ToolPath
 
 TANGENT = 1e-6  # rad: a smaller corner is rounding
 NEARLY_TANGENT = 0.02  # rad: up to here an unrounded corner is passed, slowly enough
@@ -152,21 +152,21 @@ class _Maker:
         length, radius = arc.length, arc.radius
         sign = math.copysign(1.0, arc.angle)
         rate = abs(arc.angle) / length
-        rise = (arc.end[2] - arc.start[2]) / length
+        rise = arc.rise / length
         limit = math.sqrt(NORMAL_SHARE * self._acceleration / (radius * rate * rate))
-        begin = math.atan2(arc.start[1] - arc.centre[1], arc.start[0] - arc.centre[0])
+        begin = _place(arc, arc.start)
         for part in range(parts):
             angle = begin + arc.angle * part / parts
             cosine, sine = math.cos(angle), math.sin(angle)
-            height = arc.start[2] + (arc.end[2] - arc.start[2]) * part / parts
+            height = arc.start[arc.plane[2]] + arc.rise * part / parts
             self._add(
                 length=length / parts,
-                origin=(*arc.centre, height),
+                origin=_in_frame(arc, *arc.centre, height),
                 radius=radius,
                 rate=rate,
-                first=(cosine, sine, 0.0),
-                second=(-sign * sine, sign * cosine, 0.0),
-                drift=(0.0, 0.0, rise),
+                first=_in_frame(arc, cosine, sine, 0.0),
+                second=_in_frame(arc, -sign * sine, sign * cosine, 0.0),
+                drift=_in_frame(arc, 0.0, 0.0, rise),
                 commanded=arc.speed,
                 speed=min(arc.speed, limit),
                 acceleration=ALONG_SHARE * self._acceleration,
@@ -221,11 +221,24 @@ def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
     if isinstance(segment, LineSegment):
         way = _mixed(segment.end, 1.0, segment.start, -1.0)
         return _mixed(way, 1.0 / segment.length, ZERO, 0.0)
-    point = segment.end if at_end else segment.start
-    angle = math.atan2(point[1] - segment.centre[1], point[0] - segment.centre[0])
-    rise = (segment.end[2] - segment.start[2]) / segment.length
+    angle = _place(segment, segment.end if at_end else segment.start)
+    rise = segment.rise / segment.length
     flat = math.copysign(math.sqrt(max(1.0 - rise * rise, 0.0)), segment.angle)
-    return -flat * math.sin(angle), flat * math.cos(angle), rise
+    return _in_frame(segment, -flat * math.sin(angle), flat * math.cos(angle), rise)
+
+
+def _place(arc: Arc, point: Point) -> float:
+    """Angle of a point on an arc. [rad]"""
+    first, second = arc.flat(point)
+    return math.atan2(second - arc.centre[1], first - arc.centre[0])
+
+
+def _in_frame(arc: Arc, first: float, second: float, along: float) -> Vector:
+    """Coordinates in the plane of an arc and along its axis, as x, y, z."""
+    result = [0.0, 0.0, 0.0]
+    for axis, value in zip(arc.plane, (first, second, along), strict=True):
+        result[axis] = value
+    return result[0], result[1], result[2]
 
 
 def _angle(one: Vector, two: Vector) -> float:

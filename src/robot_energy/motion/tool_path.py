@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from robot_energy.errors import MotionError
 
 Point = tuple[float, float, float]  # x, y, z [m]
+Plane = tuple[int, int, int]
+HORIZONTAL: Plane = (0, 1, 2)
 
 CLOSED = 1e-9  # m: ends that are nearer than this are the same point
 
@@ -45,16 +47,18 @@ class LineSegment:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """A circular move about a vertical axis; a helix where it rises.
+    """A circular move about an axis of the frame; a helix where it also moves along it.
 
     Attributes:
         start: Where it begins. [m]
         end: Where it ends. [m]
-        centre: x and y of the axis. [m]
-        angle: Swept angle, positive anticlockwise seen from above. [rad]
+        centre: Coordinates of the axis, x and y where it is vertical. [m]
+        angle: Swept angle, positive from the first axis of the plane to the second: anticlockwise
+            seen from above where it is horizontal. [rad]
         speed: Commanded path speed, > 0. [m/s]
         source_line: Line of the program, from 1; 0 where there is none.
         extruding: Whether material flows.
+        plane: Indices of the two axes of its plane and of the axis across.
     """
 
     start: Point
@@ -64,16 +68,26 @@ class Arc:
     speed: float
     source_line: int = 0
     extruding: bool = False
+    plane: Plane = HORIZONTAL
+
+    def flat(self, point: Point) -> tuple[float, float]:
+        """Return the coordinates of a point in the plane. [m]"""
+        return point[self.plane[0]], point[self.plane[1]]
 
     @property
     def radius(self) -> float:
         """Distance from the axis. [m]"""
-        return math.dist(self.start[:2], self.centre)
+        return math.dist(self.flat(self.start), self.centre)
+
+    @property
+    def rise(self) -> float:
+        """Way along the axis. [m]"""
+        return self.end[self.plane[2]] - self.start[self.plane[2]]
 
     @property
     def length(self) -> float:
         """Length of the way. [m]"""
-        return math.hypot(self.radius * self.angle, self.end[2] - self.start[2])
+        return math.hypot(self.radius * self.angle, self.rise)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,7 @@ import numpy as np
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.files.output_files import GENERATOR, FileKind, write_file
-from robot_energy.files.regular_file import read_regular
-from robot_energy.motion.gcode import MAX_BYTES, read_gcode
+from robot_energy.motion.gcode import gcode_text, read_gcode
 from robot_energy.motion.gcode_words import with_feed
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.load_motion import ToolOptions, tool_program
@@ -46,7 +45,10 @@ class _FeedMoves(Moves):
         """The motion of the joints at a share of the greatest factor."""
         speed = round(speed, 6)
         if speed not in self._made:
-            program = read_gcode(self.written(speed), self._name, self._options.rapid_speed)
+            options = self._options
+            program = read_gcode(
+                self.written(speed), self._name, options.rapid_speed, options.flavor
+            )
             planned = tool_program(program, self._robot, self._options).motion
             if planned.duration > MAX_TIME:
                 raise MotionError(
@@ -98,14 +100,15 @@ class GcodeForm(WrittenTrajectory):
             raise MotionError(
                 f"the greatest factor on the feeds is {max_feed:g}", f"1 to {MAX_FACTOR:g}"
             )
-        text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
+        text = gcode_text(path)
         self._feeds = _FeedMoves(text, str(path), robot, options, max_feed)
         made = self._feeds.motion(1 / max_feed)
         if max_feed > 1.0:
             self._feeds.motion(1.0)  # that a robot cannot make is said before the search
         at = made.sample(made.instants)
         acceleration: Float = np.abs(at.joint_acceleration).max(axis=0)
-        loaded = tool_program(read_gcode(text, str(path), options.rapid_speed), robot, options)
+        program = read_gcode(text, str(path), options.rapid_speed, options.flavor)
+        loaded = tool_program(program, robot, options)
         super().__init__(
             robot=robot,
             moves=self._feeds,

@@ -102,28 +102,29 @@ def box(low, high):
     (x, y, z), (u, v, w) = low, high
     bottom = [(x, y, z), (x, v, z), (u, v, z), (u, y, z)]
     top = [(x, y, w), (u, y, w), (u, v, w), (x, v, w)]
-    lids = [(a, b, c) for a, b, c, d in (bottom, top)] + [(a, c, d) for a, b, c, d in (bottom, top)]
-    walls = prism([[(x, y), (u, y), (u, v), (x, v)]], w - z) + [0.0, 0.0, z]
-    return np.concatenate([np.asarray(lids), walls])
+    lids = [each for a, b, c, d in (bottom, top) for each in ((a, b, c), (a, c, d))]
+    walls = prism([[(x, y), (u, y), (u, v), (x, v)]], w - z)
+    return np.concatenate([np.asarray(lids), np.add(walls, [0.0, 0.0, z])])
 
 
 TALL, LOW = box((0, 0, 0), (300, 200, 100)), box((300, 0, 0), (700, 200, 50))
+INNER = box((100, 50, 0), (200, 150, 100))
 
 
 @pytest.mark.parametrize(
     ("bodies", "around"),
     [
-        ([TALL, LOW], [2 * (700 + 200), 2 * (300 + 200)]),  # they touch along a wall
-        ([TALL, box((300, 100, 0), (700, 300, 50))], [2 * (700 + 300), 2 * (300 + 200)]),
-        ([TALL, box((200, 0, 0), (700, 200, 50))], [2 * (700 + 200), 2 * (300 + 200)]),  # overlap
-        ([TALL, TALL], [2 * (300 + 200)] * 2),  # one stands twice
-        ([TALL, box((100, 50, 0), (200, 150, 100))], [2 * (300 + 200)] * 2),  # one inside
-        ([TALL, box((100, 50, 0), (200, 150, 100))[:, ::-1]], [2 * (300 + 200) + 400] * 2),  # a hole
-        ([TALL[:, ::-1]], [2 * (300 + 200)] * 2),  # all normals point inward
-        ([TALL, box((300.0001, 0, 0), (700, 200, 50))], [2 * (700 + 200), 2 * (300 + 200)]),
-        ([TALL, box((900, 0, 0), (950, 50, 50))], [2 * (300 + 200) + 200, 2 * (300 + 200)]),  # apart
+        pytest.param([TALL, LOW], [1800, 1000], id="touch along a wall"),
+        pytest.param([TALL, box((300, 100, 0), (700, 300, 50))], [2000, 1000], id="half a wall"),
+        pytest.param([TALL, box((200, 0, 0), (700, 200, 50))], [1800, 1000], id="overlap"),
+        pytest.param([TALL, TALL], [1000, 1000], id="one twice"),
+        pytest.param([TALL, INNER], [1000, 1000], id="one inside"),
+        pytest.param([TALL, INNER[:, ::-1]], [1400, 1400], id="a hole"),
+        pytest.param([TALL[:, ::-1]], [1000, 1000], id="all normals inward"),
+        pytest.param([TALL, box((300.0001, 0, 0), (700, 200, 50))], [1800, 1000], id="nearly"),
+        pytest.param([TALL, box((900, 0, 0), (950, 50, 50))], [1200, 1000], id="apart"),
     ],
-)  # fmt: skip
+)
 def test_bodies_that_touch_or_overlap_are_one_outline_in_each_layer(tmp_path, bodies, around):
     shape = slice_stl(
         write_stl(tmp_path / "bodies.stl", np.concatenate(bodies)), Slicing(layer_height=0.05)
@@ -143,7 +144,7 @@ def test_a_layer_that_is_cut_along_a_lid_belongs_to_what_stands_above(tmp_path):
 
 
 def test_triangles_that_face_both_ways_are_said_and_holes_kept(tmp_path):
-    mixed = np.concatenate([TALL, box((100, 50, 0), (200, 150, 100))])
+    mixed = np.concatenate([TALL, INNER])
     mixed[::3] = mixed[::3, ::-1]
     shape = slice_stl(write_stl(tmp_path / "mixed.stl", mixed), Slicing(layer_height=0.05))
     assert printed(shape).printed_length == pytest.approx(2 * 1.4)
@@ -158,7 +159,7 @@ def test_layers_without_outline_are_said(tmp_path):
 
 def test_why_nothing_can_be_printed_is_said(tmp_path):
     walls = write_stl(tmp_path / "walls.stl", TALL[4:-2])
-    with pytest.raises(MotionError, match="2 open cuts.*closed surface"):
+    with pytest.raises(MotionError, match=r"2 open cuts.*closed surface"):
         slice_stl(walls, Slicing(layer_height=0.05))
     thin = write_stl(tmp_path / "thin.stl", box((0, 0, 0), (300, 2, 100)))
     with pytest.raises(MotionError, match="wider than a bead of 20 mm"):

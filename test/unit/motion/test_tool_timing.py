@@ -128,7 +128,7 @@ def test_a_helix_climbs_evenly():
 
 def test_a_dwell_is_rest_of_its_length_with_smoothing_too():
     limits = ToolLimits(1.0, 1e-3, 0.05)
-    motion = TimedPath(path("G1 X100 F6000\nG4 P700\nG1 X200\n"), limits)
+    motion = TimedPath(path(";FLAVOR:Marlin\nG1 X100 F6000\nG4 P700\nG1 X200\n"), limits)
     time = np.arange(0, motion.duration, 1e-4)
     middle = (time > 0.2) & (time < motion.duration - 0.2)
     rest = time[middle & (speed(motion, time) < 1e-12)]
@@ -137,7 +137,7 @@ def test_a_dwell_is_rest_of_its_length_with_smoothing_too():
 
 
 def test_starts_and_ends_at_rest_where_the_program_does():
-    motion = TimedPath(path("G4 P200\nG1 X100 F6000\nG4 P300\n"))
+    motion = TimedPath(path(";FLAVOR:Marlin\nG4 P200\nG1 X100 F6000\nG4 P300\n"))
     at = motion.sample(np.array([-1.0, 0.1, motion.duration - 0.1, motion.duration + 1.0]))
     np.testing.assert_allclose(at.position[:, 0], [0, 0, 0.1, 0.1], atol=1e-12)
     assert not at.velocity.any()

@@ -38,16 +38,23 @@ def speeds(text):
 
 def test_every_feed_is_multiplied_and_nothing_else_changes():
     twice = with_feed(PROGRAM, 2.0)
-    # mm/min to mm/s; G0 without F keeps the rapid speed, G0 with F sets the feed that follows
-    wanted = [250.0, 1500.5 / 60, 9000 / 60, 9000 / 60]
+    # mm/min to mm/s; E makes it a program of a printer, where G0 moves at the last F
+    wanted = [1000 / 60, 1500.5 / 60, 9000 / 60, 9000 / 60]
     assert np.multiply(speeds(PROGRAM), 1e3) == pytest.approx(wanted)
     factors = np.divide(speeds(twice), speeds(PROGRAM))
-    assert factors == pytest.approx([1.0, 2.0, 2.0, 2.0])
+    assert factors == pytest.approx([2.0, 2.0, 2.0, 2.0])
     assert "(F100 is no feed) ; F200 neither" in twice
     assert "M203 F50\n" in twice
     assert "G10 F300\n" in twice
     assert "G1 E-2 F4800\n" in twice
     assert with_feed(twice, 0.5).upper() == PROGRAM.upper()
+    assert with_feed("NAME_OF_A_MACRO NAME=F100\r\n", 2.0) == "NAME_OF_A_MACRO NAME=F100\r\n"
+
+
+def test_a_rapid_of_a_milling_machine_keeps_its_speed():
+    program = "G1 X0 Y0 Z0 F1000\nG0 X10\nG1 X20 F1500\nG0 X0 F9000\nG1 Y10\n"
+    factors = np.divide(speeds(with_feed(program, 2.0)), speeds(program))
+    assert factors == pytest.approx([1.0, 2.0, 1.0, 2.0])
 
 
 def test_what_is_written_costs_what_was_promised(tmp_path):
