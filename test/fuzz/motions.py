@@ -55,7 +55,7 @@ def gcode_seeds() -> list[bytes]:
     )
     milling = (
         "$H\nG54 G17 G90.1\nG0 X0 Y0 Z0\nG2 X10 Y10 I10 J0 F600\nG18 G91.1\nG3 X15 Z5 I5 K0 P3\n"
-        "G19\nG2 Y20 Z9 R20\nX5 M8\nG53 G0 Z0\nM30\n"
+        "G19\nG2 Y20 Z9 R20\nG1 X5 M8\nG53 G0 Z0\nM30\n"
     )
     return [
         Wall(layers=2).gcode().encode(),
