@@ -7,7 +7,7 @@ the work where PyYAML has it.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from robot_energy.errors import ModelFileError, RobotEnergyError
 from robot_energy.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.files.xml_encoding import DECLARE
 from robot_energy.schema_errors import described, listed, refusal
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def read_text(
     max_bytes: int = MAX_BYTES,
     expected: str = "a YAML file",
     remedy: str = "",
+    encoding_of: Callable[[bytes], str] | None = None,
 ) -> str:
     """Return the text of a regular file; a pipe or a device is never waited for.
 
@@ -99,14 +101,18 @@ def read_text(
         max_bytes: Its largest size.
         expected: What there should be.
         remedy: What the user can do if it cannot be read.
+        encoding_of: Finds the encoding from the bytes; by default it is UTF-8.
 
     Raises:
-        RobotEnergyError: The error asked for, if it is missing, too large, special or not UTF-8.
+        RobotEnergyError: The error asked for, if it is missing, too large, special or not in its
+            encoding.
     """
     try:
-        return read_regular_text(path, max_bytes)
+        return read_regular_text(path, max_bytes, encoding_of)
     except (OSError, UnicodeDecodeError) as found:
         why = why_unreadable(found)
+        if encoding_of is not None and isinstance(found, UnicodeDecodeError):
+            remedy = DECLARE
         raise error(f"the {what} '{path}' cannot be read ({why})", expected, remedy) from found
 
 

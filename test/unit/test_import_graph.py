@@ -58,7 +58,7 @@ MODULES = {
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
-        temporary_folder
+        temporary_folder xml_encoding
     """,
     "robot_energy.fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
@@ -143,7 +143,7 @@ MODULES = {
         torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
-        checks compare moving_joints parse
+        actuators checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
@@ -164,7 +164,7 @@ MODULES = {
         virtual_rig
     """,
     "robot_energy.starter": """
-        arm description model_text priors
+        arm description joints model_text priors
     """,
     "robot_energy.store": """
         account_store adoption condition_store envelope slot_store slots state_files

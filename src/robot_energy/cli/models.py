@@ -85,7 +85,7 @@ def _run_init(args: Namespace) -> int:
     arm = read_arm(description.xml, args.robot_class, names)
     text = starter_text(arm, description, out.parent)
     model = validate(parse_yaml(text, str(out)), str(out))
-    remarks = [*arm.remarks, *implausible(model, Robot.from_model(model))]
+    remarks = dict.fromkeys([*arm.remarks, *implausible(model, Robot.from_model(model))])
     write_file(out, text.encode(), TEXT, "the model file", ModelFileError)
     show = console().print
     show(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -65,16 +66,27 @@ def read_regular(path: str | Path, max_bytes: int) -> bytes:
     raise OSError(errno.EFBIG, f"it is larger than {max_bytes} bytes", str(path))
 
 
-def read_regular_text(path: str | Path, max_bytes: int) -> str:
-    """Return the text of a regular UTF-8 file of bounded size, with line feeds alone.
+def read_regular_text(
+    path: str | Path, max_bytes: int, encoding_of: Callable[[bytes], str] | None = None
+) -> str:
+    """Return the text of a regular file of bounded size, with line feeds alone.
 
-    Arguments as in `read_regular`.
+    Args:
+        path: The file.
+        max_bytes: Its largest size. [bytes]
+        encoding_of: Finds the encoding; by default it is UTF-8.
 
     Raises:
-        OSError: If it cannot be read, is not a regular file or is larger.
-        UnicodeDecodeError: If it is not UTF-8.
+        OSError: If it cannot be read, is not a regular file, is larger or has no known encoding.
+        UnicodeDecodeError: If it does not have its encoding.
     """
-    text = read_regular(path, max_bytes).decode("utf-8")
+    data = read_regular(path, max_bytes)
+    try:
+        text = data.decode("utf-8" if encoding_of is None else encoding_of(data))
+    except UnicodeDecodeError:
+        raise
+    except (LookupError, UnicodeError) as error:
+        raise OSError(errno.EINVAL, f"it has no known encoding: {error}", str(path)) from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -84,7 +96,9 @@ def why_unreadable(error: OSError | UnicodeDecodeError) -> str:
     Args:
         error: Error of the attempt to read it.
     """
-    return str(error.strerror) if isinstance(error, OSError) else "it is not UTF-8"
+    if isinstance(error, OSError):
+        return str(error.strerror)
+    return f"it is not {error.encoding.upper().removesuffix('-SIG')}"
 
 
 def _require_regular(mode: int, path: str | Path) -> None:

@@ -16,6 +16,7 @@ import yaml
 from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import ModelFileError, UrdfAwaitedError
 from robot_energy.files.output_files import COMMENT, TEXT, write_file
+from robot_energy.files.xml_encoding import xml_encoding
 from robot_energy.model.schema import SCHEMA_VERSION, RobotModel
 
 
@@ -51,6 +52,7 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
             f"URDF of {source}",
             expected="a URDF file next to the model file",
             remedy="correct urdf.path or embed the text as urdf.xml",
+            encoding_of=xml_encoding,
         )
     return model.with_urdf(urdf_xml, source)
 

@@ -11,8 +11,9 @@ from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import parse
+from robot_energy.physics.urdf.limits import limit_remarks
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
-from robot_energy.physics.urdf.parse import inertia_remarks
+from robot_energy.physics.urdf.parse import inertia_remarks, prefix_remarks
 
 CONFIGURATIONS = 200  # drawn for the largest torque of gravity
 MAX_GRAVITY_RATIO = 3.0  # gravity over the effort limit, where springs may balance a part
@@ -34,7 +35,12 @@ def implausible(model: RobotModel, robot: Robot) -> list[str]:
     limits = robot.limits
     gravity = np.max(np.abs(gravity_torques(robot)[1]), axis=0)
     root = parse(model.urdf_xml)
-    found = [*mimic_remarks(root), *inertia_remarks(root)]
+    found = [
+        *prefix_remarks(root),
+        *limit_remarks(root, robot.joint_names),
+        *mimic_remarks(root),
+        *inertia_remarks(root),
+    ]
     for row, joint in enumerate(model.joints):
         velocity, effort = float(limits.velocity[row]), float(limits.effort[row])
         unit = "N" if limits.prismatic[row] else "N m"

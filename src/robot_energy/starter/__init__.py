@@ -1,4 +1,4 @@
-"""A first model file of a robot from its URDF: every figure assumed, and stated as such."""
+"""A first model file of a robot from its URDF: what that does not state is assumed, and says so."""
 
 from robot_energy.starter.arm import Arm, read_arm
 from robot_energy.starter.description import RobotText, read_description

@@ -1,50 +1,21 @@
-"""Which joints of a URDF a first model has, and the limits that scale it."""
+"""Which joints of a URDF a first model has, and of which class the robot is."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.urdf.actuators import read_actuators, without_defaults
 from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
+from robot_energy.physics.urdf.limits import limit_remarks
 from robot_energy.physics.urdf.moving_joints import GRIPPER_MASS_SHARE, moving_joints
+from robot_energy.starter.joints import ArmJoint, scaled_joints, taken_limits
 from robot_energy.starter.priors import CLASSES, MAX_COBOT_MASS, MAX_COBOT_PEAK, RobotClass
 
-MAX_EFFORT_RATIO = 30.0
-"""If all effort limits are equal and one exceeds the needed torque this often, none is a limit."""
-MIN_EFFORT_SHARE = 0.1
-"""Least effort of a rotary joint over the largest one: wrists of published robots have more."""
-PRISMATIC_VELOCITY = 1.0  # [m/s]
 WHEELS = ("wheel", "caster", "castor")  # in names of joints
-
-
-@dataclass(frozen=True)
-class ArmJoint:
-    """One joint of the first model, joint side.
-
-    Attributes:
-        name: As in the URDF.
-        prismatic: Whether it moves in m.
-        effort: Largest torque or force. [N m] or [N]
-        effort_source: Where it comes from.
-        velocity: Largest speed. [rad/s] or [m/s]
-        velocity_source: Where it comes from.
-        gear_ratio: Of the URDF's transmission; None if it has none. [-] or [rad/m]
-    """
-
-    name: str
-    prismatic: bool
-    effort: float
-    effort_source: str
-    velocity: float
-    velocity_source: str
-    gear_ratio: float | None
 
 
 @dataclass(frozen=True)
@@ -102,25 +73,24 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
             "use a URDF with inertials; many geometric ones have none",
         )
     remarks = _remarks(names, mass)
-    ratios = _transmissions(root)
+    actuators, ignored = read_actuators(root, names)
     guess = CLASSES[class_name or "cobot"]
-    joints = _joints(robot, guess, ratios)
+    joints = scaled_joints(robot, guess, actuators)
     peak = sum(joint.effort * joint.velocity for joint in joints)
     source = "as asked"
     if class_name is None:
         is_cobot = peak <= MAX_COBOT_PEAK and sum(mass) <= MAX_COBOT_MASS
         guess = CLASSES["cobot" if is_cobot else "industrial"]
-        joints = _joints(robot, guess, ratios)
+        joints = scaled_joints(robot, guess, actuators)
         source = (
             f"taken by its limits, {peak / 1e3:.1f} kW of peak power over all joints, and "
             f"{sum(mass):.0f} kg of moving mass"
         )
-    remarks += [
-        f"{joint.name}: {text}"
-        for joint in joints
-        for text in (joint.effort_source, joint.velocity_source)
-        if not text.startswith("limit of the URDF")
-    ]
+    actuators, defaults = without_defaults(
+        actuators, [joint.effort for joint in joints], [joint.velocity for joint in joints]
+    )
+    joints = [replace(joint, actuator=actuators[joint.name]) for joint in joints]
+    remarks += [*limit_remarks(root, names), *taken_limits(joints), *ignored, *defaults]
     return Arm(
         robot_name=root.get("name") or "robot",
         joints=tuple(joints),
@@ -185,80 +155,3 @@ def _remarks(names: Sequence[str], mass: Sequence[float]) -> list[str]:
             "so the power of driving is missing; name the joints of the arm alone with --joints"
         )
     return remarks
-
-
-def _transmissions(root: ET.Element) -> dict[str, float]:
-    """Gear ratios of transmissions; 0 and 1 are what exporters write where they know nothing."""
-    ratios: dict[str, float] = {}
-    for transmission in root.findall("transmission"):
-        joint = transmission.find("joint")
-        for place in ("actuator/mechanicalReduction", "joint/mechanicalReduction"):
-            text = transmission.findtext(place)
-            try:
-                ratio = float(text or 0.0)
-            except ValueError:
-                continue
-            if joint is not None and np.isfinite(ratio) and ratio not in (0.0, 1.0, -1.0):
-                ratios.setdefault(str(joint.get("name")), ratio)
-    return ratios
-
-
-def _joints(robot: Robot, robot_class: RobotClass, ratios: dict[str, float]) -> list[ArmJoint]:
-    """Limits of the joints: the URDF's where they can be, else scaled from its masses."""
-    limits = robot.limits
-    usual = np.where(limits.prismatic, PRISMATIC_VELOCITY, robot_class.velocity.value)
-    velocity = np.where(np.isfinite(limits.velocity), limits.velocity, usual)
-    needed = _needed_effort(robot, velocity / robot_class.rise_time)
-    given = limits.effort
-    placeholder = bool(
-        len(given) > 2
-        and np.isfinite(given[0])
-        and np.all(given == given[0])
-        and np.any(given > MAX_EFFORT_RATIO * needed)
-    )
-    joints: list[ArmJoint] = []
-    for row, name in enumerate(robot.joint_names):
-        unit = "N" if limits.prismatic[row] else "N m"
-        effort, effort_source = float(given[row]), "limit of the URDF"
-        speed, speed_source = float(velocity[row]), "limit of the URDF"
-        if not np.isfinite(effort) or placeholder:
-            effort_source = "no effort limit in the URDF"
-            if placeholder:
-                effort_source = (
-                    f"all joints have the effort limit {effort:.3g} {unit}, which looks like a "
-                    "placeholder"
-                )
-            effort = float(needed[row])
-            effort_source += f"; {effort:.3g} {unit} taken, from gravity and acceleration"
-        if not np.isfinite(limits.velocity[row]):
-            speed_source = f"no velocity limit in the URDF; {speed:.3g} {limits.unit(row)}/s taken"
-        joints.append(
-            ArmJoint(
-                name,
-                bool(limits.prismatic[row]),
-                effort,
-                effort_source,
-                speed,
-                speed_source,
-                ratios.get(name),
-            )
-        )
-    return joints
-
-
-def _needed_effort(robot: Robot, acceleration: Float) -> Float:
-    """Largest torque of gravity over the joint ranges, plus that of each acceleration alone."""
-    limits = robot.limits
-    position, gravity = gravity_torques(robot)
-    zero = np.zeros_like(position)
-    needed = np.max(np.abs(gravity), axis=0)
-    for joint in range(robot.n_joints):
-        alone = zero.copy()
-        alone[:, joint] = acceleration[joint]
-        inertia = robot.joint_torque(position, zero, alone) - gravity
-        needed[joint] += np.max(np.abs(inertia[:, joint]))
-    rotary = ~limits.prismatic
-    needed[rotary] = np.maximum(
-        needed[rotary], MIN_EFFORT_SHARE * np.max(needed[rotary], initial=0)
-    )
-    return np.maximum(needed, 0.1)

@@ -14,10 +14,13 @@ from typing import Any
 from robot_energy.bag import BagReader
 from robot_energy.config_file import read_text
 from robot_energy.errors import BagError, RobotDescriptionError
+from robot_energy.files.xml_encoding import xml_encoding
 from robot_energy.physics.urdf.parse import MAX_URDF_BYTES
+from robot_energy.shown_text import shown
 
 TOPIC = "robot_description"
 MAX_XACRO_TIME = 60.0  # [s]
+MAX_REASON = 600  # characters of what xacro prints
 _STRING = "std_msgs/msg/String"
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -59,9 +62,18 @@ def read_description(source: str | Path, arguments: Sequence[str] = ()) -> Robot
         "robot description",
         max_bytes=MAX_URDF_BYTES,
         expected="a URDF, a xacro file or a bag",
+        encoding_of=xml_encoding,
     )
     if path.suffix == ".xacro" or "<xacro:" in text:
-        return RobotText(_expanded(path, arguments), f"xacro file {path.name}")
+        xml = _expanded(path, arguments)
+        if "<xacro:macro" in text and "<link" not in xml:
+            raise RobotDescriptionError(
+                f"{path} has no links: it only defines macros",
+                "a xacro file that makes a robot",
+                "name the file that includes this one and calls its macros; it often ends in "
+                ".urdf.xacro",
+            )
+        return RobotText(xml, f"xacro file {path.name}")
     if arguments:
         raise RobotDescriptionError(
             f"{path} is no xacro file, but xacro arguments are given: {' '.join(arguments)}",
@@ -85,13 +97,13 @@ def _expanded(path: Path, arguments: Sequence[str]) -> str:
             "install it (pip install xacro, or apt install ros-jazzy-xacro), or expand the file "
             "where it is installed: xacro FILE > robot.urdf",
         )
-    command = [program] if program else [sys.executable, "-m", "xacro"]
+    # In an environment that is not on the path there is the module alone, which `-m` cannot run.
+    command = [program] if program else [sys.executable, "-c", "import xacro; xacro.main()"]
     try:
         # The user's own file, named on the command line; xacro evaluates its expressions.
         done = subprocess.run(
             [*command, str(path), *arguments],
             capture_output=True,
-            text=True,
             timeout=MAX_XACRO_TIME,
             check=False,
         )
@@ -99,15 +111,28 @@ def _expanded(path: Path, arguments: Sequence[str]) -> str:
         raise RobotDescriptionError(
             f"xacro did not finish with {path} ({error})", "a xacro file that expands"
         ) from error
-    if done.returncode or not done.stdout.strip():
-        why = done.stderr.strip().splitlines() or ["no output"]
+    text, said = done.stdout.decode("utf-8", "replace"), done.stderr.decode("utf-8", "replace")
+    if done.returncode or not text.strip():
         raise RobotDescriptionError(
-            f"xacro cannot expand {path}: {why[-1]}",
+            f"xacro cannot expand {path}: {_reason(said)}",
             "a xacro file whose packages and arguments are known",
             "source the workspace of the robot's description, and pass its arguments as "
             "name:=value after the file",
         )
-    return done.stdout
+    return text
+
+
+def _reason(said: str) -> str:
+    """Return what xacro prints of an error, without its warnings, as one line.
+
+    The reason comes first; below it stand the expression, the macros and the files.
+    """
+    lines = [line.strip() for line in said.splitlines()]
+    kept = [line for line in lines if line and not line.startswith("warning:")]
+    if "Traceback (most recent call last):" in kept:
+        kept = kept[-1:]
+    text = "; ".join(line.removeprefix("error:").strip() for line in kept)
+    return shown(text, MAX_REASON) or "it printed nothing"
 
 
 def _from_bag(path: Path) -> RobotText:

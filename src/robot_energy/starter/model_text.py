@@ -8,11 +8,16 @@ from textwrap import fill, indent
 
 import yaml
 
-from robot_energy.starter.arm import Arm, ArmJoint
+from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.starter.arm import Arm
 from robot_energy.starter.description import RobotText
+from robot_energy.starter.joints import ArmJoint
 from robot_energy.starter.priors import SHAPE_A, SHAPE_B, SHAPE_C, RobotClass, Share
 
 WIDTH = 92
+RATIO_SPREAD = 0.01  # of a gear ratio that the URDF states
+ROTOR_SPREAD = 0.1  # of its rotor inertia: the gear's fast parts are often left out
+FRICTION_SPREAD = 0.3  # of its friction: it states no temperature
 HOT = f"{SHAPE_A:g} of the viscous friction at 20 degC"
 
 
@@ -45,7 +50,7 @@ def _share(share: Share, scale: float, source: str) -> str:
 
 def _comment(text: str, bullet: str = "") -> str:
     return indent(
-        fill(text, WIDTH, initial_indent=bullet, subsequent_indent=" " * len(bullet)), "# "
+        fill(shown(text, MAX_LINE), WIDTH, initial_indent=bullet, subsequent_indent=" " * len(bullet)), "# "
     )
 
 
@@ -55,7 +60,8 @@ def _head(arm: Arm, description: RobotText) -> str:
         _comment(
             f"First model of {arm.robot_name}, made from the {description.origin}. No figure was "
             "measured: gears, rotors, friction, drives and cabinet are priors, scaled from the "
-            "limits of each joint, each with a wide standard deviation (std). Their sources stand "
+            "limits of each joint, each with a wide standard deviation (std), except those with "
+            "the tag published, which the URDF states. Their sources stand "
             "in the documentation, page 'Priors of a first model'. Expect the predicted energy "
             "to be off by a third, and by more in the cold."
         ),
@@ -101,38 +107,80 @@ def _embedded(xml: str) -> str:
     return indent(yaml.safe_dump({"xml": xml}, default_style='"').replace('"xml"', "xml", 1), "  ")
 
 
+def _published(value: float, spread: float, source: str) -> str:
+    """Write a figure of the URDF with all its digits."""
+    exact = yaml.safe_dump(float(value)).splitlines()[0]
+    std = _number(abs(value) * spread)
+    return f'{{value: {exact}, tag: published, std: {std}, source: "{source} of the URDF"}}'
+
+
 def _joint(joint: ArmJoint, robot: RobotClass) -> str:
-    ratio, spread, source = joint.gear_ratio, 0.01, "transmission of the URDF"
-    if ratio is None:
-        ratio, spread, source = _usual_ratio(joint, robot)
+    ratio, ratio_figure = _ratio(joint, robot)
     torque, speed = joint.effort / abs(ratio), joint.velocity * abs(ratio)
-    force, unit = ("N", "m") if joint.prismatic else ("N m", "rad")
-    limits = f"limits {joint.effort:.4g} {force}, {joint.velocity:.4g} {unit}/s"
-    viscous = robot.viscous.value * torque / speed
-    of_limit = "of the torque limit, motor side"
+    force, rate = joint.units
+    limits = f"limits {joint.effort:.4g} {force}, {joint.velocity:.4g} {rate}"
     of_power = "of peak power"
-    rotor = f"full torque speeds the rotor up in {robot.rotor.value:g} s"
-    cold = f"{100 * robot.viscous.value:.3g} % of the torque limit at full speed and 20 degC"
     return (
         f"  - name: {_quoted(joint.name)}  # {limits}\n"
-        f"    gear_ratio: {_figure(ratio, spread, source)}\n"
+        f"    gear_ratio: {ratio_figure}\n"
         f"    rotor_inertia:  # kg m^2, motor side\n"
-        f"      {_figure(robot.rotor.value * torque / speed, robot.rotor.spread, rotor)}\n"
+        f"      {_rotor(joint, robot, torque / speed)}\n"
         f"    friction:  # motor side\n"
-        f"      coulomb: {_share(robot.coulomb, torque, of_limit)}  # N m\n"
-        f"      viscous:  # a + b exp(-T / c), N m s/rad, T in degC\n"
-        f"        law: exponential\n"
-        f"        a: {_figure(SHAPE_A * viscous, robot.viscous.spread, HOT)}\n"
-        f"        b: {_figure(SHAPE_B * viscous, robot.viscous.spread, cold)}\n"
-        f"        c: {_figure(SHAPE_C, 0.2, 'shape of an ABB robot, Bittencourt, recalled')}\n"
-        f"        fitted_degc: [{robot.fitted_degc[0]}, {robot.fitted_degc[1]}]\n"
-        f"        std: {_number(viscous * robot.viscous.spread)}\n"
+        f"{_friction(joint, robot, ratio)}"
         f"    losses:  # of the drive\n"
         f"      constant: {_share(robot.constant, torque * speed, of_power)}  # W\n"
         f"      linear: {_share(robot.linear, torque, of_power)}  # W s/rad\n"
         f"      quadratic: {_share(robot.quadratic, torque / speed, of_power)}  # W s^2/rad^2\n"
         f"      copper: {_share(robot.copper, speed / torque, of_power)}  # W/(N m)^2\n"
     )
+
+
+def _rotor(joint: ArmJoint, robot: RobotClass, torque_per_speed: float) -> str:
+    given = joint.actuator.rotor_inertia
+    if given is not None:
+        return _published(given, ROTOR_SPREAD, "rotor inertia")
+    source = f"full torque speeds the rotor up in {robot.rotor.value:g} s"
+    return _figure(robot.rotor.value * torque_per_speed, robot.rotor.spread, source)
+
+
+def _friction(joint: ArmJoint, robot: RobotClass, ratio: float) -> str:
+    """Write both terms: those of the URDF, from the joint to the motor side, or the priors."""
+    torque, speed = joint.effort / abs(ratio), joint.velocity * abs(ratio)
+    force, rate = joint.units
+    friction, damping = joint.actuator.friction, joint.actuator.damping
+    coulomb = _share(robot.coulomb, torque, "of the torque limit, motor side")
+    if friction is not None:
+        source = f"friction {friction:g} {force}, joint side,"
+        coulomb = _published(friction / abs(ratio), FRICTION_SPREAD, source)
+    if damping is not None:
+        source = f"damping {damping:g} {force} per {rate}, joint side,"
+        law = (
+            f"      viscous:  # N m s/rad\n"
+            f"        law: constant\n"
+            f"        viscous: {_published(damping / ratio**2, FRICTION_SPREAD, source)}\n"
+        )
+    else:
+        viscous, spread = robot.viscous.value * torque / speed, robot.viscous.spread
+        cold = f"{100 * robot.viscous.value:.3g} % of the torque limit at full speed and 20 degC"
+        law = (
+            f"      viscous:  # a + b exp(-T / c), N m s/rad, T in degC\n"
+            f"        law: exponential\n"
+            f"        a: {_figure(SHAPE_A * viscous, spread, HOT)}\n"
+            f"        b: {_figure(SHAPE_B * viscous, spread, cold)}\n"
+            f"        c: {_figure(SHAPE_C, 0.2, 'shape of an ABB robot, Bittencourt, recalled')}\n"
+            f"        fitted_degc: [{robot.fitted_degc[0]}, {robot.fitted_degc[1]}]\n"
+            f"        std: {_number(viscous * spread)}\n"
+        )
+    return f"      coulomb: {coulomb}  # N m\n{law}"
+
+
+def _ratio(joint: ArmJoint, robot: RobotClass) -> tuple[float, str]:
+    """Gear ratio and its figure: of the URDF, else as usual."""
+    given = joint.actuator.gear_ratio
+    if given is not None:
+        return given, _published(given, RATIO_SPREAD, "transmission")
+    usual, spread, source = _usual_ratio(joint, robot)
+    return usual, _figure(usual, spread, source)
 
 
 def _usual_ratio(joint: ArmJoint, robot: RobotClass) -> tuple[float, float, str]:

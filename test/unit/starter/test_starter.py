@@ -55,6 +55,11 @@ def robot(*parts):
     return f'<robot name="arm">{"".join(parts)}</robot>'
 
 
+DRIVE = (
+    '<transmission name="t"><joint name="j1"/><actuator name="m">'
+    '<drake:gear_ratio value="113.90625"/><drake:rotor_inertia value="2e-05"/></actuator>'
+    "</transmission>"
+)
 LIFTS = ("lift_1", "lift_2")
 ONE = robot('<link name="base"/>', link("l1", 4.0), joint("j1", "base", "l1"))
 
@@ -75,6 +80,62 @@ def test_figures_are_those_of_a_hand_calculation():
     assert found.losses.quadratic.value * 200**2 == pytest.approx(0.002 * 100, rel=5e-3)
 
 
+def test_figures_of_the_urdf_are_taken_to_the_motor_side_of_a_hand_calculation():
+    """At 1 rad/s the joint needs 3 + 4 N m; 100 motor turns a joint turn share these by 100."""
+    more = '<dynamics damping="4" friction="3"/>'
+    drive = DRIVE.replace("113.90625", "100")
+    xml = robot('<link name="base"/>', link("l1", 4.0), joint("j1", "base", "l1", more=more), drive)
+    found = made(xml).joints[0]
+    given = found.gear_ratio, found.rotor_inertia, found.friction.coulomb
+    assert [figure.tag for figure in given] == ["published"] * 3
+    assert [figure.value for figure in given] == [100.0, 2e-5, 0.03]
+    assert found.friction.viscous.viscous.value == 4e-4
+    assert found.friction.viscous.viscous.tag == "published"
+    torque = found.friction.coulomb.value + found.friction.viscous.viscous.value * 100.0
+    assert torque * 100.0 == pytest.approx(7.0)
+    # Prior of drive losses still: 50 N m and 2 rad/s at the joint.
+    assert found.losses.constant.value == pytest.approx(0.005 * 100)
+
+
+def test_a_gear_ratio_of_the_urdf_keeps_its_digits():
+    xml = robot('<link name="base"/>', link("l1", 4.0), joint("j1", "base", "l1"), DRIVE)
+    found = made(xml).joints[0]
+    assert found.gear_ratio.value == 113.90625
+    assert found.friction.coulomb.value == pytest.approx(0.05 * 50 / 113.90625, rel=5e-3)
+    assert found.friction.coulomb.tag == "assumed"
+
+
+def test_placeholder_limits_give_the_model_of_a_urdf_without_them(tmp_path, capsys):
+    """One joint of three claims 1e7 N m and 1000 rad/s: 10 GW, which once gave no energy at all."""
+    parts = (
+        '<link name="base"/>', link("l1", 4.0), link("l2", 3.0), link("l3", 2.0),
+        joint("j1", "base", "l1"), joint("j2", "l1", "l2"),
+    )  # fmt: skip
+    placed = robot(*parts, joint("j3", "l2", "l3", limit='effort="1e7" velocity="1000"'))
+    without = robot(*parts, joint("j3", "l2", "l3", limit=""))
+    assert read_arm(placed).joints == read_arm(without).joints
+    urdf, out = tmp_path / "arm.urdf", tmp_path / "arm.yaml"
+    urdf.write_text(placed)
+    assert main(["model", "init", str(urdf), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "j3: effort limit of 1e+07 N m in the URDF counts as not given" in said
+    assert said.count("counts as not given") == 2
+    assert "# - j3: velocity limit of 1000 rad/s in the URDF counts as not given" in out.read_text()
+    assert main(["model", "check", str(out)]) == 0
+    assert "counts as not given" in capsys.readouterr().out
+
+
+def test_one_effort_limit_far_beyond_need_is_a_placeholder():
+    xml = robot(
+        '<link name="base"/>', link("l1", 4.0), link("l2", 3.0),
+        joint("j1", "base", "l1"), joint("j2", "l1", "l2", limit='effort="50000" velocity="3"'),
+    )  # fmt: skip
+    arm = read_arm(xml)
+    assert arm.joints[0].effort == 50.0
+    assert arm.joints[1].effort < 50.0
+    assert [text for text in arm.remarks if "50000" in text or "5e+04" in text]
+
+
 def test_the_missing_effort_limit_is_gravity_and_acceleration_of_a_hand_calculation():
     arm = read_arm(TWO_LINK_URDF, "cobot")
     elbow = arm.joints[1]
@@ -82,7 +143,7 @@ def test_the_missing_effort_limit_is_gravity_and_acceleration_of_a_hand_calculat
     assert elbow.velocity == velocity
     worst = M2 * 9.80665 * C2 + (I2 + M2 * C2**2) * velocity / 0.3
     assert elbow.effort == pytest.approx(worst, rel=1e-3)  # 200 configurations drawn
-    assert "no effort limit" in elbow.effort_source
+    assert "no usable effort limit" in elbow.effort_source
     shoulder = arm.joints[0]
     assert (shoulder.effort, shoulder.velocity) == (100.0, 4.0)
     needed = (M1 * C1 + M2 * (L1 + C2)) * G + (I1 + M1 * C1**2) * 4 / 0.3
@@ -226,7 +287,7 @@ def test_equal_effort_limits_far_beyond_need_are_placeholders():
     )  # fmt: skip
     arm = read_arm(xml)
     assert all(entry.effort < 100 for entry in arm.joints)
-    assert len([text for text in arm.remarks if "placeholder" in text]) == 4  # masses too
+    assert len([text for text in arm.remarks if "placeholder" in text]) == 2  # masses too
 
 
 def test_gear_ratios_of_transmissions_are_used_and_ones_are_not():
@@ -312,6 +373,44 @@ def test_a_xacro_file_is_expanded_with_its_arguments(tmp_path):
     path.write_text(XACRO.replace("$(arg effort)", "$(arg nobody)"))
     with pytest.raises(RobotDescriptionError):
         read_description(path)
+
+
+def test_the_reason_of_xacro_reaches_the_user(tmp_path):
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(XACRO.replace("$(arg effort)", "${nobody + 1}"))
+    with pytest.raises(RobotDescriptionError) as refused:
+        read_description(path)
+    assert "name 'nobody' is not defined" in refused.value.found
+    assert "\n" not in str(refused.value)
+
+
+def test_xacro_is_found_beside_the_interpreter(tmp_path, monkeypatch):
+    """As in an environment whose commands are not on the path."""
+    monkeypatch.setattr(description_module, "which", lambda name: None)
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(XACRO)
+    assert read_arm(read_description(path, ["effort:=35"]).xml).joints[0].effort == 35.0
+    path.write_text(XACRO.replace("$(arg effort)", "${nobody + 1}"))
+    with pytest.raises(RobotDescriptionError, match="nobody"):
+        read_description(path)
+
+
+def test_a_file_of_macros_alone_has_no_links(tmp_path):
+    path = tmp_path / "macro.xacro"
+    start, _, body = XACRO.partition('<xacro:arg name="effort" default="10"/>')
+    path.write_text(
+        f'{start}<xacro:macro name="m" params="effort">{body[:-8]}</xacro:macro></robot>'
+    )
+    with pytest.raises(RobotDescriptionError, match="no links: it only defines macros"):
+        read_description(path)
+
+
+def test_a_urdf_in_another_encoding_makes_a_model_that_is_read_again(tmp_path):
+    urdf, out = tmp_path / "arm.urdf", tmp_path / "arm.yaml"
+    text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + ONE.replace('"l1"', '"förder"')
+    urdf.write_bytes(text.encode("latin-1"))
+    assert main(["model", "init", str(urdf), "--out", str(out)]) == 0
+    assert "förder" in load(out).urdf_xml
 
 
 def test_without_xacro_the_way_to_it_is_named(tmp_path, monkeypatch):

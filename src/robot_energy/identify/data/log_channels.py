@@ -7,6 +7,7 @@ from pathlib import Path
 
 from robot_energy.config_file import read_text
 from robot_energy.errors import LogFormatError
+from robot_energy.files.xml_encoding import xml_encoding
 from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.logs import LogMapping, open_logs
 from robot_energy.model import RobotModel, validate
@@ -33,7 +34,9 @@ def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:
         )
     paths = [folder / robot.urdf for folder in folders]
     path = next((path for path in paths if path.is_file()), paths[0])
-    urdf_xml = read_text(path, LogFormatError, "URDF", expected="a URDF file")
+    urdf_xml = read_text(
+        path, LogFormatError, "URDF", expected="a URDF file", encoding_of=xml_encoding
+    )
     friction = {"coulomb": _figure(0.0), "viscous": {"law": "constant", "viscous": _figure(0.0)}}
     joints = [
         {

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.physics.urdf.parse import check_numbers, read_elements
+from robot_energy.physics.urdf.limits import UNLIMITED, limit_values, usable_limit
+from robot_energy.physics.urdf.parse import RESERVED_NAMES, check_numbers, read_elements
 
 MAX_LINKS = 1000
-UNLIMITED = 1e12  # stands for infinity, which the URDF parser does not accept
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 _OF_DYNAMICS = {"link": ("inertial",), "joint": ("parent", "child", "origin", "axis")}
 LOCKED_AT = 0.0  # where joints stand that the model does not name [rad] or [m]
@@ -33,8 +33,8 @@ class JointLimits:
         joint_names: The joints, in model order.
         lower: Shape (n,), -inf where there is none (continuous joints). [rad] or [m]
         upper: Shape (n,), inf where there is none. [rad] or [m]
-        velocity: Shape (n,), inf where the URDF gives none or 0. [rad/s] or [m/s]
-        effort: Shape (n,), inf where the URDF gives none or 0. [N m] or [N]
+        velocity: Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]
+        effort: Shape (n,), likewise. [N m] or [N]
         prismatic: Which joints move in m, shape (n,).
         wraps: Which joints turn without end, so that 2 pi is no step, shape (n,).
     """
@@ -146,6 +146,12 @@ def parse(urdf_xml: str) -> ET.Element:
                 raise RobotDescriptionError(
                     f"the URDF has {count} {kind}s of the name '{name}'", "unique names"
                 )
+    if root.find("link") is None:
+        raise RobotDescriptionError(
+            "the URDF has no links",
+            "a robot of links and joints",
+            "a xacro file may only define macros: name the one that calls them",
+        )
     check_numbers(root)
     _check_tree(root)
     return root
@@ -230,8 +236,8 @@ def moved_mass(root: ET.Element, joint_names: Sequence[str]) -> list[float]:
 def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
     """Return the limits of the modelled joints.
 
-    Velocity and effort limits of 0 or less, and ranges without extent, are what exporters
-    write where no limit is known: they count as none.
+    Velocity and effort limits of 0 or less or beyond all robots, and ranges without extent, are
+    what exporters write where no limit is known: they count as none.
 
     Args:
         root: From `parse`.
@@ -244,14 +250,13 @@ def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
     velocity, effort = np.full(size, np.inf), np.full(size, np.inf)
     for row, (name, kind) in enumerate(zip(joint_names, kinds, strict=True)):
         limit = joints[name].find("limit")
-        given = {} if limit is None else {key: float(text) for key, text in limit.items()}
+        given = {} if limit is None else limit_values(limit)
         low, high = given.get("lower", 0.0), given.get("upper", 0.0)
         if kind != "continuous" and low < high:
             lower[row] = low if low > -UNLIMITED else -np.inf
             upper[row] = high if high < UNLIMITED else np.inf
         for key, values in (("velocity", velocity), ("effort", effort)):
-            if 0.0 < given.get(key, 0.0) < UNLIMITED:
-                values[row] = given[key]
+            values[row] = usable_limit(kind, key, given.get(key, 0.0))
     return JointLimits(
         joint_names=tuple(joint_names),
         lower=lower,
@@ -268,7 +273,8 @@ def for_dynamics(root: ET.Element, keep: str = "") -> str:
 
     Limits play no part in the dynamics and are opened wide, since the parser refuses joints
     without them. Continuous joints become revolute, one coordinate instead of (cos, sin).
-    Mimics become joints of their own, which `Robot` locks.
+    Mimics become joints of their own, which `Robot` locks. A joint that only holds may have a name
+    that the dynamics keep for themselves; it gets another one.
 
     Args:
         root: From `parse`; changed in place.
@@ -283,6 +289,8 @@ def for_dynamics(root: ET.Element, keep: str = "") -> str:
             if part.tag not in (*_OF_DYNAMICS[element.tag], keep):
                 element.remove(part)
     for joint in root.findall("joint"):
+        if joint.get("name") in RESERVED_NAMES:
+            joint.set("name", f"{joint.get('name')} of the URDF")
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
         if joint.get("type") in MOVING_TYPES:

@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_energy.model import RobotModel
 from robot_energy.physics.urdf.checks import joint_limits, parse
+from robot_energy.physics.urdf.limits import first_names
 
 LIKE = 0.01  # limits that differ by less than this share are the same [-]
 SHOWN = 3  # joints named in one sentence
@@ -30,7 +31,7 @@ def disagreements(model: RobotModel, urdf_xml: str) -> list[str]:
     ours, theirs = parse(model.urdf_xml), parse(urdf_xml)
     known = {str(joint.get("name")): str(joint.get("type")) for joint in theirs.findall("joint")}
     lacking = [name for name in model.joint_names if known.get(name, "fixed") == "fixed"]
-    found = [f"it has no moving joint {_listed(lacking)}"] if lacking else []
+    found = [f"it has no moving joint {first_names(lacking, SHOWN)}"] if lacking else []
     both = [name for name in model.joint_names if name not in lacking]
     if not both:
         return found
@@ -38,7 +39,7 @@ def disagreements(model: RobotModel, urdf_xml: str) -> list[str]:
     turned = first.prismatic != second.prismatic
     if turned.any():
         names = [both[row] for row in np.flatnonzero(turned)]
-        found.append(f"it has another kind of joint {_listed(names)}")
+        found.append(f"it has another kind of joint {first_names(names, SHOWN)}")
     for what, keys in (("range", ("lower", "upper")), ("velocity limit", ("velocity",))):
         differs = np.zeros(len(both), dtype=np.bool_)
         for key in keys:
@@ -49,10 +50,5 @@ def disagreements(model: RobotModel, urdf_xml: str) -> list[str]:
             differs |= np.abs(step) > LIKE * scale
         if differs.any():
             names = [both[row] for row in np.flatnonzero(differs)]
-            found.append(f"its {what} differs for {_listed(names)}")
+            found.append(f"its {what} differs for {first_names(names, SHOWN)}")
     return found
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more

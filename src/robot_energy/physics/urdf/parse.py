@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from difflib import get_close_matches
+from xml.parsers import expat
 
 import numpy as np
 
 from robot_energy.errors import RobotDescriptionError
+from robot_energy.physics.urdf.limits import LIMITS
 
 MAX_URDF_BYTES = 8 * 1024 * 1024
 MAX_ELEMENTS = 200_000
@@ -35,10 +38,21 @@ INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ENDLESS = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 _COUNTS = {("origin", "xyz"): 3, ("origin", "rpy"): 3, ("axis", "xyz"): 3}
+_KEYS = {
+    "mass": ("value",),
+    "inertia": INERTIA,
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "limit": LIMITS,
+}
+_LIKE = 0.65  # of two keys, one of which is misspelt
 
 
 def read_elements(urdf_xml: str) -> ET.Element:
     """Return the root element of a URDF.
+
+    Prefixes stay parts of names, as the parsers of other programs for URDFs leave them: so a
+    prefix need not be declared, and a default namespace changes nothing.
 
     Args:
         urdf_xml: Text of the URDF.
@@ -53,15 +67,17 @@ def read_elements(urdf_xml: str) -> ET.Element:
         )
     if "<!DOCTYPE" in urdf_xml or "<!ENTITY" in urdf_xml:
         raise RobotDescriptionError("the URDF declares a DOCTYPE or entities", "plain XML")
+    parser, builder = expat.ParserCreate(), _Builder()
+    parser.buffer_text = True
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
     try:
-        parser = ET.XMLParser(target=_Builder())
-        parser.feed(urdf_xml.strip())
-        return parser.close()
+        parser.Parse(urdf_xml.strip(), True)
+        return builder.close()
     except RobotDescriptionError:
         raise
-    except (ET.ParseError, ValueError) as error:
-        if "<xacro:" in urdf_xml and "unbound prefix" in str(error):
-            raise RobotDescriptionError(*XACRO) from error
+    except (expat.ExpatError, ValueError) as error:
         raise RobotDescriptionError(
             f"the URDF is not well-formed XML ({error})", "a URDF"
         ) from error
@@ -74,6 +90,7 @@ class _Builder(ET.TreeBuilder):
         super().__init__()
         self._depth = 0
         self._count = 0
+        self._xacro = {"xacro"}  # prefixes of xacro
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
         """Begin an element."""
@@ -83,7 +100,10 @@ class _Builder(ET.TreeBuilder):
             raise RobotDescriptionError(
                 f"the URDF nests elements more than {MAX_DEPTH} deep", "a robot"
             )
-        if tag.startswith("{") and "/xacro}" in tag:
+        for key, text in attrs.items():
+            if key.startswith("xmlns:") and text.endswith("/xacro"):
+                self._xacro.add(key[6:])
+        if tag.partition(":")[0] in self._xacro and ":" in tag:
             raise RobotDescriptionError(*XACRO)
         if self._count > MAX_ELEMENTS:
             raise RobotDescriptionError(f"the URDF has over {MAX_ELEMENTS} elements", "a robot")
@@ -110,7 +130,8 @@ def check_numbers(root: ET.Element) -> None:
     """
     for element in (*root.findall("link"), *root.findall("joint")):
         name = element.get("name")
-        if not name or name in RESERVED_NAMES:
+        held = element.tag == "joint" and element.get("type") == "fixed"
+        if not name or (name in RESERVED_NAMES and not held):
             raise RobotDescriptionError(
                 f"the URDF has a {element.tag} of the name {name!r}",
                 "a name that is not empty and not reserved",
@@ -118,18 +139,45 @@ def check_numbers(root: ET.Element) -> None:
             )
         owner = f"{element.tag} '{name}'"
         for part in (*element, *element.iterfind("inertial/*")):
-            if part.tag in ("mass", "inertia", "origin", "axis", "limit"):
-                for key, text in part.items():
-                    _check_entry(owner, part.tag, key, text)
+            if part.tag in _KEYS:
+                _check_keys(owner, part)
         if element.tag == "link":
             _check_inertial(element, owner)
         axis = element.find("axis")
         if axis is not None and element.get("type") not in ("fixed", "floating"):
-            length = np.linalg.norm([float(word) for word in axis.get("xyz", "1 0 0").split()])
-            if length < MIN_AXIS_LENGTH:
+            xyz = axis.get("xyz")
+            if xyz is None or np.linalg.norm([float(w) for w in xyz.split()]) < MIN_AXIS_LENGTH:
                 raise RobotDescriptionError(
-                    f"{owner} has the axis '{axis.get('xyz')}'", "an axis with a direction"
+                    f"{owner} has an axis without xyz"
+                    if xyz is None
+                    else f"{owner} has the axis '{xyz}'",
+                    "an axis with a direction",
+                    'write it as in <axis xyz="0 0 1"/>, or leave the element out for the x axis',
                 )
+
+
+def prefix_remarks(root: ET.Element) -> list[str]:
+    """Name prefixes of elements and attributes that the URDF does not declare.
+
+    Args:
+        root: The element ``robot``.
+
+    Returns:
+        One sentence each.
+    """
+    known, used = {"xml", "xmlns"}, dict[str, None]()
+    for element in root.iter():
+        for name in (element.tag, *element.keys()):
+            prefix, colon, rest = name.partition(":")
+            if colon:
+                used[prefix] = None
+                known.update([rest] if prefix == "xmlns" else [])
+    return [
+        f"the URDF uses the prefix '{prefix}' without declaring it, which other programs refuse: "
+        f'add xmlns:{prefix}="..." to its element robot'
+        for prefix in used
+        if prefix not in known
+    ]
 
 
 def inertia_remarks(root: ET.Element) -> list[str]:
@@ -178,6 +226,22 @@ def _principal_moments(inertia: ET.Element) -> list[float]:
     ixx, iyy, izz, ixy, ixz, iyz = (float(inertia.get(key, "0")) for key in INERTIA)
     matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     return np.linalg.eigvalsh(matrix).tolist()
+
+
+def _check_keys(owner: str, part: ET.Element) -> None:
+    """Check the attributes of one element; others than its own are left out, as everywhere."""
+    own = _KEYS[part.tag]
+    for key, text in part.items():
+        if key in own:
+            _check_entry(owner, part.tag, key, text)
+            continue
+        lacking = [name for name in own if name not in part.attrib]
+        for meant in get_close_matches(key, lacking, 1, _LIKE):
+            raise RobotDescriptionError(
+                f"{owner} has <{part.tag} {key}=...>, and no {meant}",
+                f"the attribute {meant}",
+                "correct the name",
+            )
 
 
 def _check_entry(owner: str, tag: str, key: str, text: str) -> None:

@@ -13,6 +13,8 @@ import robots
 from refusals import refused
 from robot_energy.errors import RobotDescriptionError
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.urdf.checks import parse
+from robot_energy.physics.urdf.parse import prefix_remarks
 
 GOOD = robots.TWO_LINK_URDF
 NAMES = ("shoulder", "elbow")
@@ -85,6 +87,12 @@ def test_a_number_that_is_none_is_refused_with_its_owner(urdf):
         (chain(1000), "over 1000 links"),
         ('<!DOCTYPE r [<!ENTITY a "b">]>' + GOOD, "DOCTYPE"),
         (f'<?xml version="1.0"?>\n<!DOCTYPE robot SYSTEM "file:///etc/passwd">{GOOD}', "DOCTYPE"),
+        (changed('axis xyz="0 -1 0"', 'axis xzy="0 -1 0"'), "<axis xzy=...>, and no xyz"),
+        (changed('axis xyz="0 -1 0"', "axis"), "axis without xyz"),
+        (changed('effort="100"', 'efort="100"'), "<limit efort=...>, and no effort"),
+        ('<robot name="r"><material name="m"/></robot>', "no links"),
+        (GOOD.replace("<link ", '<xacro:if value="1"/><link ', 1), "xacro file"),
+        (with_element('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>'), "xacro file"),
         (with_element("&unknown;"), "not well-formed"),
         (with_element("\0"), "not well-formed"),
         (with_element("\ud800"), "not well-formed"),
@@ -108,6 +116,15 @@ def test_what_no_robot_has_is_refused(urdf, words):
         changed(INERTIA, 'ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"'),
         changed(INERTIA, INERTIA.replace('ixy="0"', 'ixy="1e-6"')),
         GOOD.replace('"fore"', '"elbow"'),  # a link of the name of a joint
+        changed("<limit ", '<limit drake:acceleration="2.5" jerk="x" '),
+        with_element('<drake:joint name="a" drake:b="1"/>'),
+        changed('<robot name="two_link"', '<robot name="two_link" xmlns="http://a/urdf"'),
+        changed('<robot name="two_link"', '<robot name="two_link" xmlns:xacro="http://a/xacro"'),
+        changed('axis xyz="0 -1 0"', 'axis xyz="0 -1 0" rpy="0 0 0"'),
+        with_element(
+            '<link name="z"/><joint name="root_joint" type="fixed"><parent link="fore"/>'
+            '<child link="z"/></joint>'
+        ),
         f'<?xml version="1.0" encoding="utf-16"?>{GOOD.strip()}',
     ],
 )
@@ -117,6 +134,14 @@ def test_what_only_looks_odd_is_taken(urdf):
     pose = np.full((1, 2), 0.5)
     reference = Robot(GOOD, NAMES).joint_torque(pose, pose, 0 * pose)
     np.testing.assert_allclose(robot.joint_torque(pose, pose, 0 * pose), reference, atol=1e-5)
+
+
+def test_a_prefix_that_is_not_declared_is_named():
+    text = changed("<limit ", '<limit drake:acceleration="2.5" ')
+    (said,) = prefix_remarks(parse(text))
+    assert 'add xmlns:drake="..."' in said
+    declared = text.replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ')
+    assert prefix_remarks(parse(declared)) == []
 
 
 def test_mass_that_the_parser_loses_is_noticed(monkeypatch):

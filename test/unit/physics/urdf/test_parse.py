@@ -94,7 +94,7 @@ def test_links_without_mass_of_their_own_are_listed():
     ("text", "words"),
     [
         ("", "well-formed"),
-        ("<robot/>", "no joint 'j'"),
+        ("<robot/>", "no links"),
         (urdf(joint("j", "base", "a", "floating", "")), "type 'floating'"),
         (urdf(joint("j", "base", "a", "planar", "")), "type 'planar'"),
         (
