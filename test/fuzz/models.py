@@ -14,8 +14,10 @@ from robot_energy.accounting.record import FORMAT_VERSION
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.model import parse_yaml, validate
+from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.starter import read_arm, read_description, starter_text
 from robot_energy.store import load_account
 from robot_energy.store.account_store import file_name_of, identity_of
 from robot_energy.store.envelope import wrap
@@ -70,6 +72,39 @@ def urdf(data: bytes) -> bool:
 def urdf_seeds() -> list[bytes]:
     """The two-link arm."""
     return [robots.TWO_LINK_URDF.encode()]
+
+
+def first_model(data: bytes) -> bool:
+    """A file is refused, or makes a first model that can be read, with finite torques."""
+
+    def read() -> None:
+        description = read_description(in_file("robot.urdf", data))
+        arm = read_arm(description.xml)
+        text = starter_text(arm, description, scratch())
+        model = validate(parse_yaml(text, "first.yaml"), str(scratch() / "first.yaml"))
+        robot = Robot.from_model(model)
+        pose = np.zeros((1, len(arm.joints)))
+        assert np.isfinite(robot.joint_torque(pose, pose, pose)).all()
+        assert all("\n" not in text for text in (*arm.remarks, *implausible(model, robot)))
+
+    if b"xacro" in data:  # which is a program of others, and slow
+        return False
+    return done(read)
+
+
+def first_model_seeds() -> list[bytes]:
+    """The two-link arm as others write it: drives, prefixes, encodings."""
+    more = (
+        '<transmission name="t"><joint name="elbow"/><actuator name="m"><drake:gear_ratio '
+        'value="50"/><drake:rotor_inertia value="1e-5"/></actuator></transmission>'
+        '<transmission name="s"><joint name="shoulder"/><actuator name="n"><mechanicalReduction>'
+        "113.9</mechanicalReduction></actuator></transmission></robot>"
+    )
+    text = robots.TWO_LINK_URDF.strip().replace("</robot>", more)
+    text = text.replace("<limit", '<dynamics damping="3" friction="2"/><limit')
+    declared = '<?xml version="1.0" encoding="{}"?>\n' + text.replace("two_link", "zweiglied ä")
+    encodings = ("ISO-8859-1", "utf-16")
+    return [text.encode(), *(declared.format(name).encode(name) for name in encodings)]
 
 
 def inputs_file(data: bytes) -> bool:

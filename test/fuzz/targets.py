@@ -27,6 +27,7 @@ TARGETS = {
     "stamps": Target(stamps.stamps, stamps.stamps_seeds),
     "model_file": Target(models.model_file, models.model_seeds),
     "urdf": Target(models.urdf, models.urdf_seeds),
+    "first_model": Target(models.first_model, models.first_model_seeds),
     "mcap": Target(bags.mcap, bags.mcap_seeds),
     "containers": Target(containers.containers, containers.container_seeds),
     "message_definition": Target(containers.message_definition, containers.definition_seeds),

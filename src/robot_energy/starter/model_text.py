@@ -50,7 +50,10 @@ def _share(share: Share, scale: float, source: str) -> str:
 
 def _comment(text: str, bullet: str = "") -> str:
     return indent(
-        fill(shown(text, MAX_LINE), WIDTH, initial_indent=bullet, subsequent_indent=" " * len(bullet)), "# "
+        fill(
+            shown(text, MAX_LINE), WIDTH, initial_indent=bullet, subsequent_indent=" " * len(bullet)
+        ),
+        "# ",
     )
 
 

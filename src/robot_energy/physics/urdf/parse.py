@@ -25,6 +25,7 @@ MIN_AXIS_LENGTH = 1e-6  # length of an axis that still has a direction
 INERTIA_TOLERANCE = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
 MAX_MOMENT_RATIO = 1.5  # of a principal moment over the sum of the other two; digits leave 1
 MIN_REACH = 1.0  # m; a smaller robot is taken for one of that size
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
 
 XACRO = (
@@ -138,6 +139,10 @@ def check_numbers(root: ET.Element) -> None:
                 "rename it",
             )
         owner = f"{element.tag} '{name}'"
+        if element.tag == "joint" and element.get("type") not in JOINT_TYPES:
+            raise RobotDescriptionError(
+                f"{owner} is of type '{element.get('type')}'", " or ".join(JOINT_TYPES)
+            )
         for part in (*element, *element.iterfind("inertial/*")):
             if part.tag in _KEYS:
                 _check_keys(owner, part)

@@ -91,6 +91,8 @@ def test_a_number_that_is_none_is_refused_with_its_owner(urdf):
         (changed('axis xyz="0 -1 0"', "axis"), "axis without xyz"),
         (changed('effort="100"', 'efort="100"'), "<limit efort=...>, and no effort"),
         ('<robot name="r"><material name="m"/></robot>', "no links"),
+        (changed('type="continuous"', 'type="hinge"'), "joint 'elbow' is of type 'hinge'"),
+        (changed('type="continuous"', ""), "joint 'elbow' is of type 'None'"),
         (GOOD.replace("<link ", '<xacro:if value="1"/><link ', 1), "xacro file"),
         (with_element('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>'), "xacro file"),
         (with_element("&unknown;"), "not well-formed"),
