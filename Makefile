@@ -46,15 +46,15 @@ wheel:  ## wheel and source distribution of the library in build/dist
 bench: prepare  ## measure speed
 	@$(in_environment) python test/bench/run.py
 
-soak: prepare  ## runs that take long: a simulated month, load, fuzzing, bit rot
+soak: prepare build/urdfs/pins  ## runs that take long: a simulated month, load, fuzzing, bit rot
 	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes -r .ci/requirements-soak.txt && python test/soak/run.py
 
 clean:  ## remove all that set-up and tests made
 	rm -rf .venv build install log
 
-# URDFs of robots for one test; made again when their pins change.
-build/robots/pins: .ci/requirements-robots.txt | prepare
-	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes --upgrade --target build/robots -r $< && cp $< $@
+# URDFs of robots, for one test and for one long run; made again when their pins change.
+build/robots/pins build/urdfs/pins: build/%/pins: .ci/requirements-%.txt | prepare
+	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes --upgrade --target build/$* -r $< && cp $< $@
 
 .PHONY: prepare
 prepare:

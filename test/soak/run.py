@@ -30,6 +30,7 @@ import page_day
 import sanitizers
 import service_kills
 import service_load
+import urdfs
 import wear
 from figure import Figure, LongRun
 from rich.console import Console
@@ -49,6 +50,7 @@ RUNS: dict[str, LongRun] = {
     "network": network,
     "sanitizers": sanitizers,
     "page_day": page_day,
+    "urdfs": urdfs,
     "wear": wear,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"

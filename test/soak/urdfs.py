@@ -1,6 +1,7 @@
 """URDFs and xacro files of others: each through `model init`, `model check` and a short replay.
 
-Usage: ``python test/soak/urdfs.py FOLDER [--log FILE]``, for any folder of such files. ``make soak`` runs it on what `.ci/requirements-urdfs.txt` lists.
+Usage: ``python test/soak/urdfs.py FOLDER [--log FILE]``, for any folder of such files. ``make
+soak`` runs it on what `.ci/requirements-urdfs.txt` lists.
 
 The joint states are sines, worked out here. Torque and energy are compared with those of
 Pinocchio, which reads the file itself.
