@@ -67,7 +67,7 @@ setup(
             "presets/*.yaml",
             "rig/profiles/*.yaml",
             "page/static/*",
-            # A link to the interface package: one source of truth for the messages.
+            # Copies of those of ros2_energy_msgs, so that the folder stands alone.
             "cdr/msg/*.msg",
         ],
         "robot_energy_papers": ["templates/*.j2"],
