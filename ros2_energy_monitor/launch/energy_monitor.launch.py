@@ -32,7 +32,13 @@ from launch import LaunchDescription
 from robot_energy.blocks import EffortMeaning
 from robot_energy.condition.learner import Learning
 from robot_energy.presets import ROBOTS
-from ros2_energy_monitor.launch_arguments import BOOLEANS, LEVELS, check_arguments, is_true
+from ros2_energy_monitor.launch_arguments import (
+    BOOLEANS,
+    LEVELS,
+    check_arguments,
+    is_true,
+    parameter_files,
+)
 
 PACKAGE = "ros2_energy_monitor"
 RESPAWN_DELAY = 2.0  # [s]
@@ -59,7 +65,7 @@ ARGUMENTS = {  # name: default, what it is
     "dashboard": ("false", "Whether to serve the energy page of all robots"),
     "autostart": (AS_CONFIGURED, "Whether the nodes configure and activate themselves"),
     "params_file": ("", "Parameter file that is read after those of this package"),
-    "state_folder": (AS_CONFIGURED, "Folder that keeps the registers; empty keeps nothing"),
+    "state_folder": (AS_CONFIGURED, "Folder that keeps the registers; none keeps nothing"),
     "learning": (AS_CONFIGURED, "What is done with learned friction and losses: learning"),
     "joint_states": ("", "Topic of the joint states; empty for those of the parameter files"),
     "motor_temperatures": ("", "Topic of the motor temperatures; empty as joint_states"),
@@ -87,11 +93,11 @@ def share(*parts: str) -> PathJoinSubstitution:
     return PathJoinSubstitution([FindPackageShare(PACKAGE), *parts])
 
 
-def model_of(robot: str, model: str) -> str:
-    """Return the model to use: the given one, or the shipped one of a robot."""
+def model_of(robot: str, model: str, *, required: bool) -> str:
+    """Return the model to use: the given one, or the shipped one of a robot; empty for none."""
     if robot:
         return ROBOTS[robot].model_or(model)
-    if not model:
+    if required and not model:
         raise RuntimeError("neither model nor robot is given; expected model:=... or robot:=...")
     return model
 
@@ -131,14 +137,17 @@ def monitors(context) -> list[Node]:
     folder = value["state_folder"]
     if folder == AS_CONFIGURED and is_true(value["virtual"]):
         folder = VIRTUAL_FOLDER
-    further = [value["params_file"]] if value["params_file"] else []
+    further = parameter_files(value["params_file"])
     robot = value["robot"]
-    model = model_of(robot, value["model"])
+    managed = value["autostart"] != AS_CONFIGURED and not is_true(value["autostart"])
+    model = model_of(robot, value["model"], required=not managed)
     read = [value[name] for name in ("joint_states", "motor_temperatures", "power_meter")]
     described = value["robot_description"]
     nodes = []
     for name in SEPARATE if is_true(value["separate"]) else TOGETHER:
-        given = {"model": model, "use_sim_time": is_true(value["use_sim_time"])}
+        given = {"use_sim_time": is_true(value["use_sim_time"])}
+        if model:
+            given["model"] = model
         given |= topics(robot, name, *read)
         preset = [robot_inputs(robot, name)] if robot_inputs(robot, name) else []
         if name in READERS and value["effort"] != AS_CONFIGURED:

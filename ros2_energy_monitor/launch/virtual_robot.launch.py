@@ -11,7 +11,13 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
-from ros2_energy_monitor.launch_arguments import BOOLEANS, LEVELS, check_arguments, is_true
+from ros2_energy_monitor.launch_arguments import (
+    BOOLEANS,
+    LEVELS,
+    check_arguments,
+    is_true,
+    parameter_files,
+)
 
 PACKAGE = "ros2_energy_monitor"
 NAME = "virtual_robot"
@@ -30,7 +36,7 @@ def robots(context) -> list[Node]:
     """Return the node for the arguments that were given."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     config = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", f"{NAME}.yaml"])
-    further = [value["params_file"]] if value["params_file"] else []
+    further = parameter_files(value["params_file"])
     node = Node(
         package=PACKAGE,
         executable=NAME,

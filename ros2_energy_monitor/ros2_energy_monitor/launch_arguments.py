@@ -22,6 +22,29 @@ def is_true(value: str) -> bool:
     return value.lower() in ("true", "1")
 
 
+def parameter_files(given: str) -> list[str]:
+    """Return the parameter files that an argument names: one, or none.
+
+    ROS would start the nodes without a file that is not there.
+
+    Args:
+        given: Path of a file; ``~`` stands for the home folder, which a shell does not put in
+            after ``:=``. Empty for none.
+
+    Raises:
+        RuntimeError: If there is no such file.
+    """
+    if not given:
+        return []
+    path = Path(given).expanduser()
+    if not path.is_file():
+        raise RuntimeError(
+            f"params_file is '{given}', and {path.absolute()} is no file; "
+            "expected the path of a parameter file"
+        )
+    return [str(path)]
+
+
 def check_arguments(command_line: Sequence[str], file: str, known: Iterable[str]) -> None:
     """Refuse arguments of the command line that a launch file does not have.
 

@@ -39,6 +39,14 @@ class Recorded:
 
 
 @pytest.fixture
+def file(tmp_path: Path) -> str:
+    """A parameter file; one that is not there is refused."""
+    path = tmp_path / "my.yaml"
+    path.write_text("")
+    return str(path)
+
+
+@pytest.fixture
 def describe(monkeypatch: pytest.MonkeyPatch):
     made: list[Recorded] = []
 
@@ -94,10 +102,10 @@ def test_the_monitor_runs_in_one_process_or_in_three(describe):
     ]
 
 
-def test_the_dashboard_is_started_where_it_is_asked_for(describe):
-    made = nodes_of(describe(FILES[0], dashboard="true", namespace="left", params_file="my.yaml"))
+def test_the_dashboard_is_started_where_it_is_asked_for(describe, file):
+    made = nodes_of(describe(FILES[0], dashboard="true", namespace="left", params_file=file))
     assert list(made) == ["energy_monitor", "energy_dashboard"]
-    assert made["energy_dashboard"].options["parameters"][1:] == ["my.yaml"]
+    assert made["energy_dashboard"].options["parameters"][1:] == [file]
     assert "namespace" not in made["energy_dashboard"].options  # one page for all robots
 
 
@@ -105,27 +113,27 @@ def nodes_of(made: list[Recorded]) -> dict[str, Recorded]:
     return {one.options["executable"]: one for one in made if one.kind == "Node"}
 
 
-def test_arguments_reach_the_nodes(describe):
+def test_arguments_reach_the_nodes(describe, file):
     """The parameter file comes after that of the package; only keepers have a folder."""
-    given = {"params_file": "my.yaml", "state_folder": "/kept", "use_sim_time": "true"}
+    given = {"params_file": file, "state_folder": "/kept", "use_sim_time": "true"}
     for separate in ("true", "false"):
         nodes = nodes_of(describe(FILES[0], separate=separate, log_level="debug", **given))
         for name, node in nodes.items():
-            _, file, values = node.options["parameters"]
-            assert file == "my.yaml"
+            _, last, values = node.options["parameters"]
+            assert last == file
             assert values["use_sim_time"] is True
             assert node.options["arguments"][-1] == "debug"
             keeper = name in ("energy_monitor", "power_monitor")
             assert values.get("state_folder") == ("/kept" if keeper else None)
 
 
-def test_a_robot_brings_its_model_and_the_topics_of_its_driver(describe):
+def test_a_robot_brings_its_model_and_the_topics_of_its_driver(describe, file):
     """Before the parameter file of the user, to each node what it has parameters for."""
-    nodes = nodes_of(describe(FILES[0], robot="ur5e", params_file="my.yaml"))
-    _, preset, file, values = nodes["energy_monitor"].options["parameters"]
+    nodes = nodes_of(describe(FILES[0], robot="ur5e", params_file=file))
+    _, preset, last, values = nodes["energy_monitor"].options["parameters"]
     assert preset == ROBOTS["ur5e"].parameters
     assert set(preset) == {"joint_states", "temperature_sources", "rtde", "meter"}
-    assert file == "my.yaml"
+    assert last == file
     assert values["model"] == "ur5e"
     assert "joint_states" not in values
     nodes = nodes_of(describe(FILES[0], robot="fr3", model="my_fr3.yaml", separate="true"))
@@ -152,6 +160,9 @@ def test_the_meaning_of_the_effort_reaches_the_nodes_with_joint_states(describe)
 def test_a_monitor_without_model_or_known_robot_is_refused(describe):
     with pytest.raises(RuntimeError, match="neither model nor robot"):
         describe(FILES[0], model="")
+    # A manager can set it before it configures the node, and a parameter file can hold it.
+    node = nodes_of(describe(FILES[0], model="", autostart="false"))["energy_monitor"]
+    assert "model" not in node.options["parameters"][-1]
     with pytest.raises(ModelFileError, match="robot-energy model init"):
         describe(FILES[0], robot="fr3")
     with pytest.raises(KindError, match="ur5x"):
@@ -214,7 +225,19 @@ def test_the_virtual_robot_counts_apart_from_a_real_one(describe):
     assert folder() is None  # as the parameter files say
     assert folder(virtual="true") == "$ROS_HOME/robot_energy/virtual_robot"
     assert folder(virtual="true", state_folder="/mine") == "/mine"
-    assert folder(state_folder="") == ""
+    assert folder(state_folder="none") == "none"  # an empty argument is malformed
+
+
+def test_a_parameter_file_that_is_not_there_is_refused(describe, tmp_path, monkeypatch):
+    for path in FILES:
+        with pytest.raises(
+            RuntimeError, match=r"params_file is 'my\.yaml', and /.*/my\.yaml is no"
+        ):
+            describe(path, params_file="my.yaml")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "my.yaml").write_text("")
+    nodes = nodes_of(describe(FILES[0], params_file="~/my.yaml"))
+    assert str(tmp_path / "my.yaml") in nodes["energy_monitor"].options["parameters"]
 
 
 def test_an_unknown_argument_is_refused(describe, monkeypatch):

@@ -311,6 +311,25 @@ def test_rejected_messages_are_counted_by_reason(bench):
     assert values["received"] == values["accepted"] + values["rejected.duplicate_stamp"] == 4
 
 
+def test_joint_states_that_are_all_rejected_are_an_error(bench):
+    bench.add(TorqueMonitor, model="kr16", input_timeout=60.0)
+    diagnosed = bench.diagnosed()
+    publisher = bench.publisher(JointState, "joint_states")
+    for _ in range(4):
+        publisher.publish(joint_state(0))
+    status = diagnosed.wait("torque_monitor: joint states", "all 4 messages on /joint_states")
+    assert status.level == DiagnosticStatus.ERROR
+    assert "zero_stamp" in status.message
+    assert "set joint_states.stamp_source to receive" in status.message
+
+
+def test_a_robot_without_thermometers_is_no_fault(bench):
+    bench.add(FrictionMonitor, model="kr16", temperature_sources=[""])
+    status = bench.diagnosed().wait("friction_monitor: motor temperatures", "friction is taken at")
+    assert status.message == "temperature_sources is empty: friction is taken at 22 degC"
+    assert status.level == DiagnosticStatus.OK
+
+
 def test_missing_temperature_is_diagnosed_until_it_comes(bench):
     bench.add(FrictionMonitor, model="kr16")
     diagnosed = bench.diagnosed()
@@ -318,6 +337,7 @@ def test_missing_temperature_is_diagnosed_until_it_comes(bench):
     status = diagnosed.wait(name, "no motor temperature has arrived on /motor_temperatures")
     assert status.level == DiagnosticStatus.WARN
     assert "friction is taken at 22 degC" in status.message
+    assert "temperature_sources to [] if there is none" in status.message
     publisher = bench.publisher(MotorTemperatures, "motor_temperatures")
     publisher.publish(temperatures(1))
     status = diagnosed.wait(name, "all is well")

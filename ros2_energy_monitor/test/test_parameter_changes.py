@@ -130,6 +130,17 @@ def test_values_set_together_are_taken_or_refused_together(bench):
     assert node.parameters.input_timeout == 1.0
 
 
+@pytest.mark.parametrize("given", [{}, {"model": ""}], ids=str)
+def test_a_node_without_model_waits_for_one_where_a_manager_starts_it(bench, capfd, given):
+    node = bench.add(TorqueMonitor, autostart=False, **given)
+    node.trigger_configure()
+    assert node.state == "unconfigured"
+    assert "without its parameter 'model'; expected" in capfd.readouterr().err
+    assert set_parameters(bench, node, model="kr16")[0].successful
+    node.trigger_configure()
+    assert node.state == "inactive"
+
+
 def test_a_wrong_model_is_said_by_configure_and_can_be_corrected(bench, capfd):
     node = bench.add(TorqueMonitor, model="kr17", autostart=False)
     node.trigger_configure()

@@ -174,7 +174,7 @@ def test_where_the_files_are(monkeypatch, tmp_path):
     monkeypatch.delenv("ROS_HOME")
     assert folder_of("$ROS_HOME/robot_energy") == Path.home() / ".ros/robot_energy"
     assert folder_of("~/kept") == Path.home() / "kept"
-    assert folder_of("") is None
+    assert folder_of("") is folder_of("none") is None
 
 
 def test_an_interval_begins_with_what_has_arrived(bench, messages, tmp_path):

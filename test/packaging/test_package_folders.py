@@ -85,9 +85,7 @@ def test_every_import_is_of_a_declared_dependency(package):
 def test_what_pip_brings_is_what_the_packaging_asks_for(package):
     """The line for pip in package.xml names no distribution that setup.py does not know."""
     text = (FOLDERS[package] / "setup.py").read_text()
-    named = {
-        module_name(name) for name in re.findall(r'"([A-Za-z][\w.-]*)(?:\[\w+\])?[<>=]', text)
-    }
+    named = {module_name(name) for name in re.findall(r'"([A-Za-z][\w.-]*)(?:\[\w+\])?[<>=]', text)}
     # Both come with `distributed`.
     assert by_pip(package) - {"dask"} <= named
 

@@ -26,6 +26,7 @@ ANSWERING = 0.5  # how long a service does; joint states wait for it meanwhile [
 CLOSING = 5.0  # how long deactivate does [s]
 LATE_PERIODS = 3  # a checkpoint that takes longer than this is in trouble
 ROS_HOME = "$ROS_HOME"
+NO_FOLDER = "none"  # `ros2 launch` cannot give an empty argument
 DURATIONS = 600  # latest ones that the quantiles are taken over
 
 
@@ -34,9 +35,9 @@ def folder_of(parameter: str) -> Path | None:
 
     Args:
         parameter: A path; ``$ROS_HOME`` at its beginning stands for that variable, or for
-            ``~/.ros`` where it is not set. Empty for no folder.
+            ``~/.ros`` where it is not set. ``none`` for no folder, as empty.
     """
-    if not parameter:
+    if parameter in ("", NO_FOLDER):
         return None
     home = os.environ.get("ROS_HOME") or "~/.ros"
     if parameter == ROS_HOME or parameter.startswith(f"{ROS_HOME}/"):

@@ -29,7 +29,7 @@ from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.node_parameters import Common
 from ros2_energy_monitor.base.parameter_changes import AT_START, ParameterChanges
-from ros2_energy_monitor.base.parameters import declare, parameter_lines, reread
+from ros2_energy_monitor.base.parameters import declare, parameter_lines, require, reread
 from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch
@@ -124,6 +124,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     def configure(self) -> None:
         """Read the model, set up and start to drain, as soon as the robot is described."""
         self.parameters, self._entries = reread(self, self._parameters_type)
+        require(self, self._entries)
         name = self.parameters.model
         try:
             model = load(name)

@@ -91,7 +91,7 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
     )
     state_folder: str = parameter(
         "Folder that keeps the registers across restarts; $ROS_HOME is ~/.ros where it is not "
-        "set. Empty keeps nothing.",
+        "set. none keeps nothing.",
         "$ROS_HOME/robot_energy",
     )
     checkpoint_period: float = parameter(

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Collection
-from dataclasses import MISSING
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -48,7 +48,8 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
 
     Unknown overrides are logged as a warning, with the name that was probably meant, and so
     are parameter files without a section for the node. Where the class has the parameter
-    ``strict_parameters`` and it is true, they are refused instead.
+    ``strict_parameters`` and it is true, they are refused instead. With ``autostart`` false a
+    required text may be missing: it is empty then, and `require` refuses it.
 
     Args:
         node: The node.
@@ -66,10 +67,14 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
     for sentence in complaints:  # at once: it may be why a parameter is missing
         node.get_logger().warning(shown_lines(sentence))
     given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
+    autostart = given.get("autostart") if hasattr(cls, "autostart") else None
+    later = autostart is not None and autostart.value is False
     names: list[str] = []
 
     def value_of(entry: Parameter) -> Any:
         names.append(entry.name)
+        if later and entry.default is MISSING and entry.kind is str:
+            entry = replace(entry, default="")
         return _declare_one(node, entry, given, read_only=fixed is None or entry.name in fixed)
 
     values = assemble(cls, value_of, node.get_name())
@@ -107,16 +112,11 @@ def _declare_one(
             given[name] = RosParameter(name, value=numbers)
     if entry.kind == tuple[str, ...] and override is not None and not override.value:
         given[name] = RosParameter(name, value=[""])  # an empty list has no type
-    missing = ParameterError(
-        f"{node.get_name()} was started without its parameter '{name}'",
-        f"{entry.expected}: {entry.description.rstrip('.')}",
-        f"add it to the parameter file or start with -p {name}:=...",
-    )
     try:
         node.declare_parameter(name, _start(entry), _descriptor(entry, read_only=read_only))
         value: Any = node.get_parameter(name).value
     except ParameterUninitializedException:
-        raise missing from None
+        raise _missing(node, entry) from None
     except (InvalidParameterTypeException, InvalidParameterValueException):
         value = given[name].value if name in given else None
         if value is False and "off" in entry.choices:  # YAML reads the word off as false
@@ -126,8 +126,31 @@ def _declare_one(
             f"parameter '{name}' of {node.get_name()} is {value!r}", entry.expected
         ) from None
     if entry.default is MISSING and value in (None, ""):
-        raise missing
+        raise _missing(node, entry)
     return entry.check([] if value is None else value, node.get_name())
+
+
+def require(node: Node, entries: Mapping[str, Parameter]) -> None:
+    """Refuse required parameters that are still empty.
+
+    Args:
+        node: The node, which has declared them.
+        entries: Its parameters by name.
+
+    Raises:
+        ParameterError: If one is.
+    """
+    for entry in entries.values():
+        if entry.default is MISSING and not node.get_parameter(entry.name).value:
+            raise _missing(node, entry)
+
+
+def _missing(node: Node, entry: Parameter) -> ParameterError:
+    return ParameterError(
+        f"{node.get_name()} was started without its parameter '{entry.name}'",
+        f"{entry.expected}: {entry.description.rstrip('.')}",
+        f"add it to the parameter file or start with -p {entry.name}:=...",
+    )
 
 
 def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from rclpy.executors import SingleThreadedExecutor
 
 from robot_energy.errors import RobotEnergyError
+from ros2_energy_monitor.base.checkpoints import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, identify_plant
 from ros2_energy_monitor.demo.demo_page import PAGE, draw_page, free_port, save_page
@@ -58,7 +59,7 @@ def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
             hard=True,
         )
         for name in MONITORS:
-            keep_nothing = {"state_folder": "''"} if name == "power_monitor" else {}
+            keep_nothing = {"state_folder": NO_FOLDER} if name == "power_monitor" else {}
             children.start(name, model=model, **keep_nothing)
         port = free_port()
         url = f"http://127.0.0.1:{port}/"

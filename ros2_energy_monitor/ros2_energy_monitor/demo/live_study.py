@@ -24,6 +24,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import ReportError, RobotEnergyError
+from ros2_energy_monitor.base.checkpoints import NO_FOLDER
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
@@ -110,7 +111,7 @@ def live_energies(
             "torque_monitor", model=model, **{"joint_states.effort_meaning": "motor_torque"}
         )
         children.start("friction_monitor", model=model)
-        children.start("power_monitor", model=model, state_folder="''")
+        children.start("power_monitor", model=model, state_folder=NO_FOLDER)
         node = rclpy.create_node("live_study", context=context)
         seen = _Seen(node)
         with pausing(node, stop) as pause:

@@ -33,7 +33,7 @@ from ros2_energy_monitor.diagnostics.reporter import (
 from ros2_energy_monitor.diagnostics.time import TimeWatch
 
 NO_STATES = "start the driver or set joint_states.topics"
-NO_TEMPERATURE = "start its driver or set the topic of the source"
+NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 SILENT_TEMPERATURE = "check its driver or topic"
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
@@ -114,6 +114,8 @@ def temperature_source(
     stage: FrictionStage,
     model: RobotModel,
     states: JointStateIngest | None = None,
+    *,
+    wanted: bool = True,
 ) -> Source:
     """Check motor temperatures and the friction that follows from them.
 
@@ -125,6 +127,7 @@ def temperature_source(
         stage: The friction that follows.
         model: The robot's model.
         states: The joint states, where they are known.
+        wanted: Whether any source is set; that a robot has none is no fault.
 
     Returns:
         Makes the status of the motor temperatures.
@@ -165,7 +168,11 @@ def temperature_source(
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
         for doubt in (*ingest.doubts, *ingest.clock_doubts(states, RECENT)):
             found.add(WARN, doubt)
-        if unknown and ingest.rejections.rejected and not ingest.rejections.accepted:
+        if not wanted:
+            sentence = f"temperature_sources is empty: {fallback}"
+            found.notes.append(sentence)
+            found.remarks.append(sentence)
+        elif unknown and ingest.rejections.rejected and not ingest.rejections.accepted:
             worst = ingest.rejections.rejected.most_common(1)[0][0]
             found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
         elif len(unknown) == len(names):

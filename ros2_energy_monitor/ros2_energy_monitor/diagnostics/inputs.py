@@ -129,12 +129,14 @@ class InputWatch:
             for reason, count in after.rejected.items()
             if reason != INACTIVE  # as asked for
         }
-        if new and sum(reasons.values()) > REJECTED_SHARE * new:
+        count = sum(reasons.values())
+        if new and count > REJECTED_SHARE * new:
             worst = max(reasons, key=lambda reason: reasons[reason])
+            share = f"all {new}" if count >= new else f"{count} of {new}"
             found.add(
-                WARN,
-                f"{sum(reasons.values())} of {new} messages on {self._inbox.topic} rejected in "
-                f"the last second, most as {worst}",
+                ERROR if self._needed and count >= new else WARN,
+                f"{share} messages on {self._inbox.topic} rejected in the last second, most as "
+                f"{worst}",
             )
 
 

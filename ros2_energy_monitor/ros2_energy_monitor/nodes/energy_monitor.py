@@ -134,6 +134,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self._pipeline.friction,
                 self.model,
                 self.ingest,
+                wanted=bool(self.parameters.temperature_sources),
             ),
             energy_source(
                 self.account,

@@ -46,7 +46,15 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
             self, self.ingest, self.parameters.resubscribe_after
         )
         self.inputs = temperature_inputs(self.ingest, self.temperatures)
-        self.sources = [temperature_source(self.temperatures, self.ingest, self._stage, self.model)]
+        self.sources = [
+            temperature_source(
+                self.temperatures,
+                self.ingest,
+                self._stage,
+                self.model,
+                wanted=bool(self.parameters.temperature_sources),
+            )
+        ]
 
     def activate(self) -> None:
         """Publish the friction as it stands, also before the first temperature."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 ERROR = "error"
@@ -9,7 +10,10 @@ WARNING = "warning"
 NOTE = "note"
 SEVERITIES = (ERROR, WARNING, NOTE)
 UNJUDGED = "unjudged."  # begins the cause of a note on what a recording cannot show
+# What only the command has stands in brackets, which a node leaves out.
+EFFORT = "joint_states.effort_meaning (--effort)"
 PARAMETERS = "parameter file (--inputs)"
+OF_THE_COMMAND = re.compile(r" \(--[a-z-]+\)")
 MODEL = "model file"
 
 

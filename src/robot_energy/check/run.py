@@ -12,6 +12,7 @@ from robot_energy.bag_replay import replay
 from robot_energy.blocks import EffortMeaning, MeterBlock, PowerBlock, TorqueBlock
 from robot_energy.check.evidence import Evidence, Remarks, evidence_of, remarks_of
 from robot_energy.check.finding import (
+    EFFORT,
     ERROR,
     NOTE,
     PARAMETERS,
@@ -200,7 +201,7 @@ def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
     if evidence.effort is EffortMeaning.NONE or not np.isfinite(evidence.motor_torque).any():
         note(
             "no_torque", [], "no measured torque: friction and bodies cannot be identified",
-            "record the effort, and state its meaning with --effort",
+            f"record the effort, and set {EFFORT}",
         )  # fmt: skip
     short, slow, cold = list[str](), list[str](), list[str]()
     for j, name in enumerate(evidence.names):

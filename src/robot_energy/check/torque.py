@@ -15,7 +15,7 @@ import numpy as np
 from robot_energy.blocks import EffortMeaning
 from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import ERROR, NOTE, UNJUDGED, WARNING, Finding, unjudged
+from robot_energy.check.finding import EFFORT, ERROR, NOTE, UNJUDGED, WARNING, Finding, unjudged
 from robot_energy.check.hypotheses import (
     MAX_FACTOR,
     MIN_MOTION,
@@ -77,9 +77,8 @@ def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
         evidence: The recording.
     """
     if evidence.effort is EffortMeaning.NONE:
-        return list(
-            _fitting_meanings(evidence)
-        ), "the meaning of the effort is not stated (--effort)"
+        why = f"the meaning of the effort is not stated: set {EFFORT}"
+        return list(_fitting_meanings(evidence)), why
     if not bool(np.isfinite(evidence.motor_torque).any()):
         return [], "the joint states carry no effort"
     thin = evidence.thinned()

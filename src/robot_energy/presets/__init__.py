@@ -55,7 +55,7 @@ class RobotPreset(Kind):
         raise ModelFileError(
             f"no model is shipped for the robot '{self.name}'",
             "a model file",
-            f"make one with `{INIT} ROBOT.urdf --out my_robot.yaml` and add --model my_robot.yaml",
+            f"make one with `{INIT} ROBOT.urdf --out my_robot.yaml` and give that as the model",
         )
 
 

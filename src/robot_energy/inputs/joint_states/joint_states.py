@@ -174,7 +174,7 @@ class JointStateIngest:
                 f"all {zero} joint states were received at time zero: let the clock run"
                 if self._receive_time
                 else f"all {zero} joint states have a zero stamp: let the driver set it, "
-                "or set stamps to 'receive'"
+                "or set joint_states.stamp_source to receive"
             )
             found.append(JointStateProblem(sentence, 0, 0, severe=True))
         return found
