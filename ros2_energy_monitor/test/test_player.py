@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 from types import ModuleType
@@ -12,33 +15,44 @@ from types import ModuleType
 import numpy as np
 import pytest
 from mcap.writer import Writer
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from robot_energy.bag import BagReader, BagWriter
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import replay
-from robot_energy.errors import MessageTypeError, MissingTopicError, ReportError
+from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ReportError
 from robot_energy.model import load, save
 from ros2_energy_monitor.base.message_classes import message_class
+from ros2_energy_monitor.base.playback_clock import PlaybackClock
 from ros2_energy_monitor.demo import live_study
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.player import Player
 
 RATE = 8.0
 FLOAT = "std_msgs/msg/Float64"
 PAYLOAD = "ros2_energy_msgs/msg/Payload"
+STATES = ["/joint_states"]
 
 
-def play(bench, bag: Path, topics=None) -> tuple[Player, float]:
-    player = Player(bench.tester, BagReader(bag), RATE, topics)
-    bench.spin_until(player.heard, "a subscriber")
+def spinning(bench, goes_on=lambda: True):
+    """A pause that executes the nodes of the bench."""
 
     def pause(seconds: float) -> bool:
         bench.executor.spin_once(timeout_sec=seconds)
-        return True
+        return goes_on()
 
-    begin = time.monotonic()
+    return pause
+
+
+def play(bench, bag: Path, topics=None) -> tuple[Player, float]:
     lines: list[str] = []
-    player.play(pause, lines.append)
+    player = Player(bench.tester, BagReader(bag), RATE, topics, report=lines.append)
+    bench.spin_until(player.heard, "a subscriber")
+    begin = time.monotonic()
+    player.play(spinning(bench))
     assert [int(line.split("%")[0]) // 10 for line in lines] == list(range(1, 11))
     return player, time.monotonic() - begin
 
@@ -57,6 +71,138 @@ def test_every_message_once_byte_for_byte_and_in_order(bench, recording, message
     assert taken == messages["/joint_states"]
     assert player.played == {topic: len(rows) for topic, rows in messages.items()}
     assert lasted > 0.9 * 8.0 / RATE  # never faster than asked for
+
+
+def states_in(part: TimeRange, bag: Path) -> int:
+    reader = BagReader(bag)
+    spans = {topic: part.span(reader) for topic in STATES}
+    return sum(len(found[topic]) for found in reader.parts(STATES, spans) for topic in found)
+
+
+def monitored(bench, bag: Path, times: int):
+    """Time and energy that a monitor counts in the first 2 s of a recording, played in a loop."""
+    node = bench.add(EnergyMonitor, model="kr16", state_folder="none")
+    part = TimeRange(end=2.0)
+    player = Player(bench.tester, BagReader(bag), RATE, STATES, part=part)
+    bench.spin_until(player.heard, "the monitor")
+    wanted = times * states_in(part, bag)
+    player.play(spinning(bench, lambda: player.played.total() < wanted), loop=times > 1)
+    sent = player.played.total()
+    assert wanted <= sent <= wanted + 20  # it stops in its next pause
+    bench.spin_until(lambda: node.ingest.rejections.received == sent, "all joint states")
+    node.close()
+    registers = node.account.registers
+    bench.remove(node)
+    return registers
+
+
+def test_a_loop_counts_every_turn_and_nothing_across(bench, recording):
+    once, thrice = (monitored(bench, recording, times) for times in (1, 3))
+    assert (once.time.gap_ns, once.time.jumps) == (0, 0)
+    assert (thrice.time.gap_ns, thrice.time.jumps) == (0, 2)
+    assert thrice.time.observed_ns == 3 * once.time.observed_ns
+    energies = once.microjoule[:12]  # without the squares of standard deviations
+    assert energies[0] > 1e6
+    assert thrice.microjoule[:12] == pytest.approx(3 * energies, abs=3)
+
+
+def test_a_part_is_played(bench, recording):
+    inbox = bench.inbox(JointState, "/joint_states")
+    part = TimeRange(1.0, -6.0)
+    reader = BagReader(recording)
+    player = Player(bench.tester, reader, RATE, STATES, part=part)
+    bench.spin_until(player.heard, "a subscriber")
+    player.play(spinning(bench))
+    assert 240 < player.played["/joint_states"] == states_in(part, recording) < 260
+    bench.spin_until(lambda: inbox.drain() is not None, "joint states")
+    with pytest.raises(BagError, match="a start before the end"):
+        Player(bench.tester, reader, RATE, part=TimeRange(3.0, 2.0))
+
+
+def test_the_clock_is_that_of_the_recording(bench, recording):
+    times: list[int] = []
+    bench.tester.create_subscription(
+        Clock, "/clock", lambda m: times.append(m.clock.sec * 10**9 + m.clock.nanosec), 100
+    )
+    reader = BagReader(recording)
+    part = TimeRange(1.0, 3.0)
+    player = Player(bench.tester, reader, RATE, STATES, part=part, clock_rate=200.0)
+    bench.spin_until(lambda: player.clock._publisher.get_subscription_count(), "a subscriber")
+    bench.inbox(JointState, "/joint_states")
+    bench.spin_until(player.heard, "a subscriber")
+    player.play(spinning(bench))
+    player.clock.pause(True)
+    bench.spin_until(lambda: times and times[-1] == player.clock.now_ns, "the time it stands at")
+    first, last = part.span(reader)
+    assert times == sorted(times)
+    assert first <= times[0] < first + 10**9
+    assert last <= times[-1]
+
+
+def test_a_bag_with_a_clock_has_one_clock(bench, tmp_path):
+    reader = odd_bag(tmp_path, {"/clock": FLOAT, "/plain": FLOAT})
+    player = Player(bench.tester, reader, 1.0, clock_rate=40.0)
+    assert player.topics == ["/plain"]
+    assert "Leave out --clock" in player.left_out[0]
+
+
+def call(bench, name: str) -> str:
+    client = bench.tester.create_client(Trigger, f"/tester/{name}")
+    bench.spin_until(client.service_is_ready, name)
+    future = client.call_async(Trigger.Request())
+    bench.spin_until(future.done, f"the answer of {name}")
+    assert future.result().success
+    return future.result().message
+
+
+def test_it_stands_still_and_goes_on(bench, recording):
+    bench.inbox(JointState, "/joint_states")
+    lines: list[str] = []
+    part = TimeRange(end=1.0)
+    reader = BagReader(recording)
+    player = Player(bench.tester, reader, RATE, STATES, part=part, paused=True, report=lines.append)
+    bench.spin_until(player.heard, "a subscriber")
+    looks = iter(range(5))
+    player.play(spinning(bench, lambda: next(looks, None) is not None))
+    assert player.played.total() == 0
+    for name, answer in (
+        ("pause", "paused"), ("toggle_paused", "plays"), ("resume", "plays"), ("pause", "paused"),
+        ("resume", "plays"),
+    ):  # fmt: skip
+        assert call(bench, name) == answer
+    assert lines == ["goes on", "paused", "goes on"]
+    player.play(spinning(bench))
+    assert player.played.total() == states_in(part, recording)
+
+
+def test_time_stands_still_in_a_pause(bench):
+    clock = PlaybackClock(bench.tester, 1000.0)
+    clock.begin(10**18)
+    bench.spin_until(lambda: clock.now_ns > 10**18, "time")
+    assert clock.left(10**18 + 10**15) < 1000.0
+    clock.pause(True)
+    stands = clock.now_ns
+    assert clock.left(10**18 + 10**15) == float("inf")
+    assert clock.now_ns == stands
+    clock.pause(False)
+    bench.spin_until(lambda: clock.now_ns > stands, "time")
+
+
+def test_the_space_key_pauses_in_a_terminal(bench):
+    clock = PlaybackClock(bench.tester, 1.0)
+    keyboard, terminal = pty.openpty()
+    before = termios.tcgetattr(terminal)
+    with clock.space_key(terminal) as has_key:
+        assert has_key
+        os.write(keyboard, b"x y")  # without a new line
+        bench.spin_until(lambda: clock.paused, "a pause")
+        os.write(keyboard, b" ")
+        bench.spin_until(lambda: not clock.paused, "its end")
+    assert termios.tcgetattr(terminal) == before
+    with Path(os.devnull).open() as none, clock.space_key(none.fileno()) as has_key:
+        assert not has_key
+    os.close(keyboard)
+    os.close(terminal)
 
 
 def test_what_cannot_be_played_is_left_out_or_refused(bench, tmp_path):
@@ -119,7 +265,7 @@ def test_a_bag_of_which_nothing_can_be_played_is_refused(bench, child_environmen
 def test_a_bag_is_played_to_other_topics(loopback_bench, child_environment, tmp_path):
     reader = odd_bag(tmp_path, {"/plain": FLOAT})
     loopback_bench.tester.create_subscription(Float64, "/cell/plain", lambda _: None, 10)
-    words = ["player", str(reader.path), "--ros-args", "-r", "/plain:=/cell/plain"]
+    words = ["player", str(reader.path), "--clock", "--ros-args", "-r", "/plain:=/cell/plain"]
     done = run(child_environment, *words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1].split() == ["1", "/plain"]
@@ -177,7 +323,9 @@ def test_commands_refuse_in_one_sentence(child_environment, tmp_path):
     done = run(child_environment, "live_study", str(tmp_path))
     assert done.returncode == 2
     assert "robot-energy reproduce paper-a" in done.stdout
-    assert run(child_environment, "player", "bag", "--rate", "0").returncode == 2
+    done = run(child_environment, "player", "bag", "--rate", "0")
+    assert done.returncode == 2
+    assert "--rate: is 0; expected a finite number > 0" in done.stderr
 
 
 def test_a_study_that_is_none_is_refused(tmp_path):

@@ -4,6 +4,9 @@ Messages go out byte for byte, with the stamps they were recorded with; what is 
 time between them. Topics other than joint states go out a little earlier than they are due:
 at many times the speed of nature the ticks of the nodes, which know no such speed, would
 otherwise bring temperatures and readings late.
+
+In a loop the stamps go back to those of the beginning. For the monitors that is a jump of time: a
+new epoch begins, and no energy is counted across it.
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ from rclpy.utilities import remove_ros_args
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
+from robot_energy.bag.mcap_records import LogTimes
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.types import extended
 from robot_energy.errors import BagError, MissingTopicError, RobotEnergyError
@@ -34,6 +39,7 @@ from robot_energy.shown_text import shown, shown_lines
 from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.message_definitions import definitions_of
+from ros2_energy_monitor.base.playback_clock import CLOCK_RATE, CLOCK_TOPIC, PlaybackClock
 from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
@@ -45,6 +51,7 @@ MATCHING = 10.0  # s until every topic that has a subscriber has met it
 LISTENING = 1.0  # s after the first subscriber, for the others
 REPORTS = 10  # lines about the progress
 MAX_SENTENCES = 20  # about topics left out
+LOOKING = 0.05  # s until keys and services are looked at where no message is awaited
 
 
 class Player:
@@ -55,21 +62,39 @@ class Player:
         bag: The bag.
         rate: Times the speed of nature, > 0. [-]
         topics: Which to play; None for all that can be.
+        part: What of the bag is played; None for all of it.
+        clock_rate: How often ``/clock`` is published; 0 for never. [1/s]
+        paused: Whether it stands still at first.
+        report: Takes a line about how far it is.
 
     Attributes:
+        clock: Time of the recording.
         left_out: Why topics are not played, one sentence each.
         played: Messages by topic.
 
     Raises:
         MissingTopicError: If the bag lacks a topic, or none can be played.
+        BagError: If nothing of the bag lies in the part.
     """
 
     def __init__(
-        self, node: Node, bag: BagReader, rate: float, topics: Sequence[str] | None = None
+        self,
+        node: Node,
+        bag: BagReader,
+        rate: float,
+        topics: Sequence[str] | None = None,
+        *,
+        part: TimeRange | None = None,
+        clock_rate: float = 0.0,
+        paused: bool = False,
+        report: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.left_out: list[str] = []
         self.played: Counter[str] = Counter()
-        self._node, self._bag, self._rate = node, bag, rate
+        self._node, self._bag, self._rate, self._report = node, bag, rate, report
+        self._span: LogTimes | None = part.span(bag) if part else None
+        self.clock = PlaybackClock(node, rate, clock_rate, paused=paused, report=report)
+        self._publishes_clock = clock_rate > 0.0
         self._publishers: dict[str, Any] = {}
         for topic in bag.topics if topics is None else topics:
             info = bag.topics.get(topic)
@@ -97,6 +122,10 @@ class Player:
                 messages were recorded by another definition than the one installed.
         """
         name = _full(topic)
+        if name == CLOCK_TOPIC and self._publishes_clock:
+            raise BagError(
+                "--clock publishes it", "one clock", "leave out --clock to play this one"
+            )
         try:
             validate_full_topic_name(name)
         except (NameValidationException, TypeError) as error:  # TypeError: no Unicode
@@ -130,29 +159,36 @@ class Player:
             if publisher.get_subscription_count()
         ]
 
-    def play(
-        self, pause: Callable[[float], bool], report: Callable[[str], None] = lambda text: None
-    ) -> None:
+    def play(self, pause: Callable[[float], bool], *, loop: bool = False) -> None:
         """Publish all of it.
 
         Args:
             pause: Waits some seconds; tells whether to go on.
-            report: Takes a line about how far it is, ten times at most.
+            loop: Whether to begin again at the end, for ever.
         """
-        begin, first, reported = time.monotonic(), None, 0
-        end_ns = self._bag.end_ns or 0
+        while self._play_once(pause) and loop:
+            self._report("begins again")
+
+    def _play_once(self, pause: Callable[[float], bool]) -> bool:
+        """Publish all of it once; tell whether to go on."""
+        first, reported, looked = None, 0, time.monotonic()
+        end_ns = (self._span[1] if self._span else self._bag.end_ns) or 0
         for due_ns, topic, message in self._messages():
-            first = due_ns if first is None else first
-            wait = begin + (due_ns - first) / SECOND_NS / self._rate - time.monotonic()
-            if wait > 0 and not pause(wait):
-                return
+            if first is None:
+                first = due_ns
+                self.clock.begin(first)
+            while (left := self.clock.left(due_ns)) > 0 or time.monotonic() - looked > LOOKING:
+                if not pause(max(0.0, min(left, LOOKING))):
+                    return False
+                looked = time.monotonic()
             self._publishers[topic].publish(message)
             self.played[topic] += 1
             played = due_ns - first
             share = played / (end_ns - first) if end_ns > first else 0.0
             if share * REPORTS >= reported + 1:
                 reported = int(share * REPORTS)
-                report(f"{share:4.0%} played, {played / SECOND_NS:.1f} s of the recording")
+                self._report(f"{share:4.0%} played, {played / SECOND_NS:.1f} s of the recording")
+        return first is not None
 
     def _messages(self) -> Iterator[tuple[int, str, bytes]]:
         """All messages in the order in which they are due; the bag is never held whole."""
@@ -160,7 +196,7 @@ class Player:
         streams = []
         for topic in self._publishers:
             lead = 0 if self._bag.topics[topic].msgtype == JOINT_STATE else early
-            streams.append(_stream(self._bag, topic, lead))
+            streams.append(_stream(self._bag, topic, lead, self._span))
         yield from heapq.merge(*streams, key=lambda entry: entry[0])
 
 
@@ -168,8 +204,10 @@ def _full(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
-def _stream(bag: BagReader, topic: str, lead_ns: int) -> Iterator[tuple[int, str, bytes]]:
-    for part in bag.parts([topic]):
+def _stream(
+    bag: BagReader, topic: str, lead_ns: int, span: LogTimes | None
+) -> Iterator[tuple[int, str, bytes]]:
+    for part in bag.parts([topic], {topic: span} if span else None):
         batch: RawBatch = part[topic]
         for index, logged in enumerate(batch.log_time_ns.tolist()):
             yield logged - lead_ns, topic, batch.row(index)
@@ -186,16 +224,29 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="player",
-        description="Play a bag to the monitors.",
-        epilog="To another topic: --ros-args -r /joint_states:=/cell1/joint_states",
+        description="Play a bag to the monitors. Options are called as those of `ros2 bag play`.",
+        epilog="Services ~/pause, ~/resume, ~/toggle_paused, or the space key in a terminal. To "
+        "another topic: --ros-args -r /joint_states:=/cell1/joint_states",
     )
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
-    parser.add_argument("--rate", type=float, default=1.0, help="times the speed of nature")
+    parser.add_argument(
+        *("-r", "--rate"), type=_positive, default=1.0, help="times the speed of nature"
+    )
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these")
+    parser.add_argument("-l", "--loop", action="store_true", help="begin again at the end")
+    parser.add_argument(
+        *("--start", "--start-offset"), type=float, metavar="S",
+        help="play from here on: seconds after its start, negative: before its end",
+    )  # fmt: skip
+    parser.add_argument("--end", type=float, metavar="S", help="play up to here, likewise")
+    parser.add_argument(
+        "--clock", type=_positive, nargs="?", const=CLOCK_RATE, default=0.0, metavar="HZ",
+        help=f"publish /clock so often in a second ({CLOCK_RATE:g} where no number follows), for "
+        "nodes with use_sim_time",
+    )  # fmt: skip
+    parser.add_argument("-p", "--start-paused", action="store_true", help="stand still at first")
     words = list(sys.argv[1:] if args is None else args)
     options = parser.parse_args(remove_ros_args([parser.prog, *words])[1:])
-    if not 0 < options.rate < float("inf"):
-        parser.error(f"--rate is {options.rate:g}; expected a finite factor > 0")
     stop = StopSignal()
     try:
         bag = BagReader(options.bag)
@@ -203,10 +254,17 @@ def main(args: Sequence[str] | None = None) -> int:
             for sentence in clear_ports():
                 print(sentence, flush=True)
             node = rclpy.create_node("player", context=context)
-            return _play(bag, options.rate, options.topics, node, stop)
+            return _play(bag, options, node, stop)
     except RobotEnergyError as error:
         print(f"player: {error}", flush=True)
         return 2
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"is {text}; expected a finite number > 0")
+    return value
 
 
 @contextmanager
@@ -224,9 +282,11 @@ def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
     executor.add_node(node)
 
     def pause(seconds: float) -> bool:
-        end = time.monotonic() + seconds
-        while not stop.received and (left := end - time.monotonic()) > 0:
-            executor.spin_once(timeout_sec=min(left, 0.2))
+        end, left = time.monotonic() + seconds, seconds
+        while not stop.received:
+            executor.spin_once(timeout_sec=max(0.0, min(left, 0.2)))
+            if (left := end - time.monotonic()) <= 0:
+                break
         return not stop.received
 
     try:
@@ -236,11 +296,18 @@ def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
         node.destroy_node()
 
 
-def _play(
-    bag: BagReader, rate: float, topics: Sequence[str] | None, node: Node, stop: StopSignal
-) -> int:
+def _play(bag: BagReader, options: argparse.Namespace, node: Node, stop: StopSignal) -> int:
     with pausing(node, stop) as pause:
-        player = Player(node, bag, rate, topics)
+        player = Player(
+            node,
+            bag,
+            options.rate,
+            options.topics,
+            part=TimeRange(options.start, options.end),
+            clock_rate=options.clock,
+            paused=options.start_paused,
+            report=lambda text: print(text, flush=True),
+        )
         for sentence in player.left_out[:MAX_SENTENCES]:
             print(sentence, flush=True)
         limit = time.monotonic() + MATCHING
@@ -249,8 +316,11 @@ def _play(
         if not player.heard() and not stop.received:
             print(shown_lines(f"nobody listens to {', '.join(player.topics)}"), flush=True)
             return 1
-        if pause(LISTENING):
-            player.play(pause, lambda text: print(text, flush=True))
+        with player.clock.space_key(sys.stdin.fileno() if sys.stdin else -1) as has_key:
+            if has_key:
+                print("the space key pauses", flush=True)
+            if pause(LISTENING):
+                player.play(pause, loop=options.loop)
         for topic, count in player.played.items():
             print(f"{count:8d} {shown(topic)}", flush=True)
         pause(LEAD)  # until what was sent last has been taken
