@@ -9,6 +9,8 @@ import importlib
 import sys
 from pathlib import Path
 
+from ownership import header
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = {
     "robot_energy": ROOT / "src/robot_energy",
@@ -19,8 +21,9 @@ NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor"
 
 
 def lines(path: Path) -> int:
-    """Return the number of lines of a file."""
-    return len(path.read_text(encoding="utf-8").splitlines())
+    """Return the number of lines of a file, without the header of its licence."""
+    text = path.read_text(encoding="utf-8").removeprefix(header(path.suffix))
+    return len(text.lstrip("\n").splitlines())
 
 
 def main() -> None:

@@ -31,6 +31,7 @@ setup(
     zip_safe=False,
     maintainer="Robot energy maintainers",
     maintainer_email="maintainers@robot-energy.invalid",
+    url="https://robot-energy.invalid",
     description="Nodes of the robot energy monitor.",
     license="Apache-2.0",
 )

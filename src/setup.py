@@ -95,6 +95,7 @@ setup(
     zip_safe=False,
     maintainer="Robot energy maintainers",
     maintainer_email="maintainers@robot-energy.invalid",
+    url="https://robot-energy.invalid",
     description="Energy monitoring of robots: where each watt goes, predicted and measured.",
     long_description="Energy monitoring of robots: model torques, temperature-aware friction, "
     "drive and cabinet losses, predicted against measured grid power; from recorded bags or "
