@@ -27,7 +27,7 @@ else:
 MAX_BYTES = 8 * 1024 * 1024  # an embedded URDF and large maps fit
 MAX_NODES = 200_000  # keys and values; a large efficiency map has some thousands
 MAX_DEPTH = 50  # a model file has eight
-MAX_INTEGER = 2**63
+MAX_INTEGER = 2**64 - 1  # unsigned registers of 64 bits reach it
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 import ssl
+import sys
 import threading
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,9 @@ from typing import Any
 from robot_energy import __version__
 from robot_energy.errors import ExporterError
 from robot_energy.inputs.parameters import parameter
+from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials, require_private
+from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
 from ros2_energy_monitor.exporters.exporter import Exporter, Newest
@@ -32,6 +35,7 @@ from ros2_energy_monitor.exporters.values import (
 QOS = 1
 KEEP_ALIVE = 15  # the broker says offline after one and a half of it [s]
 MAX_WAITING = 100  # messages that the broker has not acknowledged
+MAX_PACKET, MAX_PACKET_TIME = 100_000, 10.0  # of the broker, which has only answers to send [B, s]
 MIN_RECONNECT, MAX_RECONNECT = 1, 60  # [s]
 ONLINE, OFFLINE = "online", "offline"
 NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -92,6 +96,7 @@ class MqttExporter(Exporter):
         client = self._client = mqtt.Client(
             mqtt.CallbackAPIVersion.VERSION2, client_id=f"robot_energy_{robot}"
         )
+        self._bound = PacketBound(client, MAX_PACKET, MAX_PACKET_TIME)
         client.max_inflight_messages_set(20)
         client.max_queued_messages_set(MAX_WAITING)
         client.reconnect_delay_set(MIN_RECONNECT, MAX_RECONNECT)
@@ -224,11 +229,13 @@ class MqttExporter(Exporter):
     def _take_loss(self, _client: Any, _data: Any, _flags: Any, reason: Any, _more: Any) -> None:
         self._losses += self._connected.is_set()
         self._connected.clear()
-        if not self._failure or not reason.is_failure:
-            self._failure = str(reason)
+        if self._bound.refused or not self._failure or not reason.is_failure:
+            self._failure = self._bound.refused or str(reason)
+        self._bound.refused = ""
 
     def _take_failure(self, _client: Any, _data: Any) -> None:
-        self._failure = "it cannot be reached"
+        # The client calls this while it handles the error.
+        self._failure = f"it cannot be reached: {reason_of(sys.exception())}"
 
     # Discovery
 

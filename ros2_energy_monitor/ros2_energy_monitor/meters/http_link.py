@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import math
 import time
 from collections.abc import Sequence
@@ -10,21 +11,21 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
+from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.optional_packages import require
+from ros2_energy_monitor.meters.http_transport import BoundedTransport
 from ros2_energy_monitor.meters.json_numbers import (
-    MAX_ANSWER,
     JsonFlag,
     JsonNumber,
     is_good,
-    number_at,
     parse,
+    terms_at,
 )
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink
+from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
 OK = 200
-PIECE = 4096  # bytes taken at once
 
 
 class HttpProfile(MeterProfile[JsonNumber]):
@@ -57,12 +58,10 @@ class HttpLink(MeterLink):
 
     def __init__(self, profile: HttpProfile, endpoint: Endpoint) -> None:
         self._requests = require("requests", "requests", "this meter", MeterProfileError)
-        self._broken = require(
-            "urllib3.exceptions", "urllib3", "this meter", MeterProfileError
-        ).HTTPError
         self._profile, self._endpoint = profile, endpoint
-        scheme = "https" if endpoint.tls else "http"
-        self._url = f"{scheme}://{endpoint.host}:{endpoint.port}{profile.request}"
+        self._bound = AnswerBound(self._where, endpoint.timeout)
+        self._scheme = "https" if endpoint.tls else "http"
+        self._url = f"{self._scheme}://{endpoint.host}:{endpoint.port}{profile.request}"
         self._session: Any = None
 
     @property
@@ -75,7 +74,8 @@ class HttpLink(MeterLink):
         session = self._requests.Session()
         session.trust_env = False
         session.headers["Accept-Encoding"] = "identity"  # no answer grows when it is unpacked
-        session.verify = self._endpoint.ca_file or True
+        transport = BoundedTransport(self._requests, self._endpoint, self._bound)
+        session.mount(f"{self._scheme}://", transport)
         given = self._endpoint.credentials
         if given is not None:
             auth = self._requests.auth
@@ -92,7 +92,8 @@ class HttpLink(MeterLink):
     def read(self) -> Sequence[Exchange]:
         """Ask once for energy and power."""
         requested = time.monotonic()
-        text = self._text(requested + self._endpoint.timeout)
+        self._bound.begin()
+        text = self._text()
         answered = time.monotonic()
         document = parse(text, self._where)
         good = is_good(document, self._profile.flags)
@@ -100,39 +101,27 @@ class HttpLink(MeterLink):
         pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
         for quantity, numbers in pairs:
             if numbers:
-                found = tuple(number_at(document, number, self._where) for number in numbers)
+                found = terms_at(document, numbers, self._where)
                 terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
                 exchanges.append(Exchange(quantity, terms, requested, answered))
         return exchanges
 
-    def _text(self, deadline: float) -> str:
+    def _text(self) -> str:
         """Body of the answer, of bounded size and in bounded time."""
         if self._session is None:
             raise MeterLinkError(f"{self._where} is not connected", "connect first")
-        timeout = self._endpoint.timeout
         try:
-            with self._session.get(
-                self._url, timeout=timeout, allow_redirects=False, stream=True
-            ) as answer:
-                if answer.status_code != OK:
-                    raise MeterAnswerError(
-                        f"{self._where} answers {self._profile.request} with status "
-                        f"{answer.status_code}",
-                        f"{OK}; 401 asks for credentials_file",
-                    )
-                # read1 gives what has come; `read` of older versions waits for a whole piece.
-                read = getattr(answer.raw, "read1", answer.raw.read)
-                body = bytearray()
-                while piece := read(PIECE):
-                    body += piece
-                    if len(body) > MAX_ANSWER or time.monotonic() > deadline:
-                        raise MeterLinkError(
-                            f"{self._where} does not end its answer",
-                            f"{MAX_ANSWER} bytes at most, within {timeout:g} s",
-                        )
-        except (self._requests.RequestException, self._broken) as error:
+            answer = self._session.get(self._url, allow_redirects=False)
+        except MeterLinkError:
+            raise
+        except (self._requests.RequestException, http.client.HTTPException, OSError) as error:
             raise MeterLinkError(
-                f"{self._where} gives no answer ({type(error).__name__})",
-                f"one within {timeout:g} s",
+                f"{self._where} gives no answer ({reason_of(error)})",
+                f"one within {self._endpoint.timeout:g} s",
             ) from error
-        return body.decode("utf-8", errors="replace")
+        if answer.status_code != OK:
+            raise MeterAnswerError(
+                f"{self._where} answers {self._profile.request} with status {answer.status_code}",
+                f"{OK}; 401 asks for credentials_file",
+            )
+        return answer.content.decode("utf-8", errors="replace")

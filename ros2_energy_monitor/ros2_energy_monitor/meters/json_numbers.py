@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from typing import Annotated, Any, cast
 
 from pydantic import Field
 
 from robot_energy.errors import MeterAnswerError
-from ros2_energy_monitor.meters.profile import NumberEntry, ProfileEntry
+from ros2_energy_monitor.meters.link import MAX_ANSWER
+from ros2_energy_monitor.meters.profile import MAX_TERMS, NumberEntry, ProfileEntry
 from ros2_energy_monitor.meters.reading import MeterTerm
 
-MAX_ANSWER = 1_000_000  # characters of one document
+EACH = "*"  # at the end of a path: every number of a list, as of three phases
+NUMBER = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,3})?", re.ASCII)
 
 JsonPath = Annotated[tuple[str | int, ...], Field(min_length=1, max_length=20)]
 
@@ -22,7 +25,8 @@ class JsonNumber(NumberEntry):
     """A number in a document.
 
     Attributes:
-        path: Keys and positions that lead to it.
+        path: Keys and positions that lead to it. ``*`` at the end: a list of numbers that add up,
+            or one number.
     """
 
     path: JsonPath
@@ -63,28 +67,67 @@ def parse(text: str, whose: str) -> Any:
         raise MeterAnswerError(f"{whose} answers with no JSON", "a JSON document") from error
 
 
-def number_at(document: Any, number: JsonNumber, whose: str) -> MeterTerm:
-    """Return the number that an entry names; NaN where the document says null.
+def terms_at(document: Any, numbers: Sequence[JsonNumber], whose: str) -> tuple[MeterTerm, ...]:
+    """Return the numbers that entries name; NaN where the document says null.
 
     Args:
         document: As parsed.
-        number: The entry.
+        numbers: The entries.
         whose: Who sent it, for the error text.
 
     Raises:
-        MeterAnswerError: If there is none.
+        MeterAnswerError: If there is no number.
     """
-    found, missing = at(document, number.path)
-    if missing or isinstance(found, bool) or not isinstance(found, int | float | None):
+    return tuple(
+        MeterTerm(value * number.factor, number.wraps_at_joule)
+        for number in numbers
+        for value in _values_at(document, number, whose)
+    )
+
+
+def _values_at(document: Any, number: JsonNumber, whose: str) -> list[float]:
+    *path, last = number.path
+    each = last == EACH
+    found, missing = at(document, path if each else number.path)
+    where = ".".join(map(str, number.path))
+    if each and isinstance(found, list):
+        phases = cast("list[Any]", found)
+        if not 1 <= len(phases) <= MAX_TERMS:
+            raise MeterAnswerError(
+                f"{whose} sends a list of {len(phases)} at {where}", f"1 to {MAX_TERMS} numbers"
+            )
+        return [_value(phase, whose, where) for phase in phases]
+    if isinstance(found, list):
         raise MeterAnswerError(
-            f"{whose} sends no number at {'.'.join(map(str, number.path))}",
-            "one there, or another profile",
+            f"{whose} sends a list at {where}",
+            "a number",
+            f"end the path with a position, as 0, or with \"{EACH}\" to add all up",
+        )
+    if missing:
+        raise MeterAnswerError(
+            f"{whose} sends no number at {where}", "one there, or another profile"
+        )
+    return [_value(found, whose, where)]
+
+
+def _value(found: Any, whose: str, where: str) -> float:
+    if found is None:
+        return math.nan
+    if isinstance(found, str) and NUMBER.fullmatch(found.strip()):
+        return float(found)
+    if isinstance(found, str):
+        raise MeterAnswerError(
+            f"{whose} sends the text '{found[:40]}' at {where}",
+            "a number, with a decimal point and nothing else",
+        )
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise MeterAnswerError(
+            f"{whose} sends no number at {where}", "one there, or another profile"
         )
     try:
-        value = math.nan if found is None else float(found) * number.factor
+        return float(found)
     except OverflowError:
-        value = math.inf
-    return MeterTerm(value, number.wraps_at_joule)
+        return math.inf
 
 
 def is_good(document: Any, flags: Sequence[JsonFlag]) -> bool:

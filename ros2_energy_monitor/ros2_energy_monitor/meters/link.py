@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from robot_energy.errors import MeterLinkError
 from ros2_energy_monitor.base.credentials import Credentials
 from ros2_energy_monitor.meters.reading import Exchange
+
+MAX_ANSWER = 1_000_000  # bytes of one answer, with headers and what is refused
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +21,7 @@ class Endpoint:
     Attributes:
         host: Name or address of the meter, or of the MQTT broker.
         port: Port.
-        timeout: Longest time for a connection and for an answer. [s]
+        timeout: Longest time for a connection, and for all answers of one reading. [s]
         unit: Modbus unit (slave) identifier; None for that of the profile.
         device: Name of the meter in the topics of an MQTT broker.
         credentials: Name and password; None for none.
@@ -33,6 +37,57 @@ class Endpoint:
     credentials: Credentials | None = None
     tls: bool = False
     ca_file: str = ""
+
+
+class AnswerBound:
+    """What the answers of one reading may still bring, and how long they may still take.
+
+    Args:
+        whose: Who answers, for the error text.
+        timeout: Longest time of one reading. [s]
+    """
+
+    def __init__(self, whose: str, timeout: float) -> None:
+        self._whose, self._timeout = whose, timeout
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a reading."""
+        self._end, self._left = time.monotonic() + self._timeout, MAX_ANSWER
+
+    @property
+    def left(self) -> float:
+        """Time that is left, above 0. [s]
+
+        Raises:
+            MeterLinkError: If none is.
+        """
+        left = self._end - time.monotonic()
+        if left <= 0:
+            raise self.over()
+        return left
+
+    def take(self, count: int) -> None:
+        """Count bytes that came.
+
+        Args:
+            count: How many.
+
+        Raises:
+            MeterLinkError: If they are too many.
+        """
+        self._left -= count
+        if self._left < 0:
+            raise self.over()
+
+    def over(self) -> MeterLinkError:
+        """Return the error that says that the bound is reached."""
+        did = "gives no answer" if self._left == MAX_ANSWER else "does not end its answer"
+        return MeterLinkError(
+            f"{self._whose} {did}",
+            f"{MAX_ANSWER} bytes at most, within {self._timeout:g} s",
+            "raise timeout for a slow meter",
+        )
 
 
 class MeterLink(ABC):

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import logging
 import math
+import struct
 import time
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.optional_packages import require
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink
+from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry, ProfileEntry
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
-FUNCTIONS = {"holding": "read_holding_registers", "input": "read_input_registers"}
+FUNCTIONS = {"holding": ("read_holding_registers", 3), "input": ("read_input_registers", 4)}
+REGISTERS = 0x10000  # of a table
+# No counter reaches these, and no power: with 64 bits they always mean that there is no value.
+NO_VALUES = {
+    "int64": (-(2**63), 2**63 - 1),
+    "uint64": (2**64 - 1, 2**63 - 1, 2**63),
+}
 
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 WordOrder = Literal["big", "little"]
@@ -29,12 +36,34 @@ class ModbusNumber(NumberEntry):
     Attributes:
         address: Protocol address of its first register, counted from 0.
         type: Of the number; 16 bits are a register.
-        invalid: Numbers as read that mean: no value.
+        invalid: Numbers as read that mean: no value; the greatest and least of 64 bits always do.
     """
 
     address: Address
     type: NumberType
     invalid: tuple[int, ...] = ()
+
+    @model_validator(mode="after")
+    def _check_range(self) -> Self:
+        if self.address + length(self.type) > REGISTERS:
+            raise ValueError(f"{self.type} at {self.address} ends beyond register 65535")
+        if "int" in self.type:
+            bits = int(self.type[-2:])
+            low, high = (0, 2**bits) if self.type[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1))
+            for code in self.invalid:
+                if not low <= code < high:
+                    raise ValueError(
+                        f"invalid is {code}, which no {self.type} is; expected {low} to {high - 1}"
+                    )
+        return self
+
+    def is_value(self, found: float) -> bool:
+        """Return whether a number as read is a value.
+
+        Args:
+            found: The number. [any]
+        """
+        return found not in self.invalid and found not in NO_VALUES.get(self.type, ())
 
 
 class ModbusFlag(ProfileEntry):
@@ -70,6 +99,15 @@ class ModbusProfile(MeterProfile[ModbusNumber]):
     flags: tuple[ModbusFlag, ...] = ()
 
 
+def length(kind: NumberType) -> int:
+    """Return how many registers a type takes.
+
+    Args:
+        kind: Type of a number.
+    """
+    return int(kind[-2:]) // 16
+
+
 class Registers:
     """Reads registers over one TCP connection.
 
@@ -91,6 +129,7 @@ class Registers:
         self._endpoint, self._table = endpoint, table
         self._unit = unit if endpoint.unit is None else endpoint.unit
         self._client = None
+        self._bound = AnswerBound(self.where, endpoint.timeout)
 
     @property
     def where(self) -> str:
@@ -115,7 +154,20 @@ class Registers:
                 f"{self.where} does not accept a connection",
                 remedy="check host, port and whether its Modbus TCP server is switched on",
             )
+        receive = client.recv
+
+        def bounded(size: int | None) -> bytes:
+            client.comm_params.timeout_connect = self._bound.left
+            data = receive(size)
+            self._bound.take(len(data))
+            return data
+
+        client.recv = bounded
         self._client = client
+
+    def begin(self) -> None:
+        """Begin a reading: what follows together keeps to one size and one time."""
+        self._bound.begin()
 
     def close(self) -> None:
         """Disconnect."""
@@ -132,27 +184,30 @@ class Registers:
 
         Raises:
             MeterLinkError: If no answer comes in time or the connection ends.
-            MeterAnswerError: If the meter answers with an exception or another number of
-                registers.
+            MeterAnswerError: If there are no such registers, or the meter answers with an
+                exception or another number of registers.
         """
         if self._client is None:
             raise MeterLinkError(f"{self.where} is not connected", "connect first")
-        ask = getattr(self._client, FUNCTIONS[self._table])
-        try:
-            answer = ask(address, count=count, device_id=self._unit)
-        except (self._errors.ModbusException, OSError) as error:
-            # A late answer must not be taken for that of the next request.
-            self.close()
-            raise MeterLinkError(
-                f"{self.where} gave no answer for register {address}",
-                f"one within {self._endpoint.timeout:g} s",
-            ) from error
+        if address + count > REGISTERS:
+            raise MeterAnswerError(
+                f"{self.where} is asked for the registers {address} to {address + count - 1}",
+                f"0 to {REGISTERS - 1}",
+            )
+        name, function = FUNCTIONS[self._table]
+        answer = self._answer(name, address, count)
         if answer.isError():
             raise MeterAnswerError(
                 f"{self.where} refuses {self._table} register {address} with Modbus exception "
                 f"{answer.exception_code}",
                 f"its value from unit {self._unit}",
                 "check unit, profile and firmware",
+            )
+        if answer.function_code != function:
+            self.close()
+            raise MeterLinkError(
+                f"{self.where} answers function {function} with function {answer.function_code}",
+                "the same",
             )
         if len(answer.registers) != count:
             raise MeterAnswerError(
@@ -161,13 +216,22 @@ class Registers:
             )
         return list(answer.registers)
 
-    def length(self, kind: str) -> int:
-        """Return how many registers a type takes.
-
-        Args:
-            kind: Type of a number.
-        """
-        return self._type(kind).value[1]
+    def _answer(self, name: str, address: int, count: int) -> Any:
+        """Ask; an error ends the connection, so that no late answer is taken for the next one."""
+        try:
+            if self._bound.left:
+                return getattr(self._client, name)(address, count=count, device_id=self._unit)
+        except MeterLinkError:
+            self.close()
+            raise
+        except (self._errors.ModbusException, OSError) as error:
+            found, cause = f"gave no answer for register {address}", error
+        except (ValueError, IndexError, struct.error) as error:
+            found, cause = f"sent no Modbus for register {address}", error
+        self.close()
+        raise MeterLinkError(
+            f"{self.where} {found}", f"one within {self._endpoint.timeout:g} s"
+        ) from cause
 
     def number(self, registers: Sequence[int], kind: str, word_order: WordOrder) -> float:
         """Return the number in registers.
@@ -178,11 +242,9 @@ class Registers:
             word_order: Which register comes first.
         """
         client = self._client_module.ModbusTcpClient
-        found = client.convert_from_registers(list(registers), self._type(kind), word_order)
-        return found
-
-    def _type(self, kind: str):
-        return self._client_module.ModbusTcpClient.DATATYPE[kind.upper()]
+        return client.convert_from_registers(
+            list(registers), client.DATATYPE[kind.upper()], word_order
+        )
 
 
 class ModbusLink(MeterLink):
@@ -207,6 +269,7 @@ class ModbusLink(MeterLink):
 
     def read(self) -> Sequence[Exchange]:
         """Read flags, energy and power in this order."""
+        self._registers.begin()
         valid = all(self._is_good(flag) for flag in self._profile.flags)
         pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
         return [self._exchange(what, numbers, valid) for what, numbers in pairs if numbers]
@@ -219,15 +282,15 @@ class ModbusLink(MeterLink):
         answered = time.monotonic()
         terms = tuple(
             MeterTerm(
-                math.nan if value in number.invalid or not valid else value * number.factor,
+                value * number.factor if valid and number.is_value(value) else math.nan,
                 number.wraps_at_joule,
             )
             for value, number in zip(values, numbers, strict=True)
         )
         return Exchange(quantity, terms, requested, answered)
 
-    def _raw(self, address: int, kind: str) -> float:
-        registers = self._registers.read(address, self._registers.length(kind))
+    def _raw(self, address: int, kind: NumberType) -> float:
+        registers = self._registers.read(address, length(kind))
         return self._registers.number(registers, kind, self._profile.word_order)
 
     def _is_good(self, flag: ModbusFlag) -> bool:

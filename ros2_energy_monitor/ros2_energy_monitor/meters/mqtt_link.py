@@ -13,13 +13,15 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from robot_energy.errors import MeterLinkError, MeterProfileError
+from ros2_energy_monitor.base.connection_failure import reason_of
+from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
-from ros2_energy_monitor.meters.json_numbers import JsonFlag, JsonNumber, is_good, number_at, parse
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink
+from ros2_energy_monitor.meters.json_numbers import JsonFlag, JsonNumber, is_good, parse, terms_at
+from ros2_energy_monitor.meters.link import MAX_ANSWER, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
-MAX_WAITING = 1000  # messages
+MAX_WAITING = 50  # messages
 KEEP_ALIVE = 30  # [s]
 Message = tuple[str, bytes, float]  # topic, payload, time of receipt [s]
 
@@ -69,9 +71,12 @@ class MqttLink(MeterLink):
             quantity: numbers[0].topic.replace("{device}", endpoint.device)
             for quantity, numbers in self._numbers.items()
         }
+        self._topics = sorted(set(self._topic.values()))
         self._waiting: queue.Queue[Message] = queue.Queue(MAX_WAITING)
         self._client: Any = None
-        self._subscribed, self._lost = threading.Event(), threading.Event()
+        self._settled, self._lost = threading.Event(), threading.Event()
+        self._failure = ""  # why we are not subscribed, or no longer
+        self._bound: PacketBound | None = None
 
     @property
     def waits(self) -> bool:
@@ -89,11 +94,14 @@ class MqttLink(MeterLink):
             MeterLinkError: If the broker cannot be reached or does not let us in.
         """
         self.close()
-        self._subscribed.clear()
+        self._settled.clear()
         self._lost.clear()
+        self._failure = ""
+        end = time.monotonic() + self._endpoint.timeout
         client = self._mqtt.Client(
             self._mqtt.CallbackAPIVersion.VERSION2, reconnect_on_failure=False
         )
+        self._bound = PacketBound(client, MAX_ANSWER, self._endpoint.timeout)
         client.connect_timeout = self._endpoint.timeout
         if self._endpoint.credentials is not None:
             given = self._endpoint.credentials
@@ -101,21 +109,23 @@ class MqttLink(MeterLink):
         if self._endpoint.tls:
             client.tls_set(self._endpoint.ca_file or None, tls_version=ssl.PROTOCOL_TLS_CLIENT)
         client.on_connect = self._take_connection
-        client.on_subscribe = lambda *_: self._subscribed.set()
-        client.on_disconnect = lambda *_: self._lost.set()
+        client.on_subscribe = self._take_subscription
+        client.on_disconnect = self._take_loss
         client.on_message = self._take_message
         try:
             client.connect(self._endpoint.host, self._endpoint.port, KEEP_ALIVE)
         except (OSError, ValueError) as error:
             raise MeterLinkError(
-                f"{self._where} cannot be reached ({error})", "a broker there"
+                f"{self._where} cannot be reached ({reason_of(error)})", "a broker there"
             ) from error
         self._client = client
         client.loop_start()
-        if not self._subscribed.wait(self._endpoint.timeout):
+        settled = self._settled.wait(max(0.0, end - time.monotonic()))
+        if self._failure or not settled:
+            why = f" ({self._failure})" if self._failure else ""
             self.close()
             raise MeterLinkError(
-                f"{self._where} does not accept us",
+                f"{self._where} does not accept us{why}",
                 f"a subscription within {self._endpoint.timeout:g} s",
                 "check credentials_file, tls and the broker's access rules",
             )
@@ -140,7 +150,7 @@ class MqttLink(MeterLink):
         except queue.Empty:
             if self._lost.is_set():
                 raise MeterLinkError(
-                    f"{self._where} has ended the connection", "one kept"
+                    f"{self._where} is lost ({self._failure})", "a connection that is kept"
                 ) from None
             return ()
         document = parse(payload.decode("utf-8", errors="replace"), f"the meter on {topic}")
@@ -148,16 +158,29 @@ class MqttLink(MeterLink):
         exchanges: list[Exchange] = []
         for quantity, numbers in self._numbers.items():
             if self._topic[quantity] == topic:
-                found = tuple(number_at(document, number, topic) for number in numbers)
+                found = terms_at(document, numbers, topic)
                 terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
                 exchanges.append(Exchange(quantity, terms, at, at))
         return exchanges
 
+    # Callbacks of the thread of the client
+
     def _take_connection(self, client: Any, _data: Any, _flags: Any, reason: Any, _more: Any):
-        if reason.is_failure:
-            self._lost.set()
-        else:
-            client.subscribe([(topic, 1) for topic in sorted(set(self._topic.values()))])
+        if not reason.is_failure:
+            client.subscribe([(topic, 1) for topic in self._topics])
+
+    def _take_subscription(self, _client: Any, _data: Any, _mid: Any, codes: Any, _more: Any):
+        pairs = zip(self._topics, codes, strict=False)
+        refused = [topic for topic, code in pairs if code.is_failure]
+        if refused:
+            self._failure = f"it refuses the subscription of {', '.join(refused)}"
+        self._settled.set()
+
+    def _take_loss(self, _client: Any, _data: Any, _flags: Any, reason: Any, _more: Any):
+        refused = self._bound.refused if self._bound else ""
+        self._failure = self._failure or refused or str(reason)
+        self._lost.set()
+        self._settled.set()
 
     def _take_message(self, _client: Any, _data: Any, message: Any) -> None:
         try:

@@ -122,6 +122,7 @@ class Poller:
                 self._link.connect()
                 state.connected = True
                 state.connections += 1
+                self.readings.reconnected()
             exchanges = self._link.read()
         except MeterLinkError as error:
             self._lose(error)
@@ -129,17 +130,18 @@ class Poller:
         except MeterAnswerError as error:
             self._refuse(error)
             return
-        except Exception:
-            state.connected = False
+        except Exception as error:  # the guard counts it
+            self._lose(error)
             raise
-        state.failures = state.refusals = 0
+        if exchanges:
+            state.failures = state.refusals = 0
         for exchange in exchanges:
             reading = self.readings.step(exchange)
             if reading is not None:
                 state.dropped += len(self._waiting) == MAX_WAITING
                 self._waiting.append(reading)
 
-    def _lose(self, error: MeterLinkError) -> None:
+    def _lose(self, error: Exception) -> None:
         self._note(error)
         self._disconnect()
 
@@ -160,4 +162,4 @@ class Poller:
 
     def _note(self, error: Exception) -> None:
         self.state.errors[type(error).__name__] += 1
-        self.state.last_error = str(error)
+        self.state.last_error = str(error) or type(error).__name__

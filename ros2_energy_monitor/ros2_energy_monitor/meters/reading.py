@@ -23,10 +23,12 @@ class MeterTerm:
     Attributes:
         value: NaN if the meter calls it invalid. [W or J]
         wraps_at: Where the counter starts again from zero; None if it never does. [J]
+        scale: What one count is, where the meter says so with each reading. [J]
     """
 
     value: float
     wraps_at: float | None = None
+    scale: float | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,9 @@ class CounterWrap:
     deliver in the time since the last reading. Any other fall is passed on: the monitor takes
     it for a reset or a wrong reading.
 
+    A count whose scale has changed is taken only if it continues the old one: a wrong scale makes a
+    thousandfold of it. A new connection may bring another scale, as of a meter that was set up anew.
+
     Args:
         max_power: Highest power that the installation can draw. [W]
 
@@ -82,20 +87,29 @@ class CounterWrap:
         self._max_power = max_power
         self._offset = 0.0  # [J]
         self._last: tuple[float, float] | None = None  # count [J], time [s]
+        self._scale: float | None = None  # what one count is [J]; None for not known
 
-    def step(self, count: float, wraps_at: float | None, at: float) -> float:
-        """Return the count as if it never started again. [J]
+    def reconnected(self) -> None:
+        """Take the next scale as it is."""
+        self._scale = None
+
+    def step(self, term: MeterTerm, at: float) -> float:
+        """Return the count as if it never started again; NaN if its scale is in doubt. [J]
 
         Args:
-            count: As read, finite. [J]
-            wraps_at: Where the counter starts again; None if it never does. [J]
+            term: As read, finite.
             at: Time of the reading. [s]
         """
-        last, self._last = self._last, (count, at)
-        if wraps_at is not None and last is not None and count < last[0]:
-            step = count + wraps_at - last[0]
+        last, count = self._last, term.value
+        if last is not None and self._scale and term.scale and term.scale != self._scale:
+            coarse = max(self._scale, term.scale)
+            if not -coarse <= count - last[0] <= self._max_power * (at - last[1]) + coarse:
+                return math.nan
+        self._last, self._scale = (count, at), term.scale
+        if term.wraps_at is not None and last is not None and count < last[0]:
+            step = count + term.wraps_at - last[0]
             if 0 <= step <= self._max_power * (at - last[1]):
-                self._offset += wraps_at
+                self._offset += term.wraps_at
                 self.wraps += 1
         return self._offset + count
 
@@ -109,7 +123,8 @@ class ReadingFilter:
 
     Attributes:
         rejected: Refused exchanges by reason: ``not_finite`` (the meter calls a number invalid, or
-            it is none), ``too_high`` (a power beyond `max_power`), ``slow``.
+            it is none), ``too_high`` (a power beyond `max_power`), ``slow``, ``scale_changed`` (the
+            meter states another scale for its counter, and the count does not continue).
         accepted: How many exchanges became readings.
         round_trip: Of the newest exchange. [s]
     """
@@ -126,6 +141,11 @@ class ReadingFilter:
         """How often counters started again."""
         return sum(counter.wraps for counter in self._counters)
 
+    def reconnected(self) -> None:
+        """Take the scales of counters as they are now."""
+        for counter in self._counters:
+            counter.reconnected()
+
     def step(self, exchange: Exchange) -> NetworkReading | None:
         """Return the reading of an exchange; None if it is refused.
 
@@ -141,6 +161,9 @@ class ReadingFilter:
             return None
         if exchange.quantity is Quantity.ENERGY:
             values = self._continued(exchange.terms, at)
+            if not all(map(math.isfinite, values)):
+                self.rejected["scale_changed"] += 1
+                return None
         self.accepted += 1
         return NetworkReading(exchange.quantity, sum(values), at)
 
@@ -155,4 +178,4 @@ class ReadingFilter:
         while len(self._counters) < len(terms):
             self._counters.append(CounterWrap(self._max_power))
         pairs = zip(self._counters, terms, strict=False)
-        return [counter.step(term.value, term.wraps_at, at) for counter, term in pairs]
+        return [counter.step(term, at) for counter, term in pairs]

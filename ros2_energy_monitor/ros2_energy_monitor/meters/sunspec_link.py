@@ -22,7 +22,7 @@ from pydantic import Field
 from robot_energy.errors import MeterAnswerError
 from robot_energy.units import ENERGY_UNITS
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
-from ros2_energy_monitor.meters.modbus_link import Address, Registers
+from ros2_energy_monitor.meters.modbus_link import REGISTERS, Address, Registers
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
@@ -104,6 +104,7 @@ class SunSpecLink(MeterLink):
 
     def read(self) -> Sequence[Exchange]:
         """Read energy and power of the meter in one request."""
+        self._registers.begin()
         if self._found is None:
             self._found = self._meter(self._base())
         address, layout = self._found
@@ -135,7 +136,7 @@ class SunSpecLink(MeterLink):
         """First register of the meter's model behind its header, and its layout."""
         seen: list[int] = []
         meters = 0
-        while len(seen) < MAX_MODELS:
+        while len(seen) < MAX_MODELS and address + 2 <= REGISTERS:
             number, length = self._registers.read(address, 2)
             if number == END:
                 break
@@ -166,17 +167,17 @@ def terms(data: Sequence[int], layout: _Layout) -> tuple[MeterTerm, MeterTerm]:
     watt_hour = ENERGY_UNITS["Wh"]
     if layout.energy_scale is None or layout.power_scale is None:
         power, energy = _float(data, layout.power), _float(data, layout.energy) * watt_hour
-        wraps_at = None
+        wraps_at = scale = None
     else:
         count = _unsigned(data, layout.energy)
-        unit = _scale(data, layout.energy_scale) * watt_hour
-        energy = count * unit if count else math.nan  # zero: not counted, by the specification
-        wraps_at = COUNT * unit if math.isfinite(unit) else None
+        scale = _scale(data, layout.energy_scale) * watt_hour
+        energy = count * scale if count else math.nan  # zero: not counted, by the specification
+        wraps_at = COUNT * scale if math.isfinite(scale) else None
         watt = _signed(data[layout.power])
         power = math.nan if watt == NO_INT16 else watt * _scale(data, layout.power_scale)
     if broken:
         power = energy = math.nan
-    return MeterTerm(energy, wraps_at), MeterTerm(power)
+    return MeterTerm(energy, wraps_at, scale), MeterTerm(power)
 
 
 def _signed(register: int) -> int:

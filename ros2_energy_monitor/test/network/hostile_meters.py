@@ -18,6 +18,8 @@ import warnings
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from documented_devices import shelly_status, tasmota_sensor
+
 from robot_energy.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.meters.kinds import load_profile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
@@ -25,11 +27,6 @@ from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 TIMEOUT = 0.15  # of the links [s]
 SLACK = 30.0  # that an answer may take beyond the timeout, on a machine that does much else [s]
 READS = 3  # of one connection
-SHELLY = {
-    "em:0": {"id": 0, "total_act_power": 512.25, "errors": []},
-    "emdata:0": {"id": 0, "total_act_energy": 81.5},
-}
-TASMOTA = {"ENERGY": {"Total": 3.25, "Power": 42}}
 ODD = (None, True, "512", "", [], {}, [1, 2], 10**400, -1e308, 1e309, float("nan"), "\ud800", -0.0)
 
 Answer = list[bytes | float]  # pieces to send, and pauses between them [s]
@@ -42,9 +39,9 @@ def modbus_answer(request: bytes) -> bytes:
     return struct.pack(">HHHBBB", number, 0, 3 + len(data), unit, function, len(data)) + data
 
 
-def http_answer(request: bytes, document: object = SHELLY) -> bytes:
+def http_answer(request: bytes, document: object = None) -> bytes:
     """What a sound meter answers."""
-    body = json.dumps(document).encode("utf-8", "surrogatepass")
+    body = json.dumps(document or shelly_status()).encode("utf-8", "surrogatepass")
     return b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body)
 
 
@@ -57,7 +54,7 @@ def mqtt_answer(request: bytes, payload: bytes = b"") -> bytes:
         return b""
     at = 2 + sum(byte > 127 for byte in request[1:5])  # behind the length of the packet
     topic = b"tele/meter/SENSOR"
-    content = struct.pack(">H", len(topic)) + topic + (payload or json.dumps(TASMOTA).encode())
+    content = struct.pack(">H", len(topic)) + topic + (payload or json.dumps(tasmota_sensor()).encode())
     return b"\x90\x03" + request[at : at + 2] + b"\x00" + b"\x30" + _length(content) + content
 
 
@@ -207,7 +204,7 @@ def _odd_modbus(rng: random.Random, request: bytes) -> bytes:
 
 
 def _odd_mqtt(rng: random.Random, request: bytes) -> bytes:
-    document = json.dumps(odd_document(rng, TASMOTA))
+    document = json.dumps(odd_document(rng, tasmota_sensor()))
     return mqtt_answer(request, document.encode("utf-8", "surrogatepass"))
 
 
@@ -217,7 +214,7 @@ PROTOCOLS = {
     "http": Protocol(
         "shelly_pro_3em_http",
         http_answer,
-        lambda rng, request: http_answer(request, odd_document(rng, SHELLY)),
+        lambda rng, request: http_answer(request, odd_document(rng, shelly_status())),
     ),
     "mqtt": Protocol("tasmota_mqtt", mqtt_answer, _odd_mqtt),
 }

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import struct
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from ros2_energy_msgs.msg import PowerReading
@@ -14,6 +16,9 @@ from robot_energy.errors import MeterProfileError, ParameterError
 from ros2_energy_monitor.nodes import meter_driver
 from ros2_energy_monitor.nodes.meter_driver import MeterDriver
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from documented_devices import shelly_em, shelly_emdata, tasmota_sensor
 
 
 def registers(address, form, number):
@@ -133,7 +138,7 @@ def test_tasmota_over_mqtt(bench, broker, eventually):
     sender = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
     sender.connect("127.0.0.1", server.port)
     sender.loop_start()
-    stale = json.dumps({"ENERGY": {"Total": 1.0, "Power": 1.0}})
+    stale = json.dumps(tasmota_sensor(power=1.0, total=1.0))
     sender.publish("tele/plug/SENSOR", stale, qos=1, retain=True).wait_for_publish(120)
     energy = bench.latest(PowerReading, "power_meter")
     power = bench.latest(PowerReading, "power_meter/power")
@@ -147,7 +152,7 @@ def test_tasmota_over_mqtt(bench, broker, eventually):
     assert not node.poller.readings.accepted  # what is retained is of unknown age
 
     def send():
-        sender.publish("tele/plug/SENSOR", json.dumps({"ENERGY": {"Total": 2.5, "Power": 60.0}}))
+        sender.publish("tele/plug/SENSOR", json.dumps(tasmota_sensor(power=60.0, total=2.5)))
         return energy() and power()
 
     bench.spin_until(send, "readings")
@@ -159,5 +164,32 @@ def test_tasmota_over_mqtt(bench, broker, eventually):
     bench.spin_until(lambda: state.connections > 1 and state.connected, "another connection")
     before = node.poller.readings.accepted
     bench.spin_until(lambda: send() and node.poller.readings.accepted > before, "readings again")
+    sender.loop_stop()
+    sender.disconnect()
+
+
+def test_shelly_over_mqtt(bench, broker):
+    import paho.mqtt.client as mqtt
+
+    server = broker()
+    sender = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+    sender.connect("127.0.0.1", server.port)
+    sender.loop_start()
+    energy = bench.latest(PowerReading, "power_meter")
+    power = bench.latest(PowerReading, "power_meter/power")
+    bench.add(
+        MeterDriver,
+        profile="shelly_pro_3em_mqtt", host="127.0.0.1", port=server.port, device="shelly",
+        max_backoff=0.5,
+    )  # fmt: skip
+
+    def send():
+        sender.publish("shelly/status/em:0", json.dumps(shelly_em(power=720.0)))
+        sender.publish("shelly/status/emdata:0", json.dumps(shelly_emdata(energy=2.5)))
+        return energy() and power()
+
+    bench.spin_until(send, "readings")
+    assert energy().energy == 9000.0
+    assert power().power == 720.0
     sender.loop_stop()
     sender.disconnect()

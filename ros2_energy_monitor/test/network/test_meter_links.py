@@ -6,8 +6,10 @@ import hashlib
 import json
 import re
 import struct
+import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +19,17 @@ from ros2_energy_monitor.meters.kinds import METER_LINKS, load_profile
 from ros2_energy_monitor.meters.link import Endpoint
 from ros2_energy_monitor.meters.profile import FOLDER
 from ros2_energy_monitor.meters.reading import Quantity
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from documented_devices import (
+    PAC2200,
+    SHELLY_PRO_3EM,
+    UMG,
+    registers_of,
+    shelly_em,
+    shelly_status,
+    tasmota_sensor,
+)
 
 SHIPPED = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
@@ -82,35 +95,36 @@ def test_an_unknown_profile_names_those_there_are():
 
 
 def test_pac2200(modbus):
-    server = modbus(
-        laid(a65=words("f", 1234.5), a801=words("d", 8_765_432.125), a805=words("d", 1000.0))
-    )
+    registers, documented = registers_of(PAC2200)
+    server = modbus(registers)
     meter = link("siemens_pac2200", server.port)
     energy, power = meter.read()
-    assert [term.value for term in energy.terms] == [8_765_432.125 * 3600, 3.6e6]
+    tariffs = [documented["import tariff 1"], documented["import tariff 2"]]
+    assert [term.value for term in energy.terms] == [3600 * tariff for tariff in tariffs]
     assert energy.terms[0].wraps_at == 3.6e15
-    assert [term.value for term in power.terms] == [1234.5]
+    assert [term.value for term in power.terms] == [documented["total active power"]]
     assert server.requests == [(4, 801, 4), (4, 805, 4), (4, 65, 2)]  # by function 4
     assert energy.requested <= energy.answered <= power.requested <= power.answered
     meter.close()
 
 
 @pytest.mark.parametrize(
-    ("name", "energy_at", "power_at", "swapped", "function"),
+    ("name", "table", "energy", "power", "swapped", "function"),
     [
-        ("janitza_umg604", 19068, 19026, False, 3),
-        ("janitza_umg96rm", 19068, 19026, False, 3),
-        ("shelly_pro_3em", 1162, 1013, True, 4),
+        ("janitza_umg604", UMG, "consumed sum", "real power sum", False, 3),
+        ("janitza_umg96rm", UMG, "consumed sum", "real power sum", False, 3),
+        ("shelly_pro_3em", SHELLY_PRO_3EM, "total active energy", "total active power", True, 4),
     ],
 )
-def test_meters_with_floats(modbus, name, energy_at, power_at, swapped, function):
-    registers = laid(
-        **{f"a{energy_at}": words("f", 2500.5, swapped), f"a{power_at}": words("f", -3.25, swapped)}
-    )
+def test_meters_with_floats(modbus, name, table, energy, power, swapped, function):
+    registers, documented = registers_of(table, swapped)
     server = modbus(registers)
     meter = link(name, server.port)
     found = values(meter.read())
-    assert found == {Quantity.ENERGY: [2500.5 * 3600], Quantity.POWER: [-3.25]}
+    assert found == {
+        Quantity.ENERGY: [documented[energy] * 3600],
+        Quantity.POWER: [documented[power]],
+    }
     assert {request[0] for request in server.requests} == {function}
     meter.close()
 
@@ -279,38 +293,77 @@ def test_sunspec_without_a_meter_or_a_mark(modbus):
     meter.close()
 
 
-SHELLY = {
-    "em:0": {"id": 0, "total_act_power": 512.25, "errors": ["phase_sequence"]},
-    "emdata:0": {"id": 0, "total_act_energy": 81.5},
-}
-
-
 def test_shelly_over_http(http_meter):
-    http_meter.says(json.dumps(SHELLY))
+    http_meter.says(json.dumps(shelly_status(power=512.25, energy=81.5)))
     meter = link("shelly_pro_3em_http", http_meter.port)
     found = values(meter.read())
     assert found == {Quantity.ENERGY: [81.5 * 3600], Quantity.POWER: [512.25]}
     assert http_meter.paths == ["/rpc/Shelly.GetStatus"]
-    broken = {**SHELLY, "em:0": {**SHELLY["em:0"], "errors": ["power_meter_failure"]}}
+    broken = shelly_status() | {"em:0": shelly_em(errors=("power_meter_failure",))}
     http_meter.says(json.dumps(broken))
     assert all(value != value for found in values(meter.read()).values() for value in found)
     meter.close()
 
 
-def test_tasmota_over_http(http_meter):
-    energy = {"Total": 3.12345, "Power": 42}
-    http_meter.says(json.dumps({"StatusSNS": {"Time": "2026-01-01T00:00:00", "ENERGY": energy}}))
+@pytest.mark.parametrize(
+    ("power", "total", "watts"),
+    [(42, 3.12345, [42.0]), ([100, 200, 300], 3.12345, [100.0, 200.0, 300.0])],
+)
+def test_tasmota_over_http(http_meter, power, total, watts):
+    http_meter.says(json.dumps({"StatusSNS": tasmota_sensor(power, total)}))
     meter = link("tasmota_http", http_meter.port)
     found = values(meter.read())
     assert found[Quantity.ENERGY] == [pytest.approx(3.12345 * 3.6e6)]
-    assert found[Quantity.POWER] == [42.0]
+    assert found[Quantity.POWER] == watts
+    meter.close()
+
+
+def test_a_list_of_tariffs_is_not_added_up(http_meter):
+    # As old releases of Tasmota send it: the total, and its two tariffs.
+    http_meter.says(json.dumps({"StatusSNS": tasmota_sensor(total=[33.736, 11.717, 22.019])}))
+    meter = link("tasmota_http", http_meter.port)
+    with pytest.raises(MeterAnswerError, match=r"a list at StatusSNS.ENERGY.Total.*position, as 0"):
+        meter.read()
+    meter.close()
+
+
+TEXTS = """
+schema_version: 1
+label: state of an automation
+sources: [none]
+tried: not on hardware
+link: http_json
+request: /state
+auth: basic
+period: 1.0
+energy:
+  - {path: [state], unit: kWh}
+"""
+
+
+@pytest.mark.parametrize(
+    ("state", "kilowatt_hours"),
+    [("230.5", 230.5), (" -1.5e3 ", -1500.0), ("7", 7.0), ('230,5', None), ("unavailable", None),
+     ("1_0", None), ("0x10", None), ("", None), ("inf", None), ("१", None)],
+)  # fmt: skip
+def test_a_number_may_come_as_text(http_meter, tmp_path, state, kilowatt_hours):
+    path = tmp_path / "text.yaml"
+    path.write_text(TEXTS)
+    http_meter.says(json.dumps({"state": state}))
+    meter = link(path, http_meter.port)
+    if kilowatt_hours is None:
+        with pytest.raises(MeterAnswerError, match="text '.*' at state; expected a number, with a"):
+            meter.read()
+    else:
+        found = values(meter.read())[Quantity.ENERGY]
+        assert found == [pytest.approx(kilowatt_hours * 3.6e6)]
     meter.close()
 
 
 @pytest.mark.parametrize(
     ("body", "status", "error", "text"),
     [
-        ("{}", 200, MeterAnswerError, "no number at emdata:0.total_act_energy"),
+        ("{}", 200, MeterAnswerError, "no number at emdata:0.total_act"),
         ("[1, 2", 200, MeterAnswerError, "no JSON"),
         ("[" * 100_000, 200, MeterAnswerError, "no JSON"),
         ("{}", 401, MeterAnswerError, "401 asks for credentials_file"),
@@ -318,8 +371,12 @@ def test_tasmota_over_http(http_meter):
         ("{}", 500, MeterAnswerError, "status 500"),
         (" " * 2_000_000, 200, MeterLinkError, "does not end its answer"),
         (
-            json.dumps({**SHELLY, "em:0": {"total_act_power": "512"}}),
+            json.dumps({**shelly_status(), "em:0": {"total_act_power": {}}}),
             200, MeterAnswerError, "no number at em:0.total_act_power",
+        ),
+        (
+            json.dumps({**shelly_status(), "em:0": {"total_act_power": "512,5"}}),
+            200, MeterAnswerError, "the text '512,5' at em:0.total_act_power",
         ),
     ],
 )  # fmt: skip
@@ -332,7 +389,7 @@ def test_other_answers_over_http(http_meter, body, status, error, text):
 
 
 def test_null_and_huge_numbers_are_no_readings(http_meter):
-    text = json.dumps({"em:0": {"total_act_power": None}, "emdata:0": {"total_act_energy": 0}})
+    text = json.dumps({"em:0": {"total_act_power": None}, "emdata:0": {"total_act": 0}})
     http_meter.says(text.replace(" 0}", " 1" + "0" * 400 + "}"))
     meter = link("shelly_pro_3em_http", http_meter.port)
     found = values(meter.read())
@@ -369,7 +426,7 @@ def test_digest_with_sha256_as_shelly_asks_for(http_meter):
     def answer(request):
         sent = dict(re.findall(r'(\w+)="?([^",]+)"?', request.headers.get("Authorization", "")))
         if sent and sent["response"] == expected(sent):
-            http_meter.says(json.dumps(SHELLY))
+            http_meter.says(json.dumps(shelly_status()))
             http_meter.answer(request)
             return
         request.send_response(401)

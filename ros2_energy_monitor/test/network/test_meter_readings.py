@@ -22,14 +22,46 @@ from ros2_energy_monitor.meters.reading import (
 
 
 def test_a_wrap_continues_and_a_reset_falls():
+    def step(counter, value, wraps_at, at):
+        return counter.step(MeterTerm(value, wraps_at), at)
+
     counter = CounterWrap(max_power=1000.0)
-    assert counter.step(990.0, 1000.0, 0.0) == 990.0
-    assert counter.step(5.0, 1000.0, 1.0) == 1005.0  # 15 W for a second
-    assert counter.step(8.0, 1000.0, 2.0) == 1008.0
-    assert counter.step(0.0, 1000.0, 2.5) == 1000.0  # 992 J in 0.5 s: more than 1 kW, a reset
+    assert step(counter, 990.0, 1000.0, 0.0) == 990.0
+    assert step(counter, 5.0, 1000.0, 1.0) == 1005.0  # 15 W for a second
+    assert step(counter, 8.0, 1000.0, 2.0) == 1008.0
+    assert step(counter, 0.0, 1000.0, 2.5) == 1000.0  # 992 J in 0.5 s: more than 1 kW, a reset
     assert counter.wraps == 1
     plain = CounterWrap(max_power=1000.0)
-    assert [plain.step(count, None, at) for at, count in enumerate((9.0, 3.0))] == [9.0, 3.0]
+    assert [step(plain, count, None, at) for at, count in enumerate((9.0, 3.0))] == [9.0, 3.0]
+
+
+def scaled(*counts, reconnected_at=None):
+    """What becomes of counts that a meter states with a scale, one a second; None for refused."""
+    readings = ReadingFilter(1e6, 0.5)
+    found = []
+    for at, (count, exponent) in enumerate(counts):
+        if at == reconnected_at:
+            readings.reconnected()
+        scale = 3600.0 * 10.0**exponent
+        term = MeterTerm(count * scale, scale=scale)
+        reading = readings.step(Exchange(Quantity.ENERGY, (term,), at, at))
+        found.append(reading and round(reading.value / 3600, 6))
+    return found, readings.rejected
+
+
+def test_a_scale_that_jumps_is_refused_and_one_that_goes_with_its_count_is_not():
+    found, rejected = scaled((4000, 0), (4001, 3), (4002, 3), (4003, 0), (4004, 0))
+    assert found == [4000, None, None, 4003, 4004]
+    assert rejected == {"scale_changed": 2}
+    found, rejected = scaled((40_000_008, 0), (4_000_001, 1), (4_000_002, 1), (40_000_021, 0))
+    assert found == [40_000_008, 40_000_010, 40_000_020, 40_000_021]
+    assert not rejected
+
+
+def test_a_new_connection_may_bring_another_scale():
+    found, rejected = scaled((4000, 0), (17, -1), (17, -1), (20, -1), reconnected_at=2)
+    assert found == [4000, None, 1.7, 2.0]
+    assert rejected == {"scale_changed": 1}
 
 
 def exchange(value, quantity=Quantity.ENERGY, took=0.1, wraps_at=None, at=10.0):

@@ -1,0 +1,50 @@
+"""Bounds on what a broker may make an MQTT client hold.
+
+paho-mqtt takes packets of up to 256 MB. MQTT 3.1.1 has no way to tell the broker a bound, the one of
+MQTT 5 is only a request: the client itself must refuse.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+MAX_UNSENT = 1000  # packets that the broker does not take
+PUBLISH_QOS_2 = 0x34  # a message that the client would hold until the broker releases it
+
+
+class PacketBound:
+    """Ends the connection of a client whose broker sends a packet that is too large or too slow.
+
+    Args:
+        client: Of paho-mqtt; its receiving is wrapped.
+        size: Most bytes of one packet.
+        seconds: Longest time from its first byte to its last. [s]
+
+    Attributes:
+        refused: What was refused last, in words; empty for nothing.
+    """
+
+    def __init__(self, client: Any, size: int, seconds: float) -> None:
+        self.refused = ""
+        self._client, self._size, self._seconds = client, size, seconds
+        self._receive, client._sock_recv = client._sock_recv, self._bounded
+        self._began = 0.0
+
+    def _bounded(self, count: int) -> bytes:
+        packet = self._client._in_packet
+        if packet["command"] == 0:
+            self._began = time.monotonic()
+        elif time.monotonic() - self._began > self._seconds:
+            self._refuse(f"a packet that does not end within {self._seconds:g} s")
+        elif packet["remaining_length"] > self._size:
+            self._refuse(f"a packet of more than {self._size} bytes")
+        elif packet["command"] & 0xF6 == PUBLISH_QOS_2:
+            self._refuse("a message of QoS 2, which was not asked for")
+        elif len(self._client._out_packet) > MAX_UNSENT:
+            self._refuse(f"requests but takes no answers: {MAX_UNSENT} wait")
+        return self._receive(count)
+
+    def _refuse(self, what: str) -> None:
+        self.refused = f"the broker sends {what}"
+        raise ConnectionError(self.refused)  # paho-mqtt then closes the connection
