@@ -24,6 +24,7 @@ import flips
 import flood
 import kills
 import load
+import meters
 import month
 import network
 import page_day
@@ -49,6 +50,7 @@ RUNS: dict[str, LongRun] = {
     "flood": flood,
     "network": network,
     "sanitizers": sanitizers,
+    "meters": meters,
     "page_day": page_day,
     "urdfs": urdfs,
     "wear": wear,

@@ -101,7 +101,7 @@ def _values_at(document: Any, number: JsonNumber, whose: str) -> list[float]:
         raise MeterAnswerError(
             f"{whose} sends a list at {where}",
             "a number",
-            f"end the path with a position, as 0, or with \"{EACH}\" to add all up",
+            f'end the path with a position, as 0, or with "{EACH}" to add all up',
         )
     if missing:
         raise MeterAnswerError(

@@ -49,7 +49,9 @@ class ModbusNumber(NumberEntry):
             raise ValueError(f"{self.type} at {self.address} ends beyond register 65535")
         if "int" in self.type:
             bits = int(self.type[-2:])
-            low, high = (0, 2**bits) if self.type[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1))
+            low, high = (
+                (0, 2**bits) if self.type[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1))
+            )
             for code in self.invalid:
                 if not low <= code < high:
                     raise ValueError(
@@ -219,19 +221,21 @@ class Registers:
     def _answer(self, name: str, address: int, count: int) -> Any:
         """Ask; an error ends the connection, so that no late answer is taken for the next one."""
         try:
-            if self._bound.left:
-                return getattr(self._client, name)(address, count=count, device_id=self._unit)
+            return getattr(self._client, name)(address, count=count, device_id=self._unit)
         except MeterLinkError:
             self.close()
             raise
         except (self._errors.ModbusException, OSError) as error:
-            found, cause = f"gave no answer for register {address}", error
+            self.close()
+            raise MeterLinkError(
+                f"{self.where} gave no answer for register {address}",
+                f"one within {self._endpoint.timeout:g} s",
+            ) from error
         except (ValueError, IndexError, struct.error) as error:
-            found, cause = f"sent no Modbus for register {address}", error
-        self.close()
-        raise MeterLinkError(
-            f"{self.where} {found}", f"one within {self._endpoint.timeout:g} s"
-        ) from cause
+            self.close()
+            raise MeterLinkError(
+                f"{self.where} sent no Modbus for register {address}", "an answer"
+            ) from error
 
     def number(self, registers: Sequence[int], kind: str, word_order: WordOrder) -> float:
         """Return the number in registers.

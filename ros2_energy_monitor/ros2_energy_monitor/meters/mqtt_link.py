@@ -166,7 +166,9 @@ class MqttLink(MeterLink):
     # Callbacks of the thread of the client
 
     def _take_connection(self, client: Any, _data: Any, _flags: Any, reason: Any, _more: Any):
-        if not reason.is_failure:
+        if reason.is_failure:
+            self._failure = str(reason)
+        else:
             client.subscribe([(topic, 1) for topic in self._topics])
 
     def _take_subscription(self, _client: Any, _data: Any, _mid: Any, codes: Any, _more: Any):

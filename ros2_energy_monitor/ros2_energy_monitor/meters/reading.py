@@ -72,8 +72,8 @@ class CounterWrap:
     deliver in the time since the last reading. Any other fall is passed on: the monitor takes
     it for a reset or a wrong reading.
 
-    A count whose scale has changed is taken only if it continues the old one: a wrong scale makes a
-    thousandfold of it. A new connection may bring another scale, as of a meter that was set up anew.
+    A count whose scale has changed is taken only if it continues the old one: a wrong scale makes
+    a thousandfold of it. A new connection may bring another scale, as of a meter set up anew.
 
     Args:
         max_power: Highest power that the installation can draw. [W]

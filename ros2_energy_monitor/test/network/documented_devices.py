@@ -2,9 +2,9 @@
 
 Every number has a value of its own, so that a wrong key, address, type or word order shows.
 
-Sources: Shelly Gen2 API documentation (EM, EMData, EM1Data, Modbus); Tasmota documentation (Status 10,
-power monitoring) and its energy driver; Janitza, Modbus address lists of UMG 604 and UMG 96RM,
-frequently required readings; Siemens, Equipment Manual PAC2200, appendix A.
+Sources: Shelly Gen2 API documentation (EM, EMData, EM1Data, Modbus); Tasmota documentation
+(Status 10, power monitoring) and its energy driver; Janitza, Modbus address lists of UMG 604 and
+UMG 96RM, frequently required readings; Siemens, Equipment Manual PAC2200, appendix A.
 """
 
 from __future__ import annotations

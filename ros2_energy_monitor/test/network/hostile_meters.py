@@ -7,6 +7,7 @@ ours. The tests try some rounds.
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 import socket
@@ -15,12 +16,13 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from documented_devices import shelly_status, tasmota_sensor
 
 from robot_energy.errors import MeterAnswerError, MeterLinkError
+from ros2_energy_monitor.base.credentials import Credentials
 from ros2_energy_monitor.meters.kinds import load_profile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 
@@ -29,7 +31,7 @@ SLACK = 30.0  # that an answer may take beyond the timeout, on a machine that do
 READS = 3  # of one connection
 ODD = (None, True, "512", "", [], {}, [1, 2], 10**400, -1e308, 1e309, float("nan"), "\ud800", -0.0)
 
-Answer = list[bytes | float]  # pieces to send, and pauses between them [s]
+Answer = Iterable[bytes | float]  # pieces to send, and pauses between them [s]; maybe endless
 
 
 def modbus_answer(request: bytes) -> bytes:
@@ -54,7 +56,9 @@ def mqtt_answer(request: bytes, payload: bytes = b"") -> bytes:
         return b""
     at = 2 + sum(byte > 127 for byte in request[1:5])  # behind the length of the packet
     topic = b"tele/meter/SENSOR"
-    content = struct.pack(">H", len(topic)) + topic + (payload or json.dumps(tasmota_sensor()).encode())
+    content = (
+        struct.pack(">H", len(topic)) + topic + (payload or json.dumps(tasmota_sensor()).encode())
+    )
     return b"\x90\x03" + request[at : at + 2] + b"\x00" + b"\x30" + _length(content) + content
 
 
@@ -120,6 +124,7 @@ class HostileServer:
 
     def __init__(self, answer: Callable[[bytes], Answer]) -> None:
         self.answer = answer
+        self.sent = 0  # bytes
         self._server = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._server.getsockname()[1])
         self._stopped = threading.Event()
@@ -183,8 +188,126 @@ class HostileServer:
                 continue
             client.settimeout(2.0)  # for a reader that has stopped reading
             client.sendall(piece)
+            self.sent += len(piece)
             client.settimeout(0.05)
-        return bool(pieces)
+            if self._stopped.is_set():
+                return False
+        return pieces != []
+
+
+BLOCK = bytes(65536)
+DRIP = 0.02  # from one byte to the next [s]
+
+
+def without_end(head: bytes, piece: bytes = BLOCK, pause: float = 0.0) -> Answer:
+    """A beginning, then a piece for ever."""
+    yield head
+    while True:
+        yield piece
+        if pause:
+            yield pause
+
+
+def dripping(data: bytes, then: bytes = b" ") -> Answer:
+    """Byte after byte, for ever."""
+    for byte in data:
+        yield bytes([byte])
+        yield DRIP
+    yield from without_end(b"", then, DRIP)
+
+
+def _status(line: str, *headers: str) -> bytes:
+    return "\r\n".join([f"HTTP/1.1 {line}", *headers, "", ""]).encode()
+
+
+CHALLENGE = 'WWW-Authenticate: Digest qop="auth", realm="r", nonce="n", algorithm=SHA-256'
+LONG = f"Content-Length: {10**12}"
+
+
+def _modbus_other(request: bytes) -> bytes:
+    """Answer to a transaction that nobody began."""
+    return bytes([request[0] ^ 0xFF]) + modbus_answer(request)[1:]
+
+
+def _sunspec_chain(request: bytes) -> Answer:
+    """A chain of models without length, each answered just in time."""
+    address, count = struct.unpack(">HH", request[8:12])
+    words = [0x5375, 0x6E53] if address in (40000, 50000, 0) else [1, 0]
+    yield 0.5 * TIMEOUT
+    yield modbus_answer(request)[:9] + struct.pack(f">{count}H", *words[:count])
+
+
+def _message(content: bytes, first: int = 0x30) -> bytes:
+    return bytes([first]) + _length(content) + content
+
+
+def _topic(body: bytes, identifier: bytes = b"") -> bytes:
+    return b"\x00\x11tele/meter/SENSOR" + identifier + body
+
+
+def _after_subscription(endless: Callable[[], Answer]) -> Callable[[bytes], Answer]:
+    def answer(request: bytes) -> Answer:
+        if request[0] >> 4 == 8:
+            yield mqtt_answer(request)
+            yield from endless()
+        else:
+            yield mqtt_answer(request)
+
+    return answer
+
+
+def _qos_2() -> Answer:
+    for number in itertools.cycle(range(1, 65536)):
+        yield _message(_topic(bytes(900_000), struct.pack(">H", number)), 0x34)
+
+
+# What a server does for ever, by protocol: each is met with an error, in bounded time and memory.
+ENDLESS: dict[tuple[str, str], Callable[[bytes], Answer]] = {
+    ("http", "refused without end"): lambda _: without_end(
+        _status("401 Unauthorized", CHALLENGE, LONG)
+    ),
+    ("http", "refused in chunks"): lambda _: without_end(
+        _status("401 Unauthorized", CHALLENGE, "Transfer-Encoding: chunked"),
+        b"10000\r\n" + BLOCK + b"\r\n",
+    ),
+    ("http", "failed without end"): lambda _: without_end(_status("500 No", LONG)),
+    ("http", "moved without end"): lambda _: without_end(_status("302 Found", "Location: /", LONG)),
+    ("http", "answer without end"): lambda _: without_end(_status("200 OK")),
+    ("http", "headers without end"): lambda _: without_end(b"HTTP/1.1 200 OK\r\n", b"a: b\r\n"),
+    ("http", "line without end"): lambda _: without_end(b"HTTP/1.1 200 OK\r\na: ", b"b" * 65536),
+    ("http", "continue for ever"): lambda _: without_end(b"", _status("100 Continue")),
+    ("http", "continue slowly"): lambda _: without_end(b"", _status("100 Continue"), DRIP),
+    ("http", "dripping headers"): lambda _: dripping(_status("200 OK", LONG)),
+    ("http", "dripping body"): lambda _: without_end(_status("200 OK", LONG), b" ", DRIP),
+    ("http", "dripping refusal"): lambda _: without_end(
+        _status("401 Unauthorized", CHALLENGE, LONG), b" ", DRIP
+    ),
+    ("http", "silence"): lambda _: without_end(b"", b"", DRIP),
+    ("modbus", "zeros without end"): lambda _: without_end(b""),
+    ("modbus", "answers to others"): lambda request: without_end(b"", _modbus_other(request)),
+    ("modbus", "dripping zeros"): lambda _: dripping(b"", b"\x00"),
+    ("modbus", "dripping answer"): lambda request: dripping(modbus_answer(request)[:-1], b""),
+    ("modbus", "silence"): lambda _: without_end(b"", b"", DRIP),
+    ("sunspec", "chain without end"): _sunspec_chain,
+    ("sunspec", "zeros without end"): lambda _: without_end(b""),
+    ("mqtt", "packet of 250 MB"): _after_subscription(
+        lambda: without_end(b"\x30\xff\xff\xff\x7f" + _topic(b""))
+    ),
+    ("mqtt", "dripping packet"): _after_subscription(
+        lambda: without_end(b"\x30\xff\xff\x03" + _topic(b""), b" ", DRIP)
+    ),
+    ("mqtt", "messages to hold"): _after_subscription(_qos_2),
+    ("mqtt", "large messages"): _after_subscription(
+        lambda: without_end(b"", _message(_topic(bytes(900_000))))
+    ),
+    ("mqtt", "requests without end"): _after_subscription(
+        lambda: without_end(b"", b"\xc0\x00" * 1000)
+    ),
+    ("mqtt", "no subscription"): lambda request: [
+        mqtt_answer(request) if request[0] == 16 else b""
+    ],
+    ("mqtt", "silence"): lambda _: without_end(b"", b"", DRIP),
+}
 
 
 class Protocol(NamedTuple):
@@ -220,10 +343,18 @@ PROTOCOLS = {
 }
 
 
-def make_link(name: str, port: int, timeout: float = TIMEOUT) -> MeterLink:
+def make_link(name: str, port: int, timeout: float = TIMEOUT, tls: bool = False) -> MeterLink:
     """A link of a protocol, not connected."""
     kind, profile = load_profile(PROTOCOLS[name].profile)
-    endpoint = Endpoint(host="127.0.0.1", port=port, timeout=timeout, device="meter")
+    given = Credentials("admin", "secret") if name == "http" else None
+    endpoint = Endpoint(
+        host="127.0.0.1",
+        port=port,
+        timeout=timeout,
+        device="meter",
+        credentials=given,
+        tls=tls,
+    )
     return kind.make(profile, endpoint)
 
 

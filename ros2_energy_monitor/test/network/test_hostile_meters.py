@@ -3,24 +3,32 @@
 Long runs: ``python hostile_meters.py SECONDS``, in this folder.
 """
 
+import contextlib
 import itertools
+import socket
+import ssl
 import sys
 import threading
 from pathlib import Path
 
 import pytest
 
+from robot_energy.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.meters.link import MAX_ANSWER
 from ros2_energy_monitor.meters.poller import Poller
 from ros2_energy_monitor.meters.reading import ReadingFilter
 
 sys.path.append(str(Path(__file__).resolve().parent))
 from hostile_meters import (
+    ENDLESS,
     PROTOCOLS,
+    READS,
     TIMEOUT,
     HostileServer,
     answers,
     make_link,
+    modbus_answer,
     mqtt_answer,
     one_round,
     sound_answers,
@@ -61,6 +69,93 @@ def test_a_topic_that_is_no_text_is_left_out(thread_errors):
     link.close()
     server.close()
     assert len(found) == 2  # energy and power of the good message
+    assert not thread_errors
+
+
+def test_an_answer_of_another_function_ends_the_connection():
+    def other(request):
+        right = modbus_answer(request)
+        return [right[:7] + bytes([7 - right[7]]) + right[8:]]  # 3 for 4 and 4 for 3
+
+    server = HostileServer(other)
+    link = make_link("modbus", server.port, timeout=60.0)
+    link.connect()
+    with pytest.raises(MeterLinkError, match="answers function 4 with function 3"):
+        link.read()
+    with pytest.raises(MeterLinkError, match="not connected"):
+        link.read()
+    server.close()
+
+
+def test_a_refused_subscription_is_named_at_once():
+    def refuse(request):
+        right = mqtt_answer(request)
+        return [right[:4] + b"\x80"] if request[0] >> 4 == 8 else [right]
+
+    server = HostileServer(refuse)
+    link = make_link("mqtt", server.port, timeout=60.0)
+    with pytest.raises(MeterLinkError, match="refuses the subscription of tele/meter/SENSOR"):
+        link.connect()
+    server.close()
+
+
+def test_a_broker_that_does_not_let_us_in_says_why():
+    server = HostileServer(lambda _: [b"\x20\x02\x00\x05"])
+    link = make_link("mqtt", server.port, timeout=60.0)
+    with pytest.raises(MeterLinkError, match=r"does not accept us .Not authorized"):
+        link.connect()
+    server.close()
+
+
+# paho-mqtt leaves the socket of a failed handshake to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("name", ["http", "mqtt"])
+def test_a_certificate_that_is_refused_is_named(name, certificates):
+    files = certificates("urn:meter")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(files.certificate, files.key)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def serve():
+            with contextlib.suppress(OSError):
+                context.wrap_socket(listener.accept()[0], server_side=True).close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        link = make_link(name, listener.getsockname()[1], 60.0, tls=True)
+        words = r"certificate is refused: .*(unable|self.signed)"
+        with pytest.raises(MeterLinkError, match=words):  # noqa: PT012  one of the two connects
+            link.connect()
+            link.read()
+        link.close()
+
+
+ALLOWED = {"large messages", "requests without end"}  # by MQTT; what waits of them is bounded
+
+
+@pytest.mark.parametrize(("name", "what"), ENDLESS, ids=lambda word: word.replace(" ", "_"))
+def test_what_never_ends_is_given_up(name, what, thread_errors):
+    server = HostileServer(ENDLESS[name, what])
+    link = make_link(name, server.port, timeout=0.5)
+    said = []
+
+    def read():
+        try:
+            link.connect()
+            for _ in range(READS):
+                link.read()
+        except (MeterLinkError, MeterAnswerError) as error:
+            said.append(error)
+        link.close()
+        said.append("closed")
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    reader.join(120.0)
+    assert said[-1:] == ["closed"], "it hangs"
+    server.close()
+    if what not in ALLOWED:
+        assert isinstance(said[0], MeterLinkError), said
+    assert server.sent < 20 * MAX_ANSWER  # what it took, and buffers of the sockets
     assert not thread_errors
 
 

@@ -166,6 +166,56 @@ def test_scale_type_unit_and_flags_of_an_own_profile(modbus, tmp_path):
     meter.close()
 
 
+WIDE = """
+schema_version: 1
+label: registers of 64 bits
+sources: [none]
+tried: not on hardware
+link: modbus_tcp
+table: holding
+word_order: big
+period: 1.0
+energy:
+  - {address: 0, type: uint64, unit: Wh, invalid: [18446744073709551614]}
+  - {address: 4, type: int64, unit: Wh}
+"""
+
+
+@pytest.mark.parametrize(
+    ("unsigned", "signed", "is_value"),
+    [
+        (7, -7, (True, True)),
+        (2**64 - 1, 2**63 - 1, (False, False)),
+        (2**64 - 2, -(2**63), (False, False)),
+        (2**63, 2**62, (False, True)),
+    ],
+)
+def test_codes_of_64_bits_that_mean_no_value(modbus, tmp_path, unsigned, signed, is_value):
+    path = tmp_path / "wide.yaml"
+    path.write_text(WIDE)
+    server = modbus(laid(a0=words("Q", unsigned), a4=words("q", signed)))
+    meter = link(path, server.port)
+    found = values(meter.read())[Quantity.ENERGY]
+    assert [value == value for value in found] == list(is_value)
+    meter.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        (("invalid: [18446744073709551614]", "invalid: [-1]"), "-1, which no uint64 is"),
+        (("type: int64", "type: int32, invalid: [4294967295]"), "4294967295, which no int32 is"),
+        (("address: 4", "address: 65533"), "int64 at 65533 ends beyond register 65535"),
+        (("18446744073709551614", "18446744073709551616"), "beyond 64 bits"),
+    ],
+)
+def test_codes_and_addresses_that_cannot_be(tmp_path, change, error):
+    path = tmp_path / "wide.yaml"
+    path.write_text(WIDE.replace(*change))
+    with pytest.raises(MeterProfileError, match=error):
+        load_profile(str(path))
+
+
 @pytest.mark.parametrize("number", [1, 2, 4, 6, 11])
 def test_modbus_exceptions_are_named_and_keep_the_connection(modbus, number):
     server = modbus(laid(a19068=[0, 0], a19026=[0, 0]))
@@ -293,6 +343,15 @@ def test_sunspec_without_a_meter_or_a_mark(modbus):
     meter.close()
 
 
+def test_a_sunspec_chain_that_leaves_the_registers(modbus):
+    registers = chain((103, [0] * 50))
+    server = modbus(registers | {40070 + 1: 0xFFF0})  # the length of model 103
+    meter = link("sunspec_meter", server.port)
+    with pytest.raises(MeterAnswerError, match=r"models 1, 103; expected meter number 1"):
+        meter.read()
+    meter.close()
+
+
 def test_shelly_over_http(http_meter):
     http_meter.says(json.dumps(shelly_status(power=512.25, energy=81.5)))
     meter = link("shelly_pro_3em_http", http_meter.port)
@@ -352,7 +411,7 @@ def test_a_number_may_come_as_text(http_meter, tmp_path, state, kilowatt_hours):
     http_meter.says(json.dumps({"state": state}))
     meter = link(path, http_meter.port)
     if kilowatt_hours is None:
-        with pytest.raises(MeterAnswerError, match="text '.*' at state; expected a number, with a"):
+        with pytest.raises(MeterAnswerError, match=r"text '.*' at state; expected a number, with"):
             meter.read()
     else:
         found = values(meter.read())[Quantity.ENERGY]

@@ -1,5 +1,6 @@
 """How long the poller waits before it connects again."""
 
+from contextlib import suppress
 from typing import Any
 
 from robot_energy.errors import MeterAnswerError, MeterLinkError
@@ -31,7 +32,8 @@ def pauses(link: Any, steps: int) -> list[float]:
     poller = Poller(link, ReadingFilter(1e5, 1.0), 1.0, 30.0, lambda _, work: work())
     found: list[float] = []
     for _ in range(steps):
-        poller._step()
+        with suppress(ZeroDivisionError):
+            poller._step()
         if not poller.state.connected:
             found.append(poller.state.backoff)
     return found
@@ -44,3 +46,15 @@ def test_pauses_double_from_refusal_to_refusal_and_from_loss_to_loss() -> None:
     assert refused.closed == 7
     lost = FailingLink(MeterLinkError("no answer", "one", "look at the cable"))
     assert pauses(lost, 7) == doubled
+
+
+def test_an_internal_error_is_a_loss_with_a_pause_that_doubles_and_a_text() -> None:
+    link = FailingLink(ZeroDivisionError("a fault of ours"))
+    assert pauses(link, 3) == [MIN_BACKOFF, 2 * MIN_BACKOFF, 4 * MIN_BACKOFF]
+    assert link.closed == 3
+    poller = Poller(link, ReadingFilter(1e5, 1.0), 1.0, 30.0, lambda _, work: work())
+    with suppress(ZeroDivisionError):
+        poller._step()
+    assert poller.state.last_error == "a fault of ours"
+    assert poller.state.errors == {"ZeroDivisionError": 1}
+    assert poller.state.failures == 1
