@@ -10,7 +10,6 @@ import http.client
 import io
 import select
 import socket
-import ssl
 from typing import Any
 
 from ros2_energy_monitor.meters.link import AnswerBound, Endpoint
@@ -69,10 +68,14 @@ class BoundedTransport:
         requests: The module.
         endpoint: Where the meter is.
         bound: Bound of all answers of a reading.
+
+    Raises:
+        MeterLinkError: If the certificates of the endpoint cannot be used.
     """
 
     def __init__(self, requests: Any, endpoint: Endpoint, bound: AnswerBound) -> None:
         self._requests, self._endpoint, self._bound = requests, endpoint, bound
+        self._context = endpoint.tls_context()
         self._kept: tuple[http.client.HTTPConnection, _BoundedSocket] | None = None
 
     def send(self, request: Any, **_: Any) -> Any:
@@ -119,10 +122,9 @@ class BoundedTransport:
         host, port = self._endpoint.host, self._endpoint.port
         plain = socket.create_connection((host, port), timeout=self._bound.left)
         try:
-            if self._endpoint.tls:
-                context = ssl.create_default_context(cafile=self._endpoint.ca_file or None)
+            if self._context is not None:
                 plain.settimeout(self._bound.left)
-                plain = context.wrap_socket(plain, server_hostname=host)
+                plain = self._context.wrap_socket(plain, server_hostname=host)
         except BaseException:
             plain.close()
             raise

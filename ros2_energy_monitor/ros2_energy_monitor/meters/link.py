@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -37,6 +38,21 @@ class Endpoint:
     credentials: Credentials | None = None
     tls: bool = False
     ca_file: str = ""
+
+    def tls_context(self) -> ssl.SSLContext | None:
+        """Return what certificates are checked with; None without tls.
+
+        Raises:
+            MeterLinkError: If `ca_file` cannot be used.
+        """
+        if not self.tls:
+            return None
+        try:
+            return ssl.create_default_context(cafile=self.ca_file or None)
+        except OSError as error:
+            raise MeterLinkError(
+                f"ca_file {self.ca_file} cannot be used ({error})", "certificates in the form PEM"
+            ) from error
 
 
 class AnswerBound:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import queue
-import ssl
 import threading
 import time
 from collections.abc import Sequence
@@ -106,8 +105,8 @@ class MqttLink(MeterLink):
         if self._endpoint.credentials is not None:
             given = self._endpoint.credentials
             client.username_pw_set(given.username, given.password)
-        if self._endpoint.tls:
-            client.tls_set(self._endpoint.ca_file or None, tls_version=ssl.PROTOCOL_TLS_CLIENT)
+        if context := self._endpoint.tls_context():
+            client.tls_set_context(context)
         client.on_connect = self._take_connection
         client.on_subscribe = self._take_subscription
         client.on_disconnect = self._take_loss

@@ -48,7 +48,7 @@ class MeterDriverParameters:
         "Time from one request to the next; 0 for that of the profile [s].", 0.0, 0.0, 3600.0
     )
     timeout: float = parameter(
-        "Longest wait for a connection and for an answer [s].", 2.0, 0.05, 60.0
+        "Longest time for a connection, and for all answers of one reading [s].", 2.0, 0.05, 60.0
     )
     max_round_trip: float = parameter(
         "Longest time from request to answer whose middle is used as a stamp [s].",

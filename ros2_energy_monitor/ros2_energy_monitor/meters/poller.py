@@ -23,7 +23,7 @@ Guarded = Callable[[str, Callable[[], None]], object]
 MAX_WAITING = 10_000  # readings that the node has not taken yet
 MIN_BACKOFF = 0.5  # after the first loss; doubled with each further one [s]
 MAX_REFUSALS = 10  # in a row, after which a meter is connected again
-JOINED = 5.0  # longest wait for the end of the thread [s]
+JOINED = 1.0  # longest wait for the end of the thread, which ends by itself in time [s]
 
 
 @dataclass

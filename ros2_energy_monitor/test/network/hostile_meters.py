@@ -17,7 +17,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from documented_devices import shelly_status, tasmota_sensor
 
@@ -343,7 +343,7 @@ PROTOCOLS = {
 }
 
 
-def make_link(name: str, port: int, timeout: float = TIMEOUT, tls: bool = False) -> MeterLink:
+def make_link(name: str, port: int, timeout: float = TIMEOUT, **options: Any) -> MeterLink:
     """A link of a protocol, not connected."""
     kind, profile = load_profile(PROTOCOLS[name].profile)
     given = Credentials("admin", "secret") if name == "http" else None
@@ -353,7 +353,7 @@ def make_link(name: str, port: int, timeout: float = TIMEOUT, tls: bool = False)
         timeout=timeout,
         device="meter",
         credentials=given,
-        tls=tls,
+        **options,
     )
     return kind.make(profile, endpoint)
 

@@ -129,6 +129,17 @@ def test_a_certificate_that_is_refused_is_named(name, certificates):
         link.close()
 
 
+@pytest.mark.parametrize("name", ["http", "mqtt"])
+def test_a_ca_file_that_cannot_be_used_is_named(name, tmp_path):
+    path = tmp_path / "ca.pem"
+    link = make_link(name, 1, 60.0, tls=True, ca_file=str(path))
+    with pytest.raises(MeterLinkError, match=r"ca_file .*ca\.pem cannot be used .*No such file"):
+        link.connect()
+    path.write_text("none")
+    with pytest.raises(MeterLinkError, match=r"cannot be used .*; expected certificates"):
+        link.connect()
+
+
 ALLOWED = {"large messages", "requests without end"}  # by MQTT; what waits of them is bounded
 
 

@@ -66,7 +66,9 @@ def values(exchanges):
 def test_shipped_profiles_are_sound_and_say_where_they_are_from(name):
     kind, profile = load_profile(name)
     assert kind.name in METER_LINKS
-    assert profile.sources
+    maker, *others = profile.sources
+    assert maker
+    assert any(source.startswith("second source: ") for source in others)
     assert "not on hardware" in profile.tried
 
 

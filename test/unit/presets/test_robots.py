@@ -290,6 +290,13 @@ def test_the_parameter_file_holds_inputs_alone(robot):
     assert set(document["/**"]["ros__parameters"]) <= groups
 
 
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.file)
+def test_a_preset_says_where_it_is_from(robot):
+    text = robot.inputs.read_text()
+    assert "# Source: " in text
+    assert "# Second source: " in text
+
+
 def test_an_unknown_robot_is_refused_with_the_nearest_name(capsys):
     assert main(["replay", "bag", "--robot", "ur5x"]) == 2
     said = capsys.readouterr().err
