@@ -78,11 +78,12 @@ class BoundedTransport:
         self._context = endpoint.tls_context()
         self._kept: tuple[http.client.HTTPConnection, _BoundedSocket] | None = None
 
-    def send(self, request: Any, **_: Any) -> Any:
+    def send(self, request: Any, **options: Any) -> Any:
         """Return the whole answer to a prepared request.
 
         Args:
-            request: PreparedRequest; everything else follows from the endpoint.
+            request: PreparedRequest.
+            options: Of the session, not used: all of them follow from the endpoint.
 
         Raises:
             OSError: If no answer comes within the bound.
