@@ -98,7 +98,7 @@ def table_rows(
     account, clock = FileAccount(path=path), Clock(spec)
     values, instants = [], []
     for rows in LogTable(path, **of_table).rows(numbers, texts):
-        instant, known = clock.instants(rows)
+        instant, known, _ = clock.instants(rows)
         needed = np.arange(rows.values.shape[1]) < required
         used, last_ns = usable_rows(rows, instant, known, needed, last_ns, account)
         values.append(rows.values[used])

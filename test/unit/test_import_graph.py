@@ -20,7 +20,8 @@ MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors held_rows kinds log_formats
         prediction process_memory read_ahead recorded_jobs replay_steps replay_topics schema_errors
-        shown_text time_series units
+        shown_text time_series time_zone
+        units
     """,
     "robot_energy.accounting": """
         account account_record auxiliary averaging band_calibration comparison energy_calibration
@@ -114,7 +115,8 @@ MODULES = {
         foxglove plotjuggler plots viewers
     """,
     "robot_energy.logs": """
-        columns diadem log_import mapped_log mapping recording rows table ur_rtde
+        cells columns diadem instants log_import mapped_log mapping recording rows table text_table
+        ur_rtde
     """,
     "robot_energy.messages": """
         friction model_messages payload power registers torque
@@ -189,7 +191,17 @@ MODULES = {
 }
 # From the ground up; each line may import from itself and from the lines above it.
 LAYERS = (
-    ("errors", "units", "kinds", "held_rows", "blocks", "shown_text", "process_memory", "kernels"),
+    (
+        "errors",
+        "units",
+        "kinds",
+        "held_rows",
+        "blocks",
+        "shown_text",
+        "process_memory",
+        "kernels",
+        "time_zone",
+    ),
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),

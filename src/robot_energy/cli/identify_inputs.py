@@ -208,9 +208,12 @@ class IdentifyInputs:
     def columns_of_log(self) -> tuple[list[LogBlock], list[str]]:
         """Return the columns of the tables, one entry for each, and the names of the joints."""
         from robot_energy.logs import load_mapping, open_logs
+        from robot_energy.logs.rows import Clock
 
         mapping = load_mapping(self.args.mapping)
-        return [log.whole() for log in open_logs(self.args.log, mapping)], mapping.joints.names
+        clock = Clock(mapping.time)
+        logs = open_logs(self.args.log, mapping)
+        return [log.whole(clock) for log in logs], mapping.joints.names
 
     def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
         """Return the recordings, and how they are read.

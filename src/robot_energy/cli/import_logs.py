@@ -31,7 +31,7 @@ def _command(kind: LogFormat) -> Command:
 def _print(report: ImportReport) -> None:
     out = console()
     start, end = report.start_ns or 0, report.end_ns or 0
-    rate = (report.joint_states - 1) / ((end - start) * 1e-9) if end > start else float("nan")
+    rate = (report.joint_states - 1) / ((end - start) * 1e-9)
     span = f"{(end - start) * 1e-9:.3f} s, {rate:.4g} joint states a second on average"
     wrote(out, report.bag, span)
     topics = [
@@ -45,7 +45,8 @@ def _print(report: ImportReport) -> None:
         out.print(f"  {topic:<20} {count or 'none'}")
     for account in report.files:
         reasons = ", ".join(
-            f"{count} {reason.replace('_', ' ')} (first at line {account.first_line[reason]})"
+            f"{count} {reason.replace('_', ' ')} (first at line {account.first_line[reason]}"
+            f"{account.offending(reason)})"
             for reason, count in account.rejected.items()
         )
         out.print(

@@ -179,7 +179,8 @@ class Joints(MappingEntry):
     Attributes:
         names: As in the model file, from the base on.
         keys: What stands for ``{joint}`` in patterns; default the names.
-        position: May be left out for ``identify drives``, as of a test bench.
+        position: May be left out for ``identify drives``, as of a test bench. ``identify
+            thermal`` needs neither positions nor velocities.
         temperature: Of the motors.
         drive_power: Electrical power that each drive takes, positive into the drive.
         current_d: Of each drive, along the flux of the rotor; with the three below instead of
@@ -208,8 +209,11 @@ class Joints(MappingEntry):
     def _check(self) -> Joints:
         if len(set(self.names)) != len(self.names):
             raise ValueError("each joint name once")
-        if self.position is None and self.velocity is None:
-            raise ValueError("position or velocity, or both")
+        heats = self.effort is not None and self.temperature is not None
+        if self.position is None and self.velocity is None and not heats:
+            raise ValueError(
+                "position or velocity, or both; for identify thermal effort and temperature"
+            )
         given = [getattr(self, name) is not None for name in ROTOR_FRAME]
         if any(given) and (not all(given) or self.drive_power is not None):
             raise ValueError(f"all of {', '.join(ROTOR_FRAME)}, or drive_power instead")
@@ -229,7 +233,7 @@ class Joints(MappingEntry):
 
     @property
     def first(self) -> Columns[Any]:
-        """The quantity that every row must have: positions, velocities without them."""
+        """The quantity that every row must have: positions, else velocities, else efforts."""
         return next(group for _, group in self.quantities())
 
     def quantities(self) -> Iterator[tuple[str, Columns[Any]]]:

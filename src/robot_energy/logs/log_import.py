@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from decimal import Decimal
 from pathlib import Path
 
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import LogFormatError
 from robot_energy.logs.columns import ROTOR_FRAME
+from robot_energy.logs.instants import time_remedy
 from robot_energy.logs.mapped_log import MappedLog
-from robot_energy.logs.mapping import LogMapping
+from robot_energy.logs.mapping import DIGITS, LogMapping, Time
 from robot_energy.logs.recording import ImportReport, LogBlock, RecordingContents, write_bag
 from robot_energy.logs.rows import Clock
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.stamps import MIN_DATE
+from robot_energy.units import SECOND_NS
 
 
 def open_logs(
@@ -89,8 +94,12 @@ def import_log(
     names = ", ".join(log.name for log in logs)
     origin = f"{mapping.description}: {names}" if mapping.description else names
     accounts = [log.account for log in logs]
-    blocks = _in_turn(logs, mapping, start_ns)
+    clock = Clock(mapping.time)
+    blocks = _in_turn(logs, clock, start_ns)
     report = write_bag(out, contents, blocks, accounts, overwrite, origin)
+    report.notes += [*(note for log in logs for note in log.notes), *clock.notes]
+    if start_ns is None and mapping.time.start is None and mapping.time.rate is None:
+        report.notes += _early(report.start_ns or 0, mapping.time)
     if contents.effort and effort is not None:
         report.notes.append(
             f"the effort of /joint_states is the log's, in {effort.si_unit.replace('_', ' ')}"
@@ -130,12 +139,19 @@ def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingCont
     )
 
 
-def _in_turn(
-    logs: Sequence[MappedLog], mapping: LogMapping, start_ns: int | None
-) -> Iterator[LogBlock]:
+def _in_turn(logs: Sequence[MappedLog], clock: Clock, start_ns: int | None) -> Iterator[LogBlock]:
     """Rows of all logs on one time, each newer than those before it."""
-    clock, last = Clock(mapping.time), None
+    last = None
     for log in logs:
         for block in log.blocks(clock, last, start_ns):
             last = int(block.stamp_ns[-1]) if len(block) else last
             yield block
+
+
+def _early(begin_ns: int, time: Time) -> list[str]:
+    """A remark on times that another unit would put into the years from 2000 on."""
+    if begin_ns >= MIN_DATE * SECOND_NS or time.unit not in DIGITS:
+        return []
+    remedy = time_remedy(str(Decimal(begin_ns).scaleb(-DIGITS[time.unit])))
+    day = datetime.fromtimestamp(begin_ns // SECOND_NS, UTC).date()
+    return [f"the recording begins on {day}: {remedy}"] if remedy else []

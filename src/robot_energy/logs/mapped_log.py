@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import LogFormatError
+from robot_energy.logs.cells import TableRows
 from robot_energy.logs.columns import (
     FACTORS,
     PLACEHOLDER,
@@ -23,8 +24,8 @@ from robot_energy.logs.columns import (
 )
 from robot_energy.logs.mapping import PLACE, LogMapping
 from robot_energy.logs.recording import BODY, FileAccount, LogBlock, nothing_used
-from robot_energy.logs.rows import Clock, nanoseconds, side_by_side, usable_rows
-from robot_energy.logs.table import LogTable, TableRows
+from robot_energy.logs.rows import Clock, side_by_side, usable_rows
+from robot_energy.logs.table import LogTable
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.electrical_power import electrical_power
 
@@ -97,8 +98,15 @@ class MappedLog:
         joint_keys: Sequence[str],
     ) -> None:
         if file not in self.tables:
+            form = self._mapping
             self.tables[file] = LogTable(
-                file, self._mapping.delimiter, names, self._mapping.decimal
+                file,
+                form.delimiter,
+                names,
+                form.decimal,
+                form.encoding,
+                form.comment,
+                form.skip_rows,
             )
         table = self.tables[file]
         columns = group.names(list(joint_keys))
@@ -124,10 +132,12 @@ class MappedLog:
 
     @property
     def begins(self) -> float:
-        """Time of the first row, infinite where it has none. [ns]"""
-        first = self.main.first(self._texts[:1])
-        instants = nanoseconds(first[0], self._mapping.time.unit) if first else [None]
-        return np.inf if instants[0] is None else instants[0]
+        """Time of the first row that has one, infinite where none has. [ns]"""
+        rows = next(self.main.rows((), self._texts[:1]), None)
+        if rows is None:
+            return np.inf
+        instants, known, _ = Clock(self._mapping.time).instants(rows)
+        return float(instants[known][0]) if known.any() else np.inf
 
     @property
     def main(self) -> LogTable:
@@ -159,25 +169,33 @@ class MappedLog:
         clock = Clock(time) if clock is None else clock
         start = time.start_ns if start_ns is None else start_ns
         last = None if last_ns is None else last_ns - start
-        clock.begin_table()
+        clock.begin_table(self.account.path.name)
         required = np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
         for rows in self._joined(kept):
-            instants, known = clock.instants(rows)
+            instants, known, run = clock.instants(rows)
             used, last = usable_rows(rows, instants, known, required, last, self.account, start)
-            yield self._block(instants[used] + start, rows.values[used])
+            yield self._block(instants[used] + start, rows.values[used], run[used])
 
     @property
     def _keys(self) -> NDArray[np.str_]:
         """Quantity of every column that is read, in their order."""
         return np.array([key for taken in self._columns.values() for key, _ in taken])
 
-    def whole(self) -> LogBlock:
+    @property
+    def notes(self) -> list[str]:
+        """What was found about the files, one sentence each."""
+        return [note for table in self.tables.values() for note in table.notes]
+
+    def whole(self, clock: Clock | None = None) -> LogBlock:
         """Return all usable rows at once, in SI units.
+
+        Args:
+            clock: Of all files of the log; None: of this one alone.
 
         Raises:
             LogFormatError: If a file cannot be read, is too long, or has no usable row.
         """
-        blocks = [block for block in self.blocks(kept=True) if len(block)]
+        blocks = [block for block in self.blocks(clock, kept=True) if len(block)]
         if not blocks:
             raise LogFormatError(*nothing_used([self.account]))
         return LogBlock.concatenate(blocks)
@@ -190,7 +208,7 @@ class MappedLog:
             streams.append(table.rows(names, () if streams else self._texts, kept))
         return side_by_side(list(self.tables.values()), streams)
 
-    def _block(self, stamp_ns: Int, values: Float) -> LogBlock:
+    def _block(self, stamp_ns: Int, values: Float, run: Int) -> LogBlock:
         keys = self._keys
         joints, power = self._mapping.joints, self._mapping.power
         groups = dict(joints.quantities())
@@ -239,6 +257,7 @@ class MappedLog:
             reading,
             drive_power,
             payload,
+            run,
         )
 
 

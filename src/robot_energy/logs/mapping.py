@@ -6,6 +6,8 @@ identified from directly. Examples: ``src/examples/mappings`` and ``src/examples
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,10 +29,13 @@ from robot_energy.logs.columns import (
     Text,
 )
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.time_zone import MAX_NAME, time_zone
 
 PLACE = "{recording}"  # in the name of a file: the name of a recording
 LATEST_NS = 2**62  # from 1970 on, either way: sums with times of the log stay within 64 bits
+MAX_FORMAT, MAX_SKIPPED = 100, 1_000_000
 MADE_UP_DATE = datetime(2000, 1, 1, tzinfo=UTC)  # of rows that are counted at a rate
+DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}  # after the decimal sign, down to nanoseconds
 Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 
 
@@ -39,10 +44,13 @@ class Time(MappingEntry):
 
     Attributes:
         column: Column of the time.
-        unit: Its unit; a column of dates needs none.
+        unit: Its unit; a column of dates needs none. ``excel_day``: days as Excel counts them.
+        format: Of dates that are not ISO 8601, in the words of ``strptime``, such as
+            ``%d.%m.%Y %H:%M:%S.%f``; without a day it is the time since midnight.
+        zone: Time zone of dates that state none, such as ``Europe/Berlin``; None: UTC.
         rate: Rows per second, where the log has no time. [Hz]
-        start: Added to every time; needed where times count from zero. Without zone: UTC.
-            With a rate the default is 2000-01-01.
+        start: Added to every time; needed where times count from zero. If it states no zone, it
+            is of ``zone``. With a rate the default is 2000-01-01.
         run: Column whose change begins another run, where each run counts from zero.
         each_file_is_a_run: Whether each file counts from its own zero, as after a restart of
             the controller; its files are then taken in the order in which they are named.
@@ -50,7 +58,9 @@ class Time(MappingEntry):
     """
 
     column: Text | None = None
-    unit: Literal["s", "ms", "us", "ns"] = "s"
+    unit: Literal["s", "ms", "us", "ns", "excel_day"] = "s"
+    format: Annotated[str, Field(min_length=2, max_length=MAX_FORMAT)] | None = None
+    zone: Annotated[str, Field(max_length=MAX_NAME)] | None = None
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     start: datetime | None = None
     run: Text | None = None
@@ -61,6 +71,10 @@ class Time(MappingEntry):
     def _check(self) -> Time:
         if (self.column is None) == (self.rate is None):
             raise ValueError("either column or rate, not both")
+        if self.zone is not None:
+            time_zone(self.zone)
+        if self.format is not None:
+            _check_format(self.format)
         if abs(self.start_ns) > LATEST_NS:
             raise ValueError(f"a start within the years 1824 to 2116, found {self.start}")
         return self
@@ -69,6 +83,8 @@ class Time(MappingEntry):
     def start_ns(self) -> int:
         """The start, 0 where times have a date. [ns]"""
         start = self.start or (None if self.rate is None else MADE_UP_DATE)
+        if start is not None and start.tzinfo is None and self.zone is not None:
+            start = start.replace(tzinfo=time_zone(self.zone))
         return 0 if start is None else since_1970(start)
 
 
@@ -81,6 +97,17 @@ def since_1970(instant: datetime) -> int:
     instant = instant if instant.tzinfo else instant.replace(tzinfo=UTC)
     elapsed = instant - datetime(1970, 1, 1, tzinfo=UTC)
     return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
+
+
+def _check_format(form: str) -> None:
+    date = datetime(2026, 1, 31, 12, 30, 15, 250_000, tzinfo=UTC)
+    try:
+        datetime.strptime(date.strftime(form), form)
+        good = "%" in form
+    except (ValueError, re.error):
+        good = False
+    if not good:
+        raise ValueError(f"a format such as '%d.%m.%Y %H:%M:%S.%f', found '{form}'")
 
 
 class CouplingEntry(MappingEntry):
@@ -125,6 +152,9 @@ class LogMapping(MappingEntry):
     Attributes:
         delimiter: Between cells of a text; None: taken from its first line.
         decimal: Decimal sign of a text.
+        encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
+        comment: What lines begin with that are left out; None: ``#``.
+        skip_rows: Lines before the header, or before the rows, that are left out.
         column_names: Of all columns of the log, if it has no header.
         recordings: Names of several recordings, in files of their own.
     """
@@ -133,6 +163,9 @@ class LogMapping(MappingEntry):
     description: str = ""
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] = "."
+    encoding: Annotated[str, Field(min_length=1, max_length=MAX_NAME)] | None = None
+    comment: Annotated[str, Field(min_length=1, max_length=MAX_NAME)] | None = None
+    skip_rows: Annotated[int, Field(ge=0, le=MAX_SKIPPED)] = 0
     column_names: Names | None = None
     recordings: Annotated[list[Name], Field(min_length=1)] | None = None
     time: Time
@@ -144,6 +177,8 @@ class LogMapping(MappingEntry):
 
     @model_validator(mode="after")
     def _check(self) -> LogMapping:
+        if self.encoding is not None:
+            _check_encoding(self.encoding)
         names = self.joints.names
         lists: dict[str, list[float]] = {}
         if self.robot is not None:
@@ -202,6 +237,13 @@ class LogMapping(MappingEntry):
         for entry in self.robot.coupling:
             matrix[names.index(entry.motor), names.index(entry.joint)] += entry.ratio
         return Drivetrain(matrix, np.zeros(len(names)))
+
+
+def _check_encoding(name: str) -> None:
+    try:
+        io.TextIOWrapper(io.BytesIO(), encoding=name)
+    except (LookupError, ValueError):
+        raise ValueError(f"an encoding such as cp1252 or utf-16, found '{name}'") from None
 
 
 def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:

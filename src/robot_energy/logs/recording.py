@@ -20,6 +20,8 @@ from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES
+from robot_energy.logs.cells import number_remedy
+from robot_energy.logs.instants import time_remedy
 from robot_energy.timeline.gaps import MAX_GAP_NS, MIN_PERIOD_NS
 from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
 
@@ -36,6 +38,9 @@ BODY = tuple(
 NO_TIMES = (
     "check the unit of time, and give the start of the recording where its times count from zero"
 )
+MIN_ROWS = 2  # a state alone has no duration, so no energy
+NO_OTHERS = ("there are none", "there are no others")
+REMEDIES = {"bad_time": time_remedy, "not_numeric": number_remedy}
 INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
 
 
@@ -52,6 +57,7 @@ class LogBlock(Block):
         drive_power: Electrical input of each drive, shape (N, n). [W]
         payload: Mass, centre of mass (3) and inertia (6) of what the robot carries, shape
             (N, 10); None where the log says nothing of it. [kg], [m], [kg m^2]
+        run: Number of the run that each row belongs to, shape (N,); None: of one run.
     """
 
     joint_position: Float
@@ -61,6 +67,7 @@ class LogBlock(Block):
     reading: Float
     drive_power: Float
     payload: Float | None = None
+    run: Int | None = None
 
 
 @dataclass(frozen=True)
@@ -97,20 +104,23 @@ class FileAccount(RejectionLog):
     Attributes:
         path: The file.
         first_line: Line number of the first row rejected for each reason.
+        first_cell: Name and text of the cell that offends there; the name may be empty.
     """
 
     path: Path = Path()
     first_line: dict[str, int] = field(default_factory=dict[str, int])
+    first_cell: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
-    def reject_lines(self, reason: str, lines: Int) -> None:
+    def reject_lines(self, reason: str, lines: Int, cell: tuple[str, str] = ("", "")) -> None:
         """Count rejected rows and remember where the first one stands.
 
         Args:
             reason: Why they are rejected.
             lines: Where they stand in the file, rising, shape (N,).
+            cell: Name and text of what offends in the first of them.
         """
-        if len(lines):
-            self.first_line.setdefault(reason, int(lines[0]))
+        if len(lines) and reason not in self.first_line:
+            self.first_line[reason], self.first_cell[reason] = int(lines[0]), cell
         self.reject(reason, len(lines))
 
     @property
@@ -118,8 +128,30 @@ class FileAccount(RejectionLog):
         """Count and first place of every reason for which rows were rejected."""
         return "; ".join(
             f"{count} {reason} from line {self.first_line[reason]} of {self.path.name}"
+            + self.offending(reason)
             for reason, count in self.rejected.items()
         )
+
+    def offending(self, reason: str) -> str:
+        """Return the first cell that was rejected for a reason, as in ", where q1 is 'x'".
+
+        Args:
+            reason: Why rows were rejected.
+        """
+        name, text = self.first_cell.get(reason, ("", ""))
+        if name:
+            return f", where {name} is '{text}'"
+        return f", which has {text}" if text else ""
+
+    @property
+    def remedy(self) -> str:
+        """What in a mapping reads the first cells that were rejected; empty if nothing is known."""
+        found = [
+            remedy(self.first_cell[reason][1])
+            for reason, remedy in REMEDIES.items()
+            if reason in self.first_cell
+        ]
+        return next(filter(None, found), "")
 
 
 @dataclass
@@ -302,13 +334,13 @@ def write_bag(
                 found = f"the stamps of {files[0].path} begin at zero"
                 raise LogFormatError(found, "times between 1970 and 2038", NO_TIMES)
             counts.update(_write(bag, streams, block))
-        if report.start_ns is None:
+        if sum(file.accepted for file in files) < MIN_ROWS:
             raise LogFormatError(*nothing_used(files))
     report.joint_states = counts[JOINT_STATES_TOPIC]
     report.temperatures = counts[TEMPERATURES_TOPIC]
     report.readings, report.drive_powers = counts[METER_TOPIC], counts[DRIVE_POWER_TOPIC]
     report.payloads = counts[PAYLOAD_TOPIC]
-    rows, span_ns = report.joint_states - 1, (report.end_ns or 0) - report.start_ns
+    rows, span_ns = report.joint_states - 1, (report.end_ns or 0) - (report.start_ns or 0)
     if rows > 0 and not MIN_PERIOD_NS <= span_ns / rows <= MAX_GAP_NS:
         apart = span_ns / rows * NANOSECOND
         report.notes.append(f"rows are {apart:.3g} s apart on average: is the unit of time right?")
@@ -333,17 +365,23 @@ def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[
 
 
 def nothing_used(files: Sequence[FileAccount]) -> tuple[str, str, str]:
-    """Return found, expected and remedy where no row can be used.
+    """Return found, expected and remedy where no row can be used, or one alone.
 
     Args:
         files: Accounts of the rows of all files.
     """
     received = sum(account.received for account in files)
+    used = sum(account.accepted for account in files)
     names = ", ".join(str(account.path) for account in files)
     reasons = "; ".join(account.reasons for account in files if account.rejected)
-    found = f"none of the {received} rows of {names} can be used ({reasons or 'there are none'})"
+    count = f"only {used}" if used else "none"
+    found = (
+        f"{count} of the {received} rows of {names} can be used ({reasons or NO_OTHERS[used > 0]})"
+    )
+    remedy = next(filter(None, (account.remedy for account in files)), "")
     if any(account.rejected[BAD_STAMP] for account in files):
         return found, "rows with times between 1970 and 2038", NO_TIMES
     if any(account.rejected["bad_time"] for account in files):
-        return found, "times as numbers in time.unit, or as ISO 8601 dates", NO_TIMES
-    return found, "rows of numbers", ""
+        expected = "times as numbers in time.unit, as ISO 8601 dates, or in time.format"
+        return found, expected, remedy or NO_TIMES
+    return found, "at least two rows of numbers", remedy

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime
-from decimal import Decimal, InvalidOperation
 from itertools import repeat
 
 import numpy as np
@@ -12,12 +10,13 @@ import polars as pl
 
 from robot_energy.blocks import Int
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.mapping import LATEST_NS, Time, since_1970
+from robot_energy.logs.cells import Mask, TableRows
+from robot_energy.logs.instants import Instants
+from robot_energy.logs.mapping import LATEST_NS, Time
 from robot_energy.logs.recording import FileAccount
-from robot_energy.logs.table import LogTable, Mask, TableRows
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
-
-DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+from robot_energy.logs.table import LogTable
+from robot_energy.timeline.stamps import BAD_STAMP, MIN_DATE, valid_stamps
+from robot_energy.units import SECOND_NS
 
 
 def side_by_side(
@@ -52,10 +51,17 @@ def side_by_side(
         yield TableRows(
             np.concatenate([part.line for part in first]),
             np.hstack([np.concatenate([part.values for part in parts]) for parts in kept]),
+            np.concatenate([part.width for part in first]),
             _all(np.concatenate([part.whole for part in parts]) for parts in kept),
             _all(np.concatenate([part.numeric for part in parts]) for parts in kept),
-            tuple(pl.concat(texts) for texts in zip(*(part.texts for part in first), strict=True)),
+            tuple(cell for parts in kept for cell in _joined([part.cells for part in parts])),
+            _joined([part.texts for part in first]),
+            first[0].decimal,
         )
+
+
+def _joined(parts: Sequence[tuple[pl.Series, ...]]) -> tuple[pl.Series, ...]:
+    return tuple(pl.concat(columns) for columns in zip(*parts, strict=True))
 
 
 def _all(masks: Iterable[Mask]) -> Mask:
@@ -67,45 +73,88 @@ class Clock:
 
     Args:
         time: What the mapping says of it.
+
+    Attributes:
+        notes: What was assumed of the times, one sentence each.
     """
 
     def __init__(self, time: Time) -> None:
         self._time = time
+        self._instants = Instants(time)
+        self._in_runs = time.rate is not None or time.run is not None or time.each_file_is_a_run
         self._apart_ns = round(time.apart * 1e9)
         self._begins = False
         self._label: str | None = None
         self._shift_ns = 0
         self._last_ns: int | None = None
         self._rows = 0
+        self._run = 0
+        self._source = ""
+        self.notes = self._instants.notes
 
-    def begin_table(self) -> None:
-        """Begin another table: where times begin at zero, it is a run of its own."""
-        self._begins, self._rows = True, 0
+    def begin_table(self, name: str = "") -> None:
+        """Begin another table: where times begin at zero, it is a run of its own.
 
-    def instants(self, rows: TableRows) -> tuple[Int, Mask]:
-        """Return the instant of every row without the start [ns], and which are known, shape (N,).
+        Args:
+            name: Of the file, for the notes.
+        """
+        self._begins, self._rows, self._source = self._in_runs, 0, name
+        if self._time.each_file_is_a_run:
+            self._instants.begin()
+
+    def instants(self, rows: TableRows) -> tuple[Int, Mask, Int]:
+        """Return instants without the start [ns], which are known, and their runs, shape (N,).
 
         Args:
             rows: With the columns of time and run, as far as there are such, as texts.
         """
         texts = list(rows.texts)
+        lines: list[int] = rows.line.tolist()
         if self._time.rate is not None:
             count = np.arange(self._rows, self._rows + len(rows))
             found = np.rint(count * 1e9 / self._time.rate).astype(np.int64).tolist()
             self._rows += len(rows)
         else:
-            found = nanoseconds(texts.pop(0), self._time.unit)
-        placed = found
-        if texts or self._time.rate is not None or self._time.each_file_is_a_run:
-            labels = texts[0].cast(pl.String).str.strip_chars().to_list() if texts else repeat("")
-            placed = [
-                None if instant is None else self._place(instant, label)
-                for instant, label in zip(found, labels, strict=False)
-            ]
+            column = texts.pop(0)
+            if column.dtype == pl.String and rows.decimal != ".":
+                column = column.str.replace(rows.decimal, ".", literal=True)
+            found = self._instants(column, lines, self._source)
+        if self._in_runs or rows.repeated or self._shift_ns:
+            placed, run = self._placed(found, texts, rows)
+        else:
+            placed, run = found, [self._run] * len(found)
+            latest = [instant for instant in (self._last_ns, *found) if instant is not None]
+            self._last_ns = max(latest, default=None)
         known = [instant is not None and abs(instant) < LATEST_NS for instant in placed]
         pairs = zip(placed, known, strict=True)
         values = [instant if ok and instant is not None else 0 for instant, ok in pairs]
-        return np.asarray(values, dtype=np.int64), np.asarray(known, dtype=np.bool_)
+        return (
+            np.asarray(values, dtype=np.int64),
+            np.asarray(known, dtype=np.bool_),
+            np.asarray(run, dtype=np.int64),
+        )
+
+    def _placed(
+        self, found: Sequence[int | None], labels: Sequence[pl.Series], rows: TableRows
+    ) -> tuple[list[int | None], list[int]]:
+        """Instants with the runs one after the other [ns], and the run of each row."""
+        texts = labels[0].cast(pl.String).str.strip_chars().to_list() if labels else repeat("")
+        repeated, placed, run = list(rows.repeated), list[int | None](), list[int]()
+        for instant, label, line in zip(found, texts, rows.line.tolist(), strict=False):
+            while repeated and line > repeated[0]:
+                self._restart(repeated.pop(0), instant)
+            placed.append(None if instant is None else self._place(instant, label))
+            run.append(self._run)
+        return placed, run
+
+    def _restart(self, header: int, instant: int | None) -> None:
+        """Note a header that is repeated; a clock that begins anew there begins a run."""
+        text = f"line {header} of {self._source} repeats the header: another recording follows"
+        last = None if self._last_ns is None else self._last_ns - self._shift_ns
+        if last is not None and instant is not None and instant <= last < MIN_DATE * SECOND_NS:
+            self._begins = True
+            text += f", whose clock begins anew: it is set {self._time.apart:g} s after the first"
+        self.notes.append(text)
 
     def _place(self, instant: int, label: str | None) -> int:
         """Set the runs, which count their own time, one after the other. [ns]"""
@@ -113,34 +162,10 @@ class Clock:
             self._begins, self._label = False, label
             if self._last_ns is not None:
                 self._shift_ns = self._last_ns + self._apart_ns - instant
+                self._run += 1
         placed = instant + self._shift_ns
         self._last_ns = placed if self._last_ns is None else max(self._last_ns, placed)
         return placed
-
-
-def nanoseconds(column: pl.Series, unit: str) -> list[int | None]:
-    """Return instants, exact to the last digit written; None where there is none. [ns]
-
-    Args:
-        column: Numbers or text, or dates, which have a unit of their own.
-        unit: Of numbers: ``s``, ``ms``, ``us`` or ``ns``.
-    """
-    if isinstance(column.dtype, pl.Datetime):
-        return column.dt.epoch("ns").to_list()
-    if isinstance(column.dtype, pl.Duration):
-        return column.dt.total_nanoseconds().to_list()
-    return [_exact(text, DIGITS[unit]) for text in column.cast(pl.String).to_list()]
-
-
-def _exact(text: str | None, digits: int) -> int | None:
-    text = (text or "").strip()
-    try:
-        if ":" in text:  # a date, ISO 8601, exact to the microsecond
-            return since_1970(datetime.fromisoformat(text))
-        instant = Decimal(text).scaleb(digits)
-        return int(instant.to_integral_value()) if abs(instant) < LATEST_NS else None
-    except (InvalidOperation, ValueError, OverflowError):
-        return None
 
 
 def usable_rows(
@@ -180,12 +205,26 @@ def usable_rows(
         ("not_finite", finite),
         (BAD_STAMP, valid_stamps(instants + start_ns)),
     ):
-        account.reject_lines(reason, rows.line[used & ~good])
+        _reject(rows, reason, used & ~good, required, account)
         used &= good
     least = np.iinfo(np.int64).min if last_ns is None else last_ns
     before = np.maximum.accumulate(np.concatenate([[least], instants[used]]))
     newer = used.copy()
     newer[used] = before[1:] > before[:-1]
-    account.reject_lines("not_newer", rows.line[used & ~newer])
+    _reject(rows, "not_newer", used & ~newer, required, account)
     account.accepted += int(newer.sum())
     return newer, int(before[-1]) if len(before) > 1 else last_ns
+
+
+def _reject(rows: TableRows, reason: str, bad: Mask, required: Mask, account: FileAccount) -> None:
+    """Count rows, and keep what the first of each reason holds."""
+    cell = "", ""
+    if bad.any() and reason not in account.first_line:
+        row = int(np.argmax(bad))
+        if reason in ("not_numeric", "not_finite"):
+            cell = rows.unusable_cell(row, required)
+        elif reason == "wrong_length":
+            cell = "", f"{rows.width[row]} cells"
+        else:
+            cell = rows.text_cell(row)
+    account.reject_lines(reason, rows.line[bad], cell)

@@ -1,53 +1,41 @@
-"""One table (CSV, Parquet, DIAdem) -> numbers of the columns asked for, row by row as they stand.
-
-A text is cut into lines and cells here, not by the CSV reader of polars: that one leaves out
-blank lines and fills up short rows, and then nobody can say which row was refused and why.
-"""
+"""One table (CSV, Parquet, DIAdem) -> numbers of the columns asked for, row by row."""
 
 from __future__ import annotations
 
-import csv
-import gzip
 import io
+import re
 import subprocess
 import sys
-import zlib
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
-from itertools import chain, islice
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
 from robot_energy.errors import LogFormatError
 from robot_energy.files.first_bytes import FIRST_BYTES, MAX_MAGIC, named
 from robot_energy.files.regular_file import open_regular
 from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.logs.cells import TableRows, as_numbers
 from robot_energy.logs.diadem import MAGIC as DIADEM
 from robot_energy.logs.diadem import read_diadem
+from robot_energy.logs.text_table import (
+    BLOCK_ROWS,
+    EXPECTED,
+    GZIP,
+    MAX_RATIO,
+    MIN_UNPACKED,
+    Cells,
+    TextTable,
+)
 
-BLOCK_ROWS = 8192
 MAX_NUMBERS = 24_000_000
 """Numbers that are kept of one table: an hour of six joints at 1 kHz."""
 SHOWN_COLUMNS = 12
-MAX_LINE = 2**20
-"""Characters; a packed file could hold one line that fills the memory."""
-MAX_RATIO = 200
-"""How many times larger a packed log may become; numbers shrink to a tenth."""
-MIN_UNPACKED = 16 * 2**20
-"""Characters or bytes that any packed log may become."""
-EXPECTED = "a table: CSV, plain or gzip, Parquet, or the header of a DIAdem recording (.dat)"
-PARQUET, GZIP = b"PAR1", b"\x1f\x8b"
+PARQUET = b"PAR1"
 TABLES = (PARQUET, GZIP, DIADEM)
-Mask = NDArray[np.bool_]
-_Cells = tuple[Int, pl.DataFrame, Mask]  # line of each row, cells, whether it is whole
-_NO_TEXT = (csv.Error, OSError, EOFError, UnicodeDecodeError, zlib.error)
+UNIT = re.compile(r"[\[(]([^\[\]()]{2,})[\])]$")  # one letter may be a counter: q(a)
 # A damaged Parquet file can end the process that reads it, so another one does.
 UNPACK = """
 import resource, sys
@@ -59,28 +47,6 @@ polars.scan_parquet(path, glob=False).sink_ipc(out, compression="uncompressed")
 """
 
 
-@dataclass(frozen=True)
-class TableRows:
-    """Rows of a table as numbers.
-
-    Attributes:
-        line: Line of a text, or row of another file, where each stands, shape (N,).
-        values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
-        whole: Whether a row has as many cells as there are columns, shape (N,).
-        numeric: Whether no cell asked for holds anything but a number, shape (N,).
-        texts: Further columns as they stand in the file, such as the time.
-    """
-
-    line: Int
-    values: Float
-    whole: Mask
-    numeric: Mask
-    texts: tuple[pl.Series, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.line)
-
-
 class LogTable:
     """One file: CSV, plain or gzip, Parquet, or a header of DIAdem; which one, its first bytes say.
 
@@ -90,10 +56,14 @@ class LogTable:
             where there is no other.
         column_names: Names of all columns of a text without a header.
         decimal: The decimal sign of a text.
+        encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
+        comment: What lines of a text begin with that are left out; None: ``#``.
+        skip_rows: Lines of a text before its header, or its rows, that are left out.
 
     Attributes:
         columns: Names of the columns.
         units: Of the columns, in the words of the file, as far as it says them.
+        notes: What was found about the file, one sentence each.
 
     Raises:
         LogFormatError: If the file cannot be read or names no columns.
@@ -105,27 +75,47 @@ class LogTable:
         delimiter: str | None = None,
         column_names: Sequence[str] | None = None,
         decimal: str = ".",
+        encoding: str | None = None,
+        comment: str | None = None,
+        skip_rows: int = 0,
     ) -> None:
         self.path, self._decimal = Path(path), decimal
-        self._headed = column_names is None
         self.units: dict[str, str] = {}
+        self.notes: list[str] = []
+        self._text: TextTable | None = None
         try:
-            with open_regular(self.path) as file:
-                head = file.read(MAX_MAGIC)
-                self._size = file.seek(0, io.SEEK_END)
-            if not head.startswith(TABLES) and head.startswith(tuple(FIRST_BYTES)):
-                found, remedy = named(self.path, head)
-                raise LogFormatError(found, EXPECTED, remedy)
-            self._framed = head.startswith((PARQUET, DIADEM))
-            if head.startswith(PARQUET):
-                names = self._unpack().columns
-            elif self._framed:
-                names = self._diadem()
-            else:
-                names = self._header(delimiter)
-        except _NO_TEXT as error:
-            raise self._unreadable(error) from error
-        self.columns = tuple(names if column_names is None or self._framed else column_names)
+            names = self._open(delimiter, column_names, encoding, comment, skip_rows)
+        except OSError as error:
+            why = error.strerror or str(error)
+            raise LogFormatError(f"{self.path} cannot be read ({why})", EXPECTED) from error
+        self.columns = tuple(names)
+
+    def _open(
+        self,
+        delimiter: str | None,
+        column_names: Sequence[str] | None,
+        encoding: str | None,
+        comment: str | None,
+        skip_rows: int,
+    ) -> Sequence[str]:
+        """Names of the columns, by the kind of the file."""
+        with open_regular(self.path) as file:
+            head = file.read(MAX_MAGIC)
+            self._size = file.seek(0, io.SEEK_END)
+        if not head.startswith(TABLES) and head.startswith(tuple(FIRST_BYTES)):
+            found, remedy = named(self.path, head)
+            raise LogFormatError(found, EXPECTED, remedy)
+        if head.startswith(PARQUET):
+            return self._unpack().columns
+        if head.startswith(DIADEM):
+            return self._diadem()
+        headed = column_names is None
+        text = TextTable(self.path, delimiter, self._decimal, encoding, comment, skip_rows, headed)
+        self._text, self.notes = text, text.notes
+        names = text.columns if column_names is None else column_names
+        stated = {name: UNIT.search(name) for name in names}
+        self.units = {name: unit[1].strip() for name, unit in stated.items() if unit}
+        return names
 
     def _diadem(self) -> list[str]:
         """Names of the channels; their values become the frame."""
@@ -148,15 +138,10 @@ class LogTable:
             self._frame = pl.read_ipc(out)
         return self._frame
 
-    def _header(self, delimiter: str | None) -> list[str]:
-        with self._open() as file:
-            first = next(self._lines(file), "")
-        if not first.strip():
-            raise LogFormatError(f"{self.path} is empty", "a line with the names of the columns")
-        likely = max(";\t" if self._decimal == "," else ",;\t", key=first.count)
-        self.delimiter = delimiter or (likely if likely in first else " ")
-        names = next(csv.reader([first], delimiter=self.delimiter, skipinitialspace=True))
-        return [name.strip() for name in names]
+    @property
+    def delimiter(self) -> str | None:
+        """Between the cells of a text; None of another table."""
+        return None if self._text is None else self._text.delimiter
 
     def require(self, name: str, owner: str = "") -> str:
         """Return the name of a column that must be there once.
@@ -173,17 +158,29 @@ class LogTable:
             return name
         asked = f" that {owner} names" if owner else ""
         if count:
+            remedy = "rename one of them"
+            if self._text is not None:
+                remedy += (
+                    ", or give all columns new names: column_names and skip_rows in the mapping"
+                )
             raise LogFormatError(
-                f"{self.path} has the column '{name}'{asked} {count} times", "each column once"
+                f"{self.path} has the column '{name}'{asked} {count} times",
+                "each column once",
+                remedy,
             )
         near = get_close_matches(name, self.columns, SHOWN_COLUMNS, 0.5)
         shown = near or list(self.columns[:SHOWN_COLUMNS])
         more = len(self.columns) - len(shown)
         tail = f" ({more} more)" if more > 0 else ""
+        remedy = ""
+        if self._text is not None:
+            line = self._text.line_of(name) if self._text.headed else 0
+            remedy = "" if self._text.headed else "correct column_names"
+            remedy = f"set skip_rows: {line - 1} in the mapping" if line > 1 else remedy
         raise LogFormatError(
             f"{self.path} has no column '{name}'{asked}",
             f"a column of the file, such as {', '.join(shown)}{tail}",
-            "" if self._headed else "correct column_names",
+            remedy,
         )
 
     def first(self, names: Sequence[str]) -> list[pl.Series]:
@@ -214,9 +211,17 @@ class LogTable:
         Raises:
             LogFormatError: If the file cannot be read to its end, or is too long to be kept.
         """
-        pick = [self.columns.index(name) for name in (*numbers, *texts)]
+        names = (*numbers, *texts)
+        pick = [self.columns.index(name) for name in names]
         count, most = 0, MAX_NUMBERS // max(len(numbers), 1)
-        for line, cells, whole in self._frame_rows(pick) if self._framed else self._text(pick):
+        decimal = "." if self._text is None else self._decimal
+        width = len(self.columns)
+        parts = (
+            self._frame_rows(pick, len(numbers))
+            if self._text is None
+            else self._text.rows(pick, width)
+        )
+        for line, cells, found, repeated in parts:
             count += len(line)
             if kept and count > most:
                 raise LogFormatError(
@@ -224,114 +229,29 @@ class LogTable:
                     f"at most {MAX_NUMBERS} numbers",
                     "cut it, or import it as a bag",
                 )
-            if self._decimal != "." and not self._framed:
-                cells = cells.with_columns(pl.all().str.replace(self._decimal, ".", literal=True))
-            yield _as_numbers(line, cells, whole, len(numbers))
+            given = [cell.alias(name) for cell, name in zip(cells, names, strict=True)]
+            yield as_numbers(line, given, found, width, len(numbers), decimal, repeated)
 
-    def _frame_rows(self, pick: Sequence[int]) -> Iterator[_Cells]:
-        for column in pick:
-            kind = self._frame.dtypes[column]
-            if kind.is_nested() or kind == pl.Binary:
-                raise LogFormatError(
-                    f"the column '{self.columns[column]}' of {self.path} holds {kind}",
-                    "numbers, dates or text",
-                )
+    def _frame_rows(self, pick: Sequence[int], numbers: int) -> Iterator[Cells]:
+        for place, column in enumerate(pick):
+            self._check_type(column, place < numbers)
         for place, part in enumerate(self._frame.iter_slices(BLOCK_ROWS)):
             line = place * BLOCK_ROWS + np.arange(1, len(part) + 1)
-            yield line, _picked(part, pick), np.ones(len(part), dtype=np.bool_)
+            cells = [part[:, column] for column in pick]
+            words = (pl.Categorical, pl.Enum)
+            cells = [cell.cast(pl.String) if cell.dtype in words else cell for cell in cells]
+            yield line, cells, np.full(len(part), len(self.columns)), ()
 
-    def _text(self, pick: Sequence[int]) -> Iterator[_Cells]:
-        done = 0
-        try:
-            with self._open() as file:
-                lines = self._lines(file)
-                if self._headed:
-                    next(lines)
-                    done = 1
-                while part := list(islice(lines, BLOCK_ROWS)):
-                    cells, line = self._split(part, lines)
-                    width = cells.select(pl.sum_horizontal(pl.all().is_not_null())).to_series()
-                    blank = (width == 1) & (cells[:, 0].str.strip_chars() == "")
-                    rows = ~blank.to_numpy()
-                    whole = (width == len(self.columns)).to_numpy()[rows]
-                    if rows.any():
-                        yield done + line[rows], _picked(cells.filter(~blank), pick), whole
-                    done += int(line[-1])
-        except _NO_TEXT as error:
-            raise self._unreadable(error, done) from error
-
-    def _split(self, part: list[str], more: Iterator[str]) -> tuple[pl.DataFrame, Int]:
-        """Cells of some lines, one column more than there should be, and the line of each row.
-
-        Only a quote asks for the reader of the standard library; a quoted cell may go on in
-        the lines that follow.
-        """
-        width = len(self.columns)
-        if not any('"' in line for line in part):
-            lines = pl.Series(part, dtype=pl.String).str.strip_chars_end("\r\n")
-            if self.delimiter == " ":  # several stand for one, as in columns that are lined up
-                lines = lines.str.strip_chars_start(" ").str.replace_all(" +", " ")
-            cells = lines.str.split_exact(self.delimiter, width).struct.unnest()
-            cells.columns = [str(place) for place in range(width + 1)]
-            return cells, np.arange(1, len(part) + 1)
-        reader = csv.reader(chain(part, more), delimiter=self.delimiter, skipinitialspace=True)
-        rows: list[list[str | None]] = []
-        ends: list[int] = []
-        while reader.line_num < len(part):
-            row = next(reader)[: width + 1] or [""]
-            rows.append([*row, *[None] * (width + 1 - len(row))])
-            ends.append(reader.line_num)
-        schema = {str(place): pl.String for place in range(width + 1)}
-        return pl.DataFrame(rows, schema=schema, orient="row"), np.asarray(ends)
-
-    @contextmanager
-    def _open(self) -> Generator[TextIO, None, None]:
-        with open_regular(self.path) as raw:
-            packed = raw.read(2) == GZIP
-            raw.seek(0)
-            self._most = max(self._size * MAX_RATIO, MIN_UNPACKED) if packed else self._size
-            binary = gzip.GzipFile(fileobj=raw, mode="rb") if packed else raw
-            with io.TextIOWrapper(binary, encoding="utf-8-sig", newline="") as text:
-                yield text
-
-    def _lines(self, file: TextIO) -> Iterator[str]:
-        """Yield the lines of the file; an overlong one, or too many, are an error."""
-        length = 0
-        while line := file.readline(MAX_LINE):
-            length += len(line)
-            if len(line) == MAX_LINE:
-                raise csv.Error(f"a line of over {MAX_LINE} characters")
-            if length > self._most:
-                raise csv.Error(
-                    f"it holds over {self._most} characters, {MAX_RATIO} times its size"
-                )
-            yield line
-
-    def _unreadable(self, error: Exception, line: int = 0) -> LogFormatError:
-        where = f" after line {line}" if line else ""
-        what = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        if isinstance(error, UnicodeDecodeError):
-            what = "it is not UTF-8 text"
-        return LogFormatError(f"{self.path} cannot be read{where} ({what})", EXPECTED)
-
-
-def _picked(cells: pl.DataFrame, pick: Sequence[int]) -> pl.DataFrame:
-    """Columns by their places, each named by its place among them; one may come twice."""
-    return pl.DataFrame([cells[:, column].alias(str(place)) for place, column in enumerate(pick)])
-
-
-def _as_numbers(line: Int, cells: pl.DataFrame, whole: Mask, numbers: int) -> TableRows:
-    # An empty cell is no number and no mistake either.
-    text = pl.col(pl.String).str.strip_chars()
-    given = cells[:, :numbers].with_columns(pl.when(text != "").then(text).name.keep())
-    values = given.select(pl.all().cast(pl.Float64, strict=False))
-    lost = (
-        values.select(pl.all().is_null()).to_numpy() > given.select(pl.all().is_null()).to_numpy()
-    )
-    return TableRows(
-        line,
-        values.select(pl.all().fill_null(np.nan)).to_numpy().reshape(len(line), numbers),
-        whole,
-        np.asarray(~lost.reshape(len(line), numbers).any(axis=1)),
-        tuple(cells[:, place] for place in range(numbers, cells.width)),
-    )
+    def _check_type(self, column: int, number: bool) -> None:
+        """Refuse what is neither number nor text, and, of times, no date."""
+        kind = self._frame.dtypes[column]
+        text = kind in (pl.String, pl.Categorical, pl.Enum, pl.Null)
+        date = isinstance(kind, pl.Datetime | pl.Duration)
+        if text or kind.is_numeric() or (date and not number):
+            return
+        expected = "numbers, or text of numbers" if number else "numbers, dates with time, or text"
+        raise LogFormatError(
+            f"the column '{self.columns[column]}' of {self.path} holds {kind}",
+            expected,
+            "convert the column, or name another one in the mapping",
+        )

@@ -76,6 +76,7 @@ def import_ur_rtde(
         BagError: If the bag cannot be written.
     """
     names = list(joint_names)
+    decimal = _decimal(logs)
     if len(names) != len(UR_JOINTS) or len(set(names)) != len(names):
         raise LogFormatError(f"the joint names {', '.join(names)}", "six different names")
     keys = [str(axis) for axis in range(len(names))]
@@ -83,18 +84,22 @@ def import_ur_rtde(
         {
             "schema_version": 1,
             "description": "UR RTDE recording",
+            "decimal": decimal,
             "time": {"column": CLOCK},
             "joints": {"names": names, "keys": keys, **COLUMNS},
             "power": SUPPLY,
             "payload": {**PAYLOAD, "link": link},
         }
     )
-    for table in map(LogTable, logs):
+    for log in logs:
+        table = LogTable(log, decimal=decimal)
         for column in (CLOCK, *(f"actual_q_{key}" for key in keys)):
             table.require(column, "a UR RTDE recording")
     start_ns, note = _start(open_logs(logs, mapping, optional=True)[0].main)
     report = import_log(logs, mapping, out, overwrite, True, start_ns)
     report.notes.insert(0, note)
+    if decimal == ",":
+        report.notes.insert(1, "numbers are read with decimal commas")
     contents = report.contents
     for present, what in (
         (contents.velocity, "velocities"),
@@ -108,6 +113,15 @@ def import_ur_rtde(
     return report
 
 
+def _decimal(logs: Sequence[str | Path]) -> str:
+    """The decimal sign: a comma where the first clock is written so."""
+    for log in logs:
+        table = LogTable(log)
+        if CLOCK in table.columns and table.delimiter != "," and (cells := table.first([CLOCK])):
+            return "," if "," in str(cells[0][0]) else "."
+    return "."
+
+
 def _start(table: LogTable) -> tuple[int, str]:
     """What to add to the controller's clock, and the note on it. [ns]"""
     for column in WALLS:
@@ -117,7 +131,8 @@ def _start(table: LogTable) -> tuple[int, str]:
         start = None if wall is None else _instant(str(wall[0]))
         if start is not None and clock is not None:
             text = start.isoformat(timespec="milliseconds").removesuffix("+00:00")
-            return since_1970(start) - round(float(clock[0]) * 1e9), (
+            first = float(str(clock[0]).replace(",", "."))
+            return since_1970(start) - round(first * 1e9), (
                 f"stamps are the controller's clock, set to {text} at the first row; "
                 f"the column '{column}' is taken as UTC"
             )

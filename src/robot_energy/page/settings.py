@@ -5,13 +5,14 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Annotated, Literal
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+from zoneinfo import ZoneInfo
 
 from pydantic import Field, field_validator, model_validator
 
 from robot_energy.config_file import load
 from robot_energy.errors import PageError
 from robot_energy.model.figure import ModelEntry
+from robot_energy.time_zone import time_zone
 from robot_energy.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
@@ -78,10 +79,7 @@ class PageSettings(ModelEntry):
     @field_validator("timezone")
     @classmethod
     def _known_zone(cls, name: str) -> str:
-        try:
-            ZoneInfo(name)
-        except (ZoneInfoNotFoundError, ValueError, OSError):
-            raise ValueError("expected a time zone such as Europe/Berlin") from None
+        time_zone(name)
         return name
 
     @model_validator(mode="after")

@@ -12,7 +12,7 @@ from robot_energy.bag import BagReader
 from robot_energy.errors import BagError, LogFormatError, ModelFileError, RobotEnergyError
 from robot_energy.files.regular_file import open_regular, read_regular, read_regular_text
 from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.logs import table
+from robot_energy.logs import table, text_table
 from robot_energy.logs.mapping import load_mapping
 from robot_energy.logs.table import LogTable
 from robot_energy.model import load, validate
@@ -103,7 +103,7 @@ def test_a_urdf_that_is_no_file_is_refused_by_its_key(tmp_path, path):
 
 def test_a_packed_log_is_unpacked_within_bounds(tmp_path, monkeypatch):
     """A log of a kilobyte that would fill the memory is refused; an honest one is read."""
-    monkeypatch.setattr(table, "MIN_UNPACKED", 2**16)
+    monkeypatch.setattr(text_table, "MIN_UNPACKED", 2**16)
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(b"a,b\n" + b"0,0\n" * 2**20))
     with refused(LogFormatError, found=("204801", "200 times")):

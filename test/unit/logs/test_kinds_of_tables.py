@@ -1,7 +1,8 @@
 """The same log as CSV, gzip, Parquet, in several files or without a header: the same bag."""
 
 import gzip
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, timedelta
+from datetime import time as time_of_day
 
 import numpy as np
 import polars as pl
@@ -91,7 +92,7 @@ def test_the_command_imports_several_tables(tmp_path, capsys):
         assert main(["import", kind, *map(str, files), *words]) == 0
         said = capsys.readouterr().out
         assert "1001" in said
-        assert "1 not newer (first at line 2)" in said
+        assert "1 not newer (first at line 2, where t is '5.000000')" in said
 
 
 def test_files_that_each_count_from_zero_follow_each_other(tmp_path):
@@ -139,6 +140,54 @@ def test_cells_of_parquet_are_numbers_text_or_nothing(tmp_path):
     assert account.first_line == {"not_numeric": 2, "bad_time": 3}  # rows from 1 on
     with pytest.raises(LogFormatError, match=r"'c'.*holds List\(Int64\); expected numbers"):
         table_rows(path, ["c"])
+
+
+def test_categories_of_parquet_are_their_text(tmp_path):
+    """Of times, positions and readings; the bag is that of the numbers."""
+    path = tmp_path / "log.parquet"
+    plain = pl.read_csv(wheel_csv(tmp_path / "wheel.csv", seconds=0.2).read_bytes())
+    text = plain.cast(pl.String)
+    kinds = [text.cast(pl.Categorical)]
+    kinds.append(
+        text.select(pl.col(name).cast(pl.Enum(text[name].unique())) for name in text.columns)
+    )
+    kinds.append(plain.cast(pl.Decimal(20, 9)))
+    import_log(tmp_path / "wheel.csv", mapping(), tmp_path / "expected")
+    expected = read_bag(tmp_path / "expected", ["axle"])
+    for table in kinds:
+        table.write_parquet(path)
+        report = import_log(path, mapping(), tmp_path / "bag", overwrite=True)
+        assert report.files[0].accepted == len(plain)
+        found = read_bag(tmp_path / "bag", ["axle"])
+        np.testing.assert_array_equal(found[0].stamp_ns, expected[0].stamp_ns)
+        np.testing.assert_array_equal(found[0].joint_position, expected[0].joint_position)
+        np.testing.assert_array_equal(found[2].power, expected[2].power)
+
+
+@pytest.mark.parametrize(
+    ("values", "as_time"),
+    [
+        ([True, False], False),
+        ([timedelta(seconds=1), timedelta(seconds=2)], True),
+        ([datetime(2026, 7, 1, tzinfo=UTC), datetime(2026, 7, 2, tzinfo=UTC)], True),
+        ([date(2026, 7, 1), date(2026, 7, 2)], False),
+        ([time_of_day(1), time_of_day(2)], False),
+        ([b"1", b"2"], False),
+        ([[1.0], [2.0]], False),
+        ([{"a": 1.0}, {"a": 2.0}], False),
+    ],
+)
+def test_what_is_no_number_never_passes_as_one(tmp_path, values, as_time):
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({"t": [1.0, 2.0], "a": values}).write_parquet(path)
+    with pytest.raises(LogFormatError, match=r"'a' of .* holds \w+.*expected numbers, or text"):
+        table_rows(path, ["a"])
+    pl.DataFrame({"t": values, "a": [1.0, 2.0]}).write_parquet(path)
+    if as_time:
+        assert table_rows(path, ["a"])[2].accepted == 2
+    else:
+        with pytest.raises(LogFormatError, match=r"'t' of .* holds \w+.*dates with time"):
+            table_rows(path, ["a"])
 
 
 def test_a_damaged_or_swollen_parquet_is_refused(tmp_path):

@@ -118,7 +118,11 @@ def test_an_existing_bag_is_replaced_only_when_asked(tmp_path: Path) -> None:
         (("schema_version",), 2, "schema_version"),
         (("time", "column"), None, "either column or rate"),
         (("time", "start"), "4048-01-01T00:00:00", "a start within the years 1824 to 2116"),
-        (("time", "unit"), "h", r"'time.unit' is 'h'; expected 's', 'ms', 'us' or 'ns'"),
+        (
+            ("time", "unit"),
+            "h",
+            r"'time.unit' is 'h'; expected 's', 'ms', 'us', 'ns' or 'excel_day'",
+        ),
         (("joints", "position", "column"), "q", r"a pattern with \{joint\}"),
         (("joints", "position", "unit"), "degree", r"joints.position.unit' is 'degree'"),
         (("joints", "keys"), ["a", "b"], "as many keys as names"),

@@ -9,7 +9,8 @@ import pytest
 
 from logbook import table_rows, write_csv
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.rows import nanoseconds
+from robot_energy.logs.instants import Instants
+from robot_energy.logs.mapping import Time
 from robot_energy.logs.table import LogTable
 
 
@@ -60,7 +61,7 @@ def test_dates_of_a_text_have_their_zone() -> None:
     """2022-10-26 is day 19291 since 1970; the same instant in two zones, and without one UTC."""
     texts = ["2022-10-26T08:17:21.847Z", "2022-10-26T10:17:21.847+02:00", "2022-10-26 08:17:21.847"]
     day, seconds = 19_291 * 86_400, 8 * 3600 + 17 * 60 + 21
-    found = nanoseconds(pl.Series([*texts, "08:17", ""]), "s")
+    found = Instants(Time(column="t"))(pl.Series([*texts, "08:17", ""]))
     assert found == [(day + seconds) * 10**9 + 847_000_000] * 3 + [None, None]
 
 

@@ -73,6 +73,35 @@ def test_a_recording_of_positions_alone_is_enough(tmp_path: Path) -> None:
     assert any("controller's own clock" in note for note in report.notes)
 
 
+def test_decimal_commas_are_read_and_named(tmp_path: Path) -> None:
+    rows = [row(1000.01), row(1000.05), row(1000.09)]
+    import_ur_rtde([write_csv(tmp_path / "log.csv", HEADER, rows)], tmp_path / "expected")
+    text = (tmp_path / "log.csv").read_text().replace(",", ";")
+    head, _, body = text.partition("\n")
+    wall = "2021:10:05:12:08:13.5"
+    log = tmp_path / "commas.csv"
+    log.write_text(f"{head}\n{body.replace('.', ',').replace(wall.replace('.', ','), wall)}")
+    report = import_ur_rtde([log], tmp_path / "bag")
+    assert any("decimal commas" in note for note in report.notes)
+    found, expected = (read_bag(tmp_path / name, UR_JOINTS) for name in ("bag", "expected"))
+    for block, known in zip(found, expected, strict=True):
+        assert block is not None
+        for name, values in known.__dict__.items():
+            np.testing.assert_array_equal(getattr(block, name), values)
+
+
+def test_a_recording_appended_with_its_header_is_read(tmp_path: Path) -> None:
+    """The robot was started anew: its clock begins again."""
+    first, second = [row(1000.0), row(1000.04)], [row(3.0), row(3.04)]
+    log = write_csv(tmp_path / "log.csv", HEADER, [*first, HEADER, *second])
+    report = import_ur_rtde([log], tmp_path / "bag")
+    assert report.joint_states == 4
+    assert report.end_ns is not None
+    assert report.start_ns is not None
+    assert report.end_ns - report.start_ns == 10_080_000_000
+    assert any("line 4 of log.csv repeats the header" in note for note in report.notes)
+
+
 def test_what_is_no_ur_recording_is_refused(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", "time,actual_q_0", ["1,2"])
     with pytest.raises(LogFormatError, match="no column 'timestamp' that a UR RTDE recording"):

@@ -70,7 +70,7 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
     Raises:
         NotIdentifiableError: If the motion does not tell them apart.
     """
-    extra = [f"nuisance {number + 1}" for number in range(data.nuisance.shape[1])]
+    extra = [f"gravity term {number + 1}" for number in range(data.nuisance.shape[1])]
     try:
         columns = _columns(data, shape)
         fit = regress(

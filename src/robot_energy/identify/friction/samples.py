@@ -171,17 +171,24 @@ def friction_data_of_log(
         comparing temperatures and laws, not for a model file.
 
     Raises:
-        LogFormatError: If the log has no effort.
+        LogFormatError: If the log has no effort, or no velocity.
     """
     rows = blocks[0].concatenate(blocks)
-    if not np.isfinite(rows.effort[:, joint]).any():
-        raise LogFormatError(
-            f"the log has no effort of {joint_names[joint]}",
-            "a column of its torque or current",
-            "name it under joints.effort in the mapping",
-        )
+    for key, values, column in (
+        ("effort", rows.effort, "its torque or current"),
+        ("velocity", rows.joint_velocity, "its velocity"),
+    ):
+        if not np.isfinite(values[:, joint]).any():
+            raise LogFormatError(
+                f"the log has no {key} of {joint_names[joint]}",
+                f"a column of {column}",
+                f"name it under joints.{key} in the mapping",
+            )
     step = np.diff(rows.stamp_ns, prepend=rows.stamp_ns[0])
-    run = np.cumsum(np.abs(step) > APART / NANOSECOND)
+    begins = np.abs(step) > APART / NANOSECOND
+    if rows.run is not None:
+        begins |= np.diff(rows.run, prepend=rows.run[0]) != 0
+    run = np.cumsum(begins)
     speed, position = rows.joint_velocity[:, joint], rows.joint_position[:, joint]
     change = np.abs(np.diff(speed))
     limit = STEADY * float(np.nanquantile(np.abs(speed), 0.999))

@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.errors import LogFormatError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.model import RobotModel
 
@@ -89,16 +90,30 @@ def runs_of_log(blocks: Sequence[LogBlock], joint: int) -> list[ThermalRun]:
     Args:
         blocks: Rows of one or several logs.
         joint: Index of the joint.
+
+    Raises:
+        LogFormatError: If the log has no effort, or no temperature.
     """
     rows = blocks[0].concatenate(blocks)
     heat = rows.effort[:, joint] ** 2
     degc = rows.motor_temperature_degc[:, joint]
-    return _runs(rows.stamp_ns, heat, np.zeros_like(heat), degc)
+    for key, values in (("effort", heat), ("temperature", degc)):
+        if not np.isfinite(values).any():
+            raise LogFormatError(
+                f"the log has no {key} of joint {joint + 1}",
+                "motor currents and motor temperatures",
+                f"name its column under joints.{key} in the mapping",
+            )
+    return _runs(rows.stamp_ns, heat, np.zeros_like(heat), degc, rows.run)
 
 
-def _runs(stamp_ns: Int, drive: Float, friction: Float, degc: Float) -> list[ThermalRun]:
-    """Cut samples at long gaps and sum them over windows."""
-    cuts = np.flatnonzero(np.abs(np.diff(stamp_ns)) > MAX_GAP / NANOSECOND) + 1
+def _runs(
+    stamp_ns: Int, drive: Float, friction: Float, degc: Float, run: Int | None = None
+) -> list[ThermalRun]:
+    """Cut samples at long gaps and between runs, and sum them over windows."""
+    cut = np.abs(np.diff(stamp_ns)) > MAX_GAP / NANOSECOND
+    cut |= False if run is None else np.diff(run) != 0
+    cuts = np.flatnonzero(cut) + 1
     runs: list[ThermalRun] = []
     for rows in np.split(np.arange(len(stamp_ns)), cuts):
         time = (stamp_ns[rows] - stamp_ns[rows[0]]) * NANOSECOND

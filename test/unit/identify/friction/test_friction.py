@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robot_energy.errors import NotIdentifiableError
+from logbook import mapping, write_csv
+from robot_energy.errors import LogFormatError, NotIdentifiableError
 from robot_energy.identify.friction.friction import fit_friction
-from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.friction.samples import FrictionData, friction_data_of_log
 from robot_energy.identify.friction.temperature_study import Span, temperature_split
 from robot_energy.identify.stats.regression import jackknife
+from robot_energy.logs import open_logs
 from robot_energy.physics.friction import viscous_law
 from robot_energy.report.document import Document
 from robot_energy.report.identification import friction_tables
@@ -261,3 +263,23 @@ def test_a_torque_constant_that_is_off_moves_all_friction_by_its_share():
     for degc in (25.0, 65.0):
         assert float(law.std(degc)) == pytest.approx(0.03 * float(law.viscous(degc)), rel=0.02)
     assert fit.law.std == pytest.approx(float(law.std(fit.law.fitted_degc[0])), rel=0.02)
+
+
+def test_a_log_without_velocities_says_which_column_is_wanted(tmp_path):
+    joints = {
+        "names": ["axle"],
+        "position": {"columns": ["q"], "unit": "rad"},
+        "effort": {"columns": ["i"], "unit": "ampere"},
+    }
+    log = write_csv(tmp_path / "log.csv", "t,q,i", ["0,0,1", "1,1,1"])
+    (opened,) = open_logs([log], mapping(joints=joints, power=None))
+    with pytest.raises(LogFormatError, match=r"no velocity of axle.*joints\.velocity"):
+        friction_data_of_log([opened.whole()], ["axle"], 0)
+
+
+def test_a_motion_that_determines_no_gravity_is_refused_in_words_of_the_joint():
+    """Sine and cosine of a position that stands still are two columns that never change."""
+    data = measurement(minutes=2)
+    still = np.ones((len(data), 2))
+    with pytest.raises(NotIdentifiableError, match="gravity term 1"):
+        fit_friction(replace(data, nuisance=still))

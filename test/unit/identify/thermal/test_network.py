@@ -2,6 +2,7 @@
 
 import json
 import os
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from logbook import mapping, write_csv
 from places import ROOT
+from robot_energy.cli.identify_inputs import IdentifyInputs
 from robot_energy.cli.main import main
-from robot_energy.errors import NotIdentifiableError
+from robot_energy.errors import LogFormatError, NotIdentifiableError
 from robot_energy.identify.thermal.network import fit_network, fit_networks
-from robot_energy.identify.thermal.windows import WINDOW, ThermalRun
+from robot_energy.identify.thermal.windows import WINDOW, ThermalRun, runs_of_log
+from robot_energy.logs import open_logs
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA")
 AIR = 22.0
@@ -82,6 +86,43 @@ def test_what_cannot_tell_is_refused_with_what_to_record():
         fit_network("axle", others, AIR)
     with pytest.raises(NotIdentifiableError, match="no motor temperature is known"):
         fit_networks(["axle"], [[]])
+
+
+MOTOR = {
+    "names": ["axle"],
+    "effort": {"columns": ["i"], "unit": "ampere"},
+    "temperature": {"columns": ["degc"], "unit": "degc"},
+}
+
+
+@pytest.mark.parametrize("in_files", [True, False])
+def test_runs_of_a_log_that_count_from_zero_are_kept_apart(tmp_path, in_files):
+    """A stalled motor, twice from cold, each run with a clock of its own; no velocities."""
+    seconds = np.arange(0.0, 1200.0, 5.0)
+    rows = [f"{t},{level},{AIR + 0.01 * t:.3f},{level}" for level in (1, 2) for t in seconds]
+    parts = [rows[: len(seconds)], rows[len(seconds) :]] if in_files else [rows]
+    logs = [write_csv(tmp_path / f"{k}.csv", "t,i,degc,name", part) for k, part in enumerate(parts)]
+    runs = {"each_file_is_a_run": True} if in_files else {"run": "name"}
+    given = tmp_path / "map.yaml"
+    given.write_text(
+        json.dumps({"schema_version": 1, "time": {"column": "t", **runs}, "joints": MOTOR})
+    )
+    blocks, names = IdentifyInputs(Namespace(log=logs, mapping=given)).columns_of_log()
+    found = runs_of_log(blocks, 0)
+    assert names == ["axle"]
+    assert [part.start_degc for part in found] == [AIR, AIR]
+    assert [len(part) for part in found] == [120, 120]
+    np.testing.assert_allclose(found[1].drive_heat[:-1], 4.0)
+
+
+@pytest.mark.parametrize("lacking", ["effort", "temperature"])
+def test_a_log_without_currents_or_temperatures_is_refused(tmp_path, lacking):
+    joints = {**MOTOR, "position": {"columns": ["t"], "unit": "rad"}}
+    del joints[lacking]
+    spec = mapping(time={"column": "t"}, joints=joints, power=None)
+    log = write_csv(tmp_path / "log.csv", "t,i,degc", ["0,1,20", "1,1,20"])
+    with pytest.raises(LogFormatError, match=rf"no {lacking} of .*joints\.{lacking}"):
+        runs_of_log([part.whole() for part in open_logs([log], spec)], 0)
 
 
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")

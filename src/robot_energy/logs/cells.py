@@ -1,0 +1,152 @@
+"""Cells of tables -> numbers; which cell offends, and what mends it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.shown_text import shown
+
+Mask = NDArray[np.bool_]
+EMPTY = ("", "-", "--", "na", "n/a", "#n/a", "null", "none")
+"""What stands for a cell without a value, in small letters."""
+GROUPED = r"^[+-]?[1-9]\d{0,2}(\.\d{3})+$"  # 1.234 beside decimal commas: a thousand or one?
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d+)?")
+WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d+)?\s*([^\W\d_]+|%)")
+MAX_CELL = 40  # characters of a cell that are shown
+
+
+@dataclass(frozen=True)
+class TableRows:
+    """Rows of a table as numbers.
+
+    Attributes:
+        line: Line of a text, or row of another file, where each stands, shape (N,).
+        values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
+        width: How many cells a row has, one too many for all that are too many, shape (N,).
+        whole: Whether a row has as many cells as there are columns, shape (N,).
+        numeric: Whether no cell asked for holds anything but a number, shape (N,).
+        cells: The columns of the values as they stand in the file; their names are those of
+            the columns.
+        texts: Further columns as they stand in the file, such as the time.
+        decimal: Decimal sign of the texts.
+        repeated: Lines that repeat the header, before or among the rows.
+    """
+
+    line: Int
+    values: Float
+    width: Int
+    whole: Mask
+    numeric: Mask
+    cells: tuple[pl.Series, ...] = ()
+    texts: tuple[pl.Series, ...] = ()
+    decimal: str = "."
+    repeated: tuple[int, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def unusable_cell(self, row: int, required: Mask) -> tuple[str, str]:
+        """Return name and text of what in a row is no number, or not finite; empty for none.
+
+        Args:
+            row: Its place in the block.
+            required: Columns whose cells must not be empty, shape (K,).
+        """
+        for value, cell, needed in zip(self.values[row], self.cells, required, strict=True):
+            text = "" if cell[row] is None else str(cell[row])
+            given = text.strip().lower() not in (*EMPTY, "nan", "+nan", "-nan")
+            if np.isinf(value) or (np.isnan(value) and (needed or given)):
+                return cell.name, shown(text, MAX_CELL)
+        return "", ""
+
+    def text_cell(self, row: int) -> tuple[str, str]:
+        """Return name and cell of the first text in a row; empty where there is none.
+
+        Args:
+            row: Its place in the block.
+        """
+        if not self.texts:
+            return "", ""
+        cell = self.texts[0]
+        return cell.name, "" if cell[row] is None else shown(str(cell[row]), MAX_CELL)
+
+
+def as_numbers(
+    line: Int,
+    cells: Sequence[pl.Series],
+    width: Int,
+    columns: int,
+    numbers: int,
+    decimal: str,
+    repeated: tuple[int, ...] = (),
+) -> TableRows:
+    """Return rows with their first cells as numbers.
+
+    Args:
+        line: Where each row stands, shape (N,).
+        cells: Columns asked for, named; text or of a type of numbers.
+        width: Cells of each row, shape (N,).
+        columns: Cells that a row should have.
+        numbers: How many of the columns are numbers.
+        decimal: The decimal sign of text.
+        repeated: Lines that repeat the header.
+    """
+    values = np.full((len(line), numbers), np.nan)
+    numeric = np.ones(len(line), dtype=np.bool_)
+    for place, column in enumerate(cells[:numbers]):
+        given = column
+        if column.dtype == pl.String:
+            given = pl.select(_written_number(column, decimal)).to_series()
+        found = given.cast(pl.Float64, strict=False)
+        numeric &= (found.is_not_null() | given.is_null()).to_numpy()
+        values[:, place] = found.fill_null(np.nan).to_numpy()
+    return TableRows(
+        line,
+        values,
+        width,
+        width == columns,
+        numeric,
+        tuple(cells[:numbers]),
+        tuple(cells[numbers:]),
+        decimal,
+        repeated,
+    )
+
+
+def _written_number(column: pl.Series, decimal: str) -> pl.Expr:
+    """Text with a decimal point, null where the cell has no value."""
+    text = pl.lit(column).str.strip_chars()
+    text = pl.when(~text.str.to_lowercase().is_in(EMPTY)).then(text)
+    if decimal == ".":
+        return text
+    point = text.str.replace(decimal, ".", literal=True)
+    return pl.when(text.str.contains(GROUPED)).then(pl.lit("?")).otherwise(point)
+
+
+def number_remedy(cell: str) -> str:
+    """Return what makes a number of a cell; empty where nothing is known.
+
+    Args:
+        cell: As it stands in the file.
+    """
+    text = cell.strip()
+    if DECIMAL_COMMA.fullmatch(text) and not THOUSANDS.fullmatch(text):
+        return 'these are decimal commas: set decimal: "," in the mapping'
+    if DECIMAL_COMMA.fullmatch(text):
+        return (
+            'set decimal: "," in the mapping if this is a decimal comma; write numbers without '
+            "separators of thousands if it is one"
+        )
+    if THOUSANDS.fullmatch(text):
+        return "write numbers without separators of thousands"
+    if WITH_UNIT.fullmatch(text):
+        return "write numbers alone; their unit stands in the mapping"
+    return ""
