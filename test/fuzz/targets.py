@@ -17,6 +17,7 @@ import online
 import services
 import stamps
 import stray_stamps
+import tables
 import type_names
 import yaml
 from target import Target
@@ -36,6 +37,8 @@ TARGETS = {
     "log_csv": Target(bags.log_csv, lambda: [bags.LOG, gzip.compress(bags.LOG, mtime=0)]),
     "log_ur": Target(bags.log_ur, bags.ur_seeds),
     "log_mapping": Target(bags.log_mapping, lambda: [yaml.safe_dump(bags.MAPPING).encode()]),
+    "table_text": Target(tables.table_text, tables.text_seeds),
+    "table_types": Target(tables.table_types, tables.types_seeds),
     "type_names": Target(type_names.type_names, type_names.type_seeds),
     "inputs_file": Target(models.inputs_file, models.inputs_seeds),
     "services": Target(services.services, services.service_seeds),
