@@ -23,6 +23,7 @@ CORE = [
     "rosbags>=0.10.5,<0.12",
     "scipy>=1.11.4",
     "shtab>=1.7",
+    "tzdata>=2024.1",
     "zstandard>=0.22",
 ]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]

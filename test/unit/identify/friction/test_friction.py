@@ -12,6 +12,7 @@ from robot_energy.errors import LogFormatError, NotIdentifiableError
 from robot_energy.identify.friction.friction import fit_friction
 from robot_energy.identify.friction.samples import FrictionData, friction_data_of_log
 from robot_energy.identify.friction.temperature_study import Span, temperature_split
+from robot_energy.identify.plausibility import check_friction
 from robot_energy.identify.stats.regression import jackknife
 from robot_energy.logs import open_logs
 from robot_energy.physics.friction import viscous_law
@@ -211,6 +212,8 @@ def test_an_axis_without_temperature_has_a_constant_with_a_deviation():
     assert (figure.tag, figure.std < 4e-4) == ("identified", True)
     assert "no motor temperature is known" in fit.warnings[0]
     assert np.isnan(fit.range_degc).all()
+    assert fit.errors["constant"].rms == pytest.approx(0.05, rel=0.1)  # the noise
+    check_friction([fit])
 
 
 def one_speed_measurement():
