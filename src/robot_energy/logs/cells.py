@@ -20,6 +20,8 @@ GROUPED = r"^[+-]?[1-9]\d{0,2}(\.\d{3})+$"  # 1.234 beside decimal commas: a tho
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d+)?")
 WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d+)?\s*([^\W\d_]+|%)")
+LATEST = 10**10  # s, some centuries either way
+PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
 MAX_CELL = 40  # characters of a cell that are shown
 
 
@@ -61,7 +63,7 @@ class TableRows:
             required: Columns whose cells must not be empty, shape (K,).
         """
         for value, cell, needed in zip(self.values[row], self.cells, required, strict=True):
-            text = "" if cell[row] is None else str(cell[row])
+            text = _text(cell, row)
             given = text.strip().lower() not in (*EMPTY, "nan", "+nan", "-nan")
             if np.isinf(value) or (np.isnan(value) and (needed or given)):
                 return cell.name, shown(text, MAX_CELL)
@@ -75,8 +77,16 @@ class TableRows:
         """
         if not self.texts:
             return "", ""
-        cell = self.texts[0]
-        return cell.name, "" if cell[row] is None else shown(str(cell[row]), MAX_CELL)
+        return self.texts[0].name, shown(_text(self.texts[0], row), MAX_CELL)
+
+
+def _text(column: pl.Series, row: int) -> str:
+    if isinstance(column.dtype, pl.Datetime | pl.Duration):
+        count, unit = column.to_physical()[row], column.dtype.time_unit or "us"
+        if count is not None and abs(count) > LATEST * PER_SECOND[unit]:
+            return f"{count} {unit}"  # polars ends the process over a date far beyond
+    value = column[row]
+    return "" if value is None else str(value)
 
 
 def as_numbers(

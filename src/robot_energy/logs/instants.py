@@ -68,11 +68,12 @@ class Instants:
             lines: Where each stands, for the notes.
             source: Name of the file, for the notes.
         """
-        if isinstance(column.dtype, pl.Datetime):
-            found = column.dt.epoch("ns").to_list()
-            local = [column.dtype.time_zone is None] * len(found)
-        elif isinstance(column.dtype, pl.Duration):
-            found, local = column.dt.total_nanoseconds().to_list(), [False] * len(column)
+        if isinstance(column.dtype, pl.Datetime | pl.Duration):
+            # Whole numbers of Python: a date of another century does not fit into 64 bits of ns.
+            each = 10 ** DIGITS[column.dtype.time_unit or "us"]
+            found = [count and count * each for count in column.to_physical().to_list()]
+            without = isinstance(column.dtype, pl.Datetime) and column.dtype.time_zone is None
+            local = [without] * len(found)
         else:
             pairs = [self._read(text) for text in column.cast(pl.String).to_list()]
             found, local = [instant for instant, _ in pairs], [without for _, without in pairs]

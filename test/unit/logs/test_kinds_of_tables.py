@@ -190,6 +190,18 @@ def test_what_is_no_number_never_passes_as_one(tmp_path, values, as_time):
             table_rows(path, ["a"])
 
 
+def test_dates_beyond_all_stamps_are_no_times(tmp_path):
+    """In nanoseconds they would wrap around 64 bits, to a date that looks sound."""
+    path = tmp_path / "log.parquet"
+    for kind in (pl.Datetime("ms"), pl.Datetime("us", "UTC"), pl.Duration("ms")):
+        beyond = pl.Series([2**62 + 1_700_000_000_000, 1_700_000_000_000, None]).cast(kind)
+        pl.DataFrame({"t": beyond, "a": [1.0, 2.0, 3.0]}).write_parquet(path)
+        values, _, account = table_rows(path, ["a"])
+        assert values.tolist() == [[2.0]]
+        assert dict(account.rejected) == {"bad_time": 2}
+        assert account.first_cell["bad_time"][0] == "t"
+
+
 def test_a_damaged_or_swollen_parquet_is_refused(tmp_path):
     """A byte that would end the process that reads it, and a kilobyte that holds 200 MB."""
     path = tmp_path / "log.parquet"
