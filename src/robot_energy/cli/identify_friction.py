@@ -75,6 +75,7 @@ def _run(args: Namespace) -> int:
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
         page = Document("Friction at temperatures that were not seen", source)
         study_document(studies, page)
+        page.notes(given.log_notes)
         present(args, studies, page)
         return 0
     model = None
@@ -96,6 +97,7 @@ def _run(args: Namespace) -> int:
         report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")
     friction_document(report, page)
+    page.notes(given.log_notes)
 
     def plot(path: str) -> None:
         friction_over_temperature(report.axes, path, report.torque_unit, source)

@@ -107,10 +107,14 @@ class IdentifyInputs:
 
     Args:
         args: Of the command.
+
+    Attributes:
+        log_notes: What was found and assumed about a log, and rows that were not used.
     """
 
     def __init__(self, args: Namespace) -> None:
         self.args = args
+        self.log_notes: list[str] = []
 
     def drive_power(self) -> DrivePowerTopics | None:
         """Return where the bags have the power of each drive; None without `--drive-power`.
@@ -213,7 +217,16 @@ class IdentifyInputs:
         mapping = load_mapping(self.args.mapping)
         clock = Clock(mapping.time)
         logs = open_logs(self.args.log, mapping)
-        return [log.whole(clock) for log in logs], mapping.joints.names
+        blocks = [log.whole(clock) for log in logs]
+        for log in logs:
+            self.log_notes += log.notes
+            if log.account.rejected:
+                self.log_notes.append(
+                    f"{log.account.accepted} of {log.account.received} rows of {log.name} are "
+                    f"used ({log.account.reasons})"
+                )
+        self.log_notes += clock.notes
+        return blocks, mapping.joints.names
 
     def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
         """Return the recordings, and how they are read.

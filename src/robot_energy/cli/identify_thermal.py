@@ -54,6 +54,7 @@ def _run(args: Namespace) -> int:
         report, model = result.found, result.model
     page = Document("Thermal networks of the motors", f"Identified from {given.names()}.")
     thermal_document(report, page)
+    page.notes(given.log_notes)
     present(args, report, page, model=model)
     return 0
 

@@ -100,6 +100,7 @@ def test_runs_of_a_log_that_count_from_zero_are_kept_apart(tmp_path, in_files):
     """A stalled motor, twice from cold, each run with a clock of its own; no velocities."""
     seconds = np.arange(0.0, 1200.0, 5.0)
     rows = [f"{t},{level},{AIR + 0.01 * t:.3f},{level}" for level in (1, 2) for t in seconds]
+    rows.append("1200,-,30,2")
     parts = [rows[: len(seconds)], rows[len(seconds) :]] if in_files else [rows]
     logs = [write_csv(tmp_path / f"{k}.csv", "t,i,degc,name", part) for k, part in enumerate(parts)]
     runs = {"each_file_is_a_run": True} if in_files else {"run": "name"}
@@ -107,7 +108,11 @@ def test_runs_of_a_log_that_count_from_zero_are_kept_apart(tmp_path, in_files):
     given.write_text(
         json.dumps({"schema_version": 1, "time": {"column": "t", **runs}, "joints": MOTOR})
     )
-    blocks, names = IdentifyInputs(Namespace(log=logs, mapping=given)).columns_of_log()
+    inputs = IdentifyInputs(Namespace(log=logs, mapping=given))
+    blocks, names = inputs.columns_of_log()
+    (note,) = inputs.log_notes
+    assert note.startswith("240 of 241" if in_files else "480 of 481")
+    assert "where i is '-'" in note
     found = runs_of_log(blocks, 0)
     assert names == ["axle"]
     assert [part.start_degc for part in found] == [AIR, AIR]
