@@ -136,3 +136,25 @@ def test_the_remedy_for_a_time_reads_it(cell, instant):
 def test_nothing_is_advised_where_nothing_helps(cell):
     assert time_remedy(cell) == ""
     assert instants([cell])[0][0] in (None, 0, -(10**9))
+
+
+@pytest.mark.parametrize("name", ["Europe/Belin", "Europe", "../etc/passwd", "/etc/passwd", "\0"])
+def test_a_zone_that_does_not_exist_is_refused_with_one_that_does(name):
+    with pytest.raises(ValueError, match=r"a time zone such as [A-Z]\w+"):
+        Time(column="t", zone=name)
+    with pytest.raises(ValueError, match="Europe/Berlin"):
+        Time(column="t", zone="Europe/Belin")
+
+
+def test_a_system_without_time_zones_says_what_to_install(monkeypatch):
+    import robot_energy.time_zone as module
+
+    monkeypatch.setattr(module, "available_timezones", set)
+    with pytest.raises(ValueError, match="pip install tzdata"):
+        Time(column="t", zone="Europe/Belin")
+
+
+@pytest.mark.parametrize("form", ["%Q", "no percent", "%", "%Y %Y", "\0\0"])
+def test_a_format_that_reads_nothing_is_refused(form):
+    with pytest.raises(ValueError, match="format"):
+        Time(column="t", format=form)
