@@ -10,13 +10,14 @@ from pathlib import Path
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
+from robot_energy.accounting.integration import MAX_ENERGY
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.record import Calibrated
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.blocks import EffortMeaning
+from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.condition.learner import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
@@ -148,7 +149,8 @@ def replay(
         The energy account and the rejection log of every input.
 
     Raises:
-        BagError: If the bag cannot be read or holds no usable joint state.
+        BagError: If the bag cannot be read or holds no usable joint state, or nothing of it can
+            be predicted.
         MissingTopicError: If a topic is missing or ambiguous.
         UnknownJointError: If the joint states lack joints of the model.
         RobotEnergyError: If the model cannot be used.
@@ -248,6 +250,7 @@ def replay(
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
         result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)
+        _require_prediction(result)
         if writer is not None:
             writer.close()
     except BaseException:
@@ -337,11 +340,41 @@ def _require_samples(result: Replay) -> None:
     if not ingest.rejections.received:
         why = f"; {result.problems[0]}" if result.problems else ""
         raise BagError(f"{result.bag} holds no message of {topic}{why}", "a recording in motion")
-    counts = ingest.rejections.rejected.most_common()
+    raise _unusable(result, f"none of the {ingest.rejections.received} messages of {topic}")
+
+
+def _require_prediction(result: Replay) -> None:
+    """Refuse to report on a bag without a stretch of time that is predicted: 0 J is a result."""
+    ingest, account = result.joint_states, result.account
+    if account.registers.time.observed_ns:
+        return
+    topic = ", ".join(result.topics.joint_states or ())
+    received, samples = ingest.rejections.received, ingest.samples
+    if samples == 1:
+        raise _unusable(result, f"only one of the {received} messages of {topic}")
+    if ingest.order.gaps + ingest.order.jumps >= samples - 1:
+        if ingest.rejections.rejected.total() > samples:
+            raise _unusable(result, f"only {samples} of the {received} messages of {topic}, apart,")
+        raise BagError(
+            f"a gap lies between all {samples} joint states of {topic}: nothing is predicted",
+            f"steps of at most {ingest.order.longest_gap_ns * NANOSECOND:.3g} s",
+            "check the unit of their times, or set max_gap",
+        )
+    raise BagError(
+        f"no power is predicted: that of all {samples} joint states of {topic} is not finite, or "
+        f"more than {MAX_ENERGY:.0e} J between two of them",
+        "joint states and a model of one robot",
+        "check the units of the joint states, and limits and figures of the model",
+    )
+
+
+def _unusable(result: Replay, which: str) -> BagError:
+    """Return that so many messages only can be used, for what most of the others are refused."""
+    counts = result.joint_states.rejections.rejected.most_common()
     reasons = ", ".join(f"{count} {name}" for name, count in counts)
     expected, remedy = REFUSED.get(counts[0][0] if counts else "", NO_REASON)
-    raise BagError(
-        f"none of the {ingest.rejections.received} messages of {topic} can be used ({reasons})",
-        expected,
-        remedy,
+    return BagError(
+        f"{which} can be used" + (f" ({reasons})" if reasons else ""),
+        expected if counts else "at least two, without a gap between them",
+        remedy if counts else "record longer",
     )

@@ -173,7 +173,8 @@ def replay(
         Power over time, energies, comparison with the meter.
 
     Raises:
-        BagError: If the bag cannot be read or holds no usable joint state.
+        BagError: If the bag cannot be read or holds no usable joint state, or nothing of it can
+            be predicted.
         MissingTopicError: If a topic is missing or ambiguous.
         UnknownJointError: If the joint states lack joints of the model.
         RobotEnergyError: If the model or an option cannot be used.
