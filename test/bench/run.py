@@ -17,6 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import bench_identify
+import bench_layouts
 import bench_live
 import bench_page
 import bench_pipeline
@@ -24,6 +25,7 @@ import bench_replay
 from rich.console import Console
 
 BENCHES = {
+    "layouts": bench_layouts,
     "pipeline": bench_pipeline,
     "replay": bench_replay,
     "live": bench_live,

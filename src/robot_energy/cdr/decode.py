@@ -8,8 +8,9 @@ every message whose bytes agree there is decoded with the same strided views, th
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from math import gcd
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +30,15 @@ from robot_energy.cdr.schema import (
     tree,
 )
 from robot_energy.cdr.types import typestore as default_typestore
-from robot_energy.cdr.walk import HEADER_SIZE, MAX_PARTS, MAX_TRAILING, Malformed, Walk, walk
+from robot_energy.cdr.walk import (
+    HEADER_SIZE,
+    MAX_PARTS,
+    MAX_TRAILING,
+    Malformed,
+    Slot,
+    Walk,
+    walk,
+)
 from robot_energy.errors import MessageTypeError
 from robot_energy.timeline.stamps import INVALID_STAMP_NS
 from robot_energy.units import SECOND_NS
@@ -43,8 +52,8 @@ MAX_LAYOUTS = 32
 MAX_LAYOUT_BYTES = 16 * 2**20
 """Layouts a decoder remembers, and their memory; the one unused for longest goes first."""
 _PART_BYTES = 600  # of memory for each length and string that decides a layout
-_MAX_LONELY = 8
-"""New layouts in a row that fit one message only, before the rest is walked one by one."""
+_MAX_LONELY = 2
+"""Layouts in a row that fit one message or none, before the rest is walked one by one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,28 +119,54 @@ class Decoded:
 
 
 class _Layout:
-    """One arrangement of bytes: what must agree, and where the wanted values lie."""
+    """One arrangement of bytes: what must agree, and where the wanted values lie.
 
-    def __init__(self, found: Walk, key: bytes, data: bytes, columns: dict[str, Column | Plan]):
-        self.key = key
+    Made for every message with names of its own, so it computes at first use what only
+    messages that follow need.
+    """
+
+    def __init__(
+        self,
+        found: Walk,
+        data: bytes,
+        columns: dict[str, Column | Plan],
+        exact: Callable[[bytes], list[tuple[int, int]]],
+    ) -> None:
+        self.key = _key(found, data)
         self.size = found.end
         self.columns = columns
-        self.memory = found.end + _PART_BYTES * len(found.constants)
-        self._row = np.dtype((np.void, found.end))
-        self._spans = [self._part(data, start, stop) for start, stop in found.spans]
-        self._places = found.constants
-        self._starts, self._stops = np.array(found.spans, dtype=np.int64).reshape(-1, 2).T.copy()
-        views = {path: c for path, c in columns.items() if isinstance(c, View)}
-        plain = all(isinstance(c, str | tuple) or path in views for path, c in columns.items())
-        plain &= all(view.plain for view in views.values())
-        self._views = views if plain and len(views) <= kernels.MAX_COLUMNS else None
+        self.memory = 2 * found.end + _PART_BYTES * (found.parts + len(found.spans))
+        self._spans, self._exact = found.spans, exact
         self._message = data[: found.end]
-        self._constants: list[tuple[int, NDArray[np.unsignedinteger[Any]]]] = []
+        self._views: dict[str, View] | None = None
+        plain = len(columns) <= kernels.MAX_COLUMNS
+        for column in columns.values():
+            plain = plain and (column.plain if isinstance(column, View) else _constant(column))
+        if plain and kernels.compiled is not None:
+            self._views = {path: c for path, c in columns.items() if isinstance(c, View)}
 
-    @staticmethod
-    def _part(data: bytes, start: int, stop: int) -> tuple[int, NDArray[np.unsignedinteger[Any]]]:
+    @cached_property
+    def _row(self) -> np.dtype[np.void]:
+        return np.dtype((np.void, self.size))
+
+    @cached_property
+    def _edges(self) -> NDArray[np.int64]:
+        """First byte of each span, and that behind it, shape (2, spans)."""
+        return np.array(self._spans, dtype=np.int64).T.copy()
+
+    @cached_property
+    def _parts(self) -> list[tuple[int, NDArray[np.unsignedinteger[Any]]]]:
+        return [self._part(start, stop) for start, stop in self._spans]
+
+    @cached_property
+    def _exact_parts(self) -> list[tuple[int, NDArray[np.unsignedinteger[Any]]]]:
+        """The same without the padding between neighbours, which may hold anything."""
+        return [self._part(start, stop) for start, stop in self._exact(self._message)]
+
+    def _part(self, start: int, stop: int) -> tuple[int, NDArray[np.unsignedinteger[Any]]]:
         """Return bytes as words, which numpy compares several times quicker than bytes."""
-        return start, np.frombuffer(data[start:stop], dtype=f"u{gcd(stop - start, 4)}")
+        words = np.frombuffer(self._message[start:stop], dtype=f"u{gcd(stop - start, 4)}")
+        return start, words
 
     def gather(self, buffer: NDArray[np.uint8], offset: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the messages at ``offset`` as rows (m, size); all must lie inside the buffer."""
@@ -140,13 +175,17 @@ class _Layout:
 
     def agree(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Return which rows have this layout; None for all of them."""
-        if all(bool(self._equal(rows, start, part).all()) for start, part in self._spans):
-            return None
-        if not self._constants:  # seldom needed
-            self._constants = [self._part(self.key, start, stop) for start, stop in self._places]
         equal = np.ones(len(rows), dtype=np.bool_)
-        for start, part in self._constants:
+        for start, part in self._parts:
             equal &= self._equal(rows, start, part).all(axis=1)
+        if equal.all():
+            return None
+        left = np.flatnonzero(~equal)
+        for start, part in self._exact_parts:
+            left = left[self._equal(rows[left], start, part).all(axis=1)]
+            if not len(left):
+                return equal
+        equal[left] = True
         return None if equal.all() else equal
 
     def _equal(
@@ -160,7 +199,7 @@ class _Layout:
         self, index: NDArray[np.int64], buffer: NDArray[np.uint8], offset: NDArray[np.int64]
     ) -> Run | None:
         """Return the columns of messages by the kernel; None if it cannot, or some do not agree."""
-        if kernels.compiled is None or self._views is None:
+        if self._views is None or kernels.compiled is None:
             return None
         rows = len(offset)
         outs = {
@@ -169,7 +208,7 @@ class _Layout:
         }
         places = tuple(view.offset for view in self._views.values())
         agree = kernels.compiled.columns(
-            buffer, offset, self._message, self._starts, self._stops, places, tuple(outs.values())
+            buffer, offset, self._message, *self._edges, places, tuple(outs.values())
         )
         constants = {p: c for p, c in self.columns.items() if isinstance(c, str | tuple)}
         return Run(index, {**constants, **outs}) if agree else None
@@ -212,9 +251,9 @@ class Decoder:
         self.fields = tuple(dict.fromkeys(fields))
         store = default_typestore() if typestore is None else typestore
         self._schema: StructField = compile_schema(msgtype, store)
-        self._leaves: dict[str, tuple[ScalarField | StringField, int]] = {
-            path: leaf(self._schema, path, msgtype) for path in self.fields
-        }
+        self._places = [
+            (path, path.split("."), *leaf(self._schema, path, msgtype)) for path in self.fields
+        ]
         self._wanted = tree(self.fields)
         self._layouts: OrderedDict[bytes, _Layout] = OrderedDict()
         self._kept_bytes = 0
@@ -242,10 +281,13 @@ class Decoder:
         if len(pending) < len(batch):
             malformed = np.flatnonzero(~inside).tolist()
         runs: list[Run] = []
+        vain = 0
         for layout in reversed(list(self._layouts.values())):
-            if not len(pending):
+            if not len(pending) or vain == _MAX_LONELY:
                 break
+            before = len(pending)
             pending = self._take(layout, batch, pending, runs)
+            vain = vain + 1 if len(pending) == before else 0
         lonely = 0
         while len(pending) and lonely < _MAX_LONELY:
             layout = self._walk(batch.row(int(pending[0])))
@@ -306,36 +348,66 @@ class Decoder:
             found = walk(self._schema, data, self._wanted, self._max_parts)
         except Malformed:
             return None
-        key = bytearray(found.end)
-        for start, stop in found.constants:
-            key[start:stop] = data[start:stop]
-        known = self._layouts.get(bytes(key))
-        if known is not None:
-            return known
+        return self._layouts.get(_key(found, data)) or self._layout(found, data)
+
+    def _layout(self, found: Walk, data: bytes) -> _Layout:
         columns: dict[str, Column | Plan] = {}
-        for path, (node, axes) in self._leaves.items():
-            names = path.split(".")
+        for path, names, node, axes in self._places:
             if isinstance(node, StringField):
                 columns[path] = nested(found.values, names, tuple)
             else:
-                value = nested(found.values, names, list)
-                columns[path] = make_plan(value, node, axes, found.order)
-        return _Layout(found, bytes(key), data, columns)
+                columns[path] = make_plan(
+                    nested(found.values, names, list), node, axes, found.order
+                )
+        return _Layout(found, data, columns, self._exact_spans)
+
+    def _exact_spans(self, data: bytes) -> list[tuple[int, int]]:
+        return walk(self._schema, data, {}, self._max_parts, exact=True).spans
 
     def _walk_each(
         self, batch: RawBatch, pending: NDArray[np.int64], runs: list[Run], malformed: list[int]
     ) -> None:
         """Walk every pending row: for messages whose strings change all the time."""
-        groups: dict[bytes, tuple[_Layout, list[int]]] = {}
+        groups: dict[bytes, tuple[Walk, bytes, list[int]]] = {}
         for row in pending.tolist():
-            layout = self._walk(batch.row(row))
-            if layout is None:
+            data = batch.row(row)
+            try:
+                found = walk(self._schema, data, self._wanted, self._max_parts)
+            except Malformed:
                 malformed.append(row)
-            else:
-                groups.setdefault(layout.key, (layout, []))[1].append(row)
-        for layout, members in groups.values():
+                continue
+            groups.setdefault(_key(found, data), (found, data, []))[2].append(row)
+        for found, data, members in groups.values():
             index = np.array(members, dtype=np.int64)
-            runs.append(layout.run(index, layout.gather(batch.buffer, batch.offset[index])))
+            columns = self._only(found, data) if len(members) == 1 else None
+            if columns is not None:
+                runs.append(Run(index, columns))
+                continue
+            layout = self._layout(found, data)
+            offset = batch.offset[index]
+            run = layout.compiled_run(index, batch.buffer, offset)
+            runs.append(run or layout.run(index, layout.gather(batch.buffer, offset)))
+
+    def _only(self, found: Walk, data: bytes) -> dict[str, Column] | None:
+        """Return the columns of one message without a plan; None if one takes a plan."""
+        columns: dict[str, Column] = {}
+        for path, names, node, _ in self._places:
+            value = nested(found.values, names, tuple)
+            if isinstance(node, ScalarField):
+                if not isinstance(value, Slot):
+                    return None
+                value = value.read(data, found.order)
+            columns[path] = value
+        return columns
+
+
+def _key(found: Walk, data: bytes) -> bytes:
+    """Return what is equal in messages of one layout."""
+    return b"".join([data[start:stop] for start, stop in found.spans])
+
+
+def _constant(column: Column | Plan) -> bool:
+    return isinstance(column, str | tuple)
 
 
 def _first_row(run: Run) -> int:

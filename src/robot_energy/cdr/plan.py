@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -85,7 +86,7 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     Returns:
         One view when the places are regular, else a stack of them.
     """
-    dtype, native = np.dtype(order + number.code), np.dtype(number.code)
+    dtype, native = _types(order, number.code)
     if isinstance(value, Slot):
         shape = () if value.count is None else (value.count,)
         strides = () if value.count is None else (number.size,)
@@ -106,6 +107,12 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     step = steps.pop() if steps else 0
     shape, strides = (len(views), *first.shape), (step, *first.strides)
     return View(first.offset, shape, strides, dtype, native, number.is_bool)
+
+
+@cache
+def _types(order: str, code: str) -> tuple[np.dtype[Any], np.dtype[Any]]:
+    """The type of a number in the message, and as this machine holds it."""
+    return np.dtype(order + code), np.dtype(code)
 
 
 def plan_shape(plan: Plan) -> tuple[int, ...] | None:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robot_energy.cdr.schema import ArrayField, Node, ScalarField, StringField, StructField, Wanted
 
 HEADER_SIZE = 4
@@ -32,6 +35,19 @@ class Slot:
     count: int | None
     number: ScalarField
 
+    def read(self, data: bytes, order: str) -> NDArray[Any]:
+        """Return the numbers of one message, shape (1,) or (1, count).
+
+        Args:
+            data: The message.
+            order: Byte order, ``<`` or ``>``.
+        """
+        count = 1 if self.count is None else self.count
+        at = self.offset if count else 0
+        found = np.frombuffer(data, order + self.number.code, count, at)
+        native = found != 0 if self.number.is_bool else found.astype(self.number.code)
+        return native if self.count is None else native[None]
+
 
 class Walk(NamedTuple):
     """What a walk found.
@@ -39,20 +55,26 @@ class Walk(NamedTuple):
     Attributes:
         order: Byte order, ``<`` or ``>``.
         end: Bytes up to the end of the payload, with the encapsulation header.
-        constants: Spans [start, stop) of lengths and strings: they decide where the rest lies.
-        spans: The same, with the padding between neighbours included.
+        spans: Bytes [start, stop) of lengths and strings: they decide where the rest lies.
+        parts: Strings and messages in arrays.
         values: Tree of the wanted fields: Slot, str or tuple of str at the leaves, lists for
             arrays of messages.
     """
 
     order: str
     end: int
-    constants: list[tuple[int, int]]
     spans: list[tuple[int, int]]
+    parts: int
     values: dict[str, Any]
 
 
-def walk(schema: StructField, data: bytes, wanted: Wanted, max_parts: int = MAX_PARTS) -> Walk:
+def walk(
+    schema: StructField,
+    data: bytes,
+    wanted: Wanted,
+    max_parts: int = MAX_PARTS,
+    exact: bool = False,
+) -> Walk:
     """Walk one message.
 
     Args:
@@ -60,9 +82,10 @@ def walk(schema: StructField, data: bytes, wanted: Wanted, max_parts: int = MAX_
         data: The message with its encapsulation header.
         wanted: Fields whose values are asked for.
         max_parts: Strings and messages in its arrays.
+        exact: Whether spans leave out the padding between neighbours, which costs more of them.
 
     Returns:
-        Places and constants.
+        Places, and what decides them.
 
     Raises:
         Malformed: If the message is too short or too long, has another encapsulation than CDR,
@@ -72,21 +95,20 @@ def walk(schema: StructField, data: bytes, wanted: Wanted, max_parts: int = MAX_
     order = _ORDER.get(data[:2])
     if order is None or len(data) < HEADER_SIZE:
         raise Malformed("encapsulation")
-    walker = _Walker(data, order, max_parts)
+    walker = _Walker(data, order, max_parts, exact)
     end, values = walker.record(schema, HEADER_SIZE, wanted)
     if len(data) - end > MAX_TRAILING:
         raise Malformed("trailing bytes")
-    spans = [(start, stop) for start, stop in walker.spans]
-    return Walk(order, end, walker.constants, spans, values)
+    return Walk(order, end, walker.spans, max_parts - walker.room, values)
 
 
 class _Walker:
-    def __init__(self, data: bytes, order: str, max_parts: int) -> None:
+    def __init__(self, data: bytes, order: str, max_parts: int, exact: bool) -> None:
         self.data = data
         self.size = len(data)
         self.unpack = _COUNT[order].unpack_from
-        self.constants: list[tuple[int, int]] = [(0, 2)]
-        self.spans: list[list[int]] = [[0, 2]]
+        self.spans: list[tuple[int, int]] = [(0, 2)]
+        self.exact = exact
         self.adjacent = False
         self.room = max_parts
 
@@ -122,11 +144,13 @@ class _Walker:
         self.room -= count
         if self.room < 0:
             raise Malformed("too many parts")
+        if isinstance(item, StringField):
+            return self.texts(pos, count)
         values: list[Any] = []
         for _ in range(count):
             pos, value = self.node(item, pos, wanted)
             values.append(value)
-        return pos, tuple(values) if isinstance(item, StringField) else values
+        return pos, values
 
     def numbers(self, number: ScalarField, pos: int, count: int | None) -> tuple[int, Slot]:
         if count != 0:
@@ -145,20 +169,35 @@ class _Walker:
         return pos + 4, self.unpack(self.data, pos)[0]
 
     def text(self, pos: int) -> tuple[int, str]:
-        pos, size = self.length(pos)
-        end = pos + size
-        if size < 1 or end > self.size or self.data[end - 1] != 0:
-            raise Malformed("string")
-        self.constant(pos, end)
-        try:
-            return end, self.data[pos : end - 1].decode()
-        except UnicodeDecodeError:
-            raise Malformed("utf-8") from None
+        pos, (text,) = self.texts(pos, 1)
+        return pos, text
+
+    def texts(self, pos: int, count: int) -> tuple[int, tuple[str, ...]]:
+        """Read strings that follow each other: the names of joints of every new layout."""
+        data, unpack, last, exact = self.data, self.unpack, self.size - 4, self.exact
+        texts: list[str] = []
+        first = pos + (-pos & 3)  # the header has four bytes, so alignment counts from 0 as well
+        for _ in range(count):
+            pos += -pos & 3
+            if pos > last:
+                raise Malformed("too short")
+            end = pos + 4 + unpack(data, pos)[0]
+            if end > self.size or end < pos + 5 or data[end - 1]:
+                raise Malformed("string")
+            try:
+                texts.append(data[pos + 4 : end - 1].decode())
+            except UnicodeDecodeError:
+                raise Malformed("utf-8") from None
+            if exact:
+                self.constant(pos, end)
+            pos = end
+        if count and not exact:
+            self.constant(first, pos)
+        return pos, tuple(texts)
 
     def constant(self, start: int, stop: int) -> None:
-        self.constants.append((start, stop))
-        if self.adjacent:
-            self.spans[-1][1] = stop
+        if self.adjacent and not self.exact:
+            self.spans[-1] = (self.spans[-1][0], stop)
         else:
-            self.spans.append([start, stop])
+            self.spans.append((start, stop))
         self.adjacent = True

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MAX_DECODED_BYTES = 8 * 2**20  # of messages decoded at once: names that always change take room
+ZERO_STATE = "zero_state"  # the reason under which zeros between other states are counted
 NO_REASON = ("joint states of this robot", "look up the reasons in the nomenclature")
 REFUSED = {  # what was expected instead of messages refused for a reason, and what mends them
     "malformed": ("bytes of sensor_msgs/JointState", "record with the definition in the bag"),
@@ -44,6 +45,14 @@ REFUSED = {  # what was expected instead of messages refused for a reason, and w
         "one publisher for each joint",
         "end one of two publishers, or name the topics in joint_states.topics",
     ),
+    ZERO_STATE: (
+        "states of the robot",
+        "end the publisher of zeros, or name the topics in joint_states.topics",
+    ),
+    "impossible_position": (
+        "positions that a motion reaches",
+        "check for rows or bits that are corrupt, and the limits of the velocity",
+    ),
     "impossible_velocity": (
         "velocities that the positions support",
         "check the unit of velocities and limits",
@@ -54,6 +63,8 @@ REFUSED = {  # what was expected instead of messages refused for a reason, and w
     ),
 }
 Mask = NDArray[np.bool_]
+_Rows = tuple[Int | Float, ...]
+"""Stamps, positions, velocities and, where it is read, effort of some messages."""
 
 
 class JointStateReader:
@@ -138,7 +149,7 @@ class JointStateReader:
 
     def _batch(self, batch: RawBatch) -> tuple[JointBlock, Int]:
         """Return the messages of one batch and their rows, both in order of arrival."""
-        placed: list[tuple[Int, JointBlock]] = []
+        placed: list[tuple[Int, _Rows]] = []
         for first, piece in batch.pieces(MAX_DECODED_BYTES):
             decoded = self._decoder.decode(piece)
             self._log.reject("malformed", len(decoded.malformed))
@@ -151,7 +162,17 @@ class JointStateReader:
         if not placed:
             none, empty = np.empty(0, dtype=np.int64), np.empty((0, self._n_joints))
             return joint_block(none, empty, empty), none
-        part, rows = JointBlock.arranged([p for _, p in placed], [r for r, _ in placed])
+        rows, (stamp, *quantities) = placed[0]
+        if len(placed) > 1:
+            rows = np.concatenate([each for each, _ in placed])
+            order = np.argsort(rows)
+            rows = rows[order]
+            stamp, *quantities = (
+                np.asarray(np.concatenate(parts)[order], order="F")
+                for parts in zip(*(part for _, part in placed), strict=True)
+            )
+        corrected = zip(self._corrections, quantities, strict=False)
+        part = joint_block(stamp, *(each.apply(values) for each, values in corrected))
         good = self._usable(part)
         return (part, rows) if good is None else (part[good], rows[good])
 
@@ -169,8 +190,8 @@ class JointStateReader:
         )
         return None if bool(left.all()) else left
 
-    def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:
-        """Return the messages of a run in model order, or why there are none."""
+    def _place(self, run: Run, batch: RawBatch) -> _Rows | str:
+        """Return stamps and quantities of a run in model order, or why there are none."""
         names = run.columns["name"]
         arrays = [run.columns[key] for key in ("position", "velocity")]
         if self._effort:
@@ -196,9 +217,7 @@ class JointStateReader:
             lost = np.isnan(position) & (True if columns.present is None else columns.present)
             position[lost] = np.inf  # which is refused; NaN says that the message lacks the joint
         stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
-        quantities = [position, *map(columns.place, others)]
-        corrected = zip(self._corrections, quantities, strict=False)
-        return joint_block(stamp, *(each.apply(values) for each, values in corrected))
+        return stamp, position, *map(columns.place, others)
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""
@@ -226,10 +245,10 @@ class _Columns:
         """Return columns in model order, NaN where there are none."""
         if self._same and values.shape[1]:
             return values  # nothing to copy
+        if self.present is None and values.shape[1]:
+            return values[:, self._found]
         placed = np.full((len(values), len(self._found)), np.nan, order="F")
         if values.shape[1]:
-            if self.present is None:
-                return values[:, self._found]
             placed[:, self.present] = values[:, self._found[self.present]]
         return placed
 
