@@ -251,6 +251,7 @@ def replay(
         result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)
         _require_prediction(result)
+        _cover_recording(result)
         if writer is not None:
             writer.close()
     except BaseException:
@@ -366,6 +367,15 @@ def _require_prediction(result: Replay) -> None:
         "joint states and a model of one robot",
         "check the units of the joint states, and limits and figures of the model",
     )
+
+
+def _cover_recording(result: Replay) -> None:
+    """Let the account span all that was recorded: what was refused at either end is a gap."""
+    time, ingest = result.account.registers.time, result.joint_states
+    if time.start_ns is not None and time.end_ns is not None:
+        longest = ingest.order.longest_gap_ns
+        ends = ingest.unused_ns(time.start_ns, time.end_ns)
+        time.surround(*(unused if unused > longest else 0 for unused in ends))
 
 
 def _unusable(result: Replay, which: str) -> BagError:

@@ -223,14 +223,29 @@ def test_a_topic_that_has_jumped_already_waits_for_the_other():
 
 @pytest.mark.parametrize("offset", [0.0, 0.004])
 @pytest.mark.parametrize("velocity", [True, False])
-def test_a_publisher_of_zeros_beside_the_driver_adds_no_energy(once, offset, velocity):
-    """From 4 s to 6 s zeros come in between: until 7 s nothing is counted. What is, is what the
-    undisturbed run has in the same time: not one false sample became energy."""
-    zeros = 4 + np.arange(0, 2, PERIOD) + offset
-    lie = [message(START + t, NAMES, (0.0, 0.0), ()) for t in zeros]
+def test_a_publisher_of_zeros_beside_the_driver_changes_no_energy(once, offset, velocity):
+    """From 4 s to 6 s zeros come in between: they are left out, and all else is counted."""
+    chain = beside_the_driver((0.0, 0.0), offset, velocity)
+    alone = Chain().take(rows(IN_A_LOOP, velocity=velocity)).end()
+    assert chain.exact == alone.exact
+    assert chain.rejected == {"zero_state": 200}
+
+
+def beside_the_driver(pose, offset, velocity):
+    """The motion, and from 4 s to 6 s a second publisher of a pose."""
+    times = 4 + np.arange(0, 2, PERIOD) + offset
+    lie = [message(START + t, NAMES, pose, ()) for t in times]
     sent = list(zip(IN_A_LOOP, rows(IN_A_LOOP, velocity=velocity), strict=True))
-    mixed = sorted([*sent, *zip(zeros, lie, strict=True)], key=lambda pair: pair[0])
-    chain = Chain().take([entry for _, entry in mixed]).end()
+    mixed = sorted([*sent, *zip(times, lie, strict=True)], key=lambda pair: pair[0])
+    return Chain().take([entry for _, entry in mixed]).end()
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.004])
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_second_publisher_beside_the_driver_adds_no_energy(once, offset, velocity):
+    """From 4 s to 6 s a pose comes in between: until 7 s nothing is counted. What is, is what the
+    undisturbed run has in the same time: not one false sample became energy."""
+    chain = beside_the_driver((-0.5, -0.5), offset, velocity)
     assert chain.time.gap_ns == pytest.approx(3 * SECOND, abs=0.05 * SECOND)
     covered = IN_A_LOOP[(IN_A_LOOP < 4) | (IN_A_LOOP > 7)]
     alone = Chain().take(rows(covered, velocity=velocity)).end()

@@ -103,7 +103,7 @@ MODULES = {
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
-        velocities
+        velocities zero_states
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter power_curve source voltage_current_pairs

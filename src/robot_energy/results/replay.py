@@ -25,13 +25,15 @@ from robot_energy.results.energy import (
     unbalanced,
 )
 
+LITTLE = 0.5  # share of the recorded time, below which that is said [-]
+
 
 class ObservedTime(Result):
     """What part of the recording is predicted: ``span = observed + gap``, exact."""
 
-    start_ns: Annotated[int | None, "Of the first sample; None if there is none. [ns since 1970]"]
-    end_ns: Annotated[int | None, "Of the last sample. [ns since 1970]"]
-    span_ns: Annotated[int, "From first to last. [ns]"]
+    start_ns: Annotated[int | None, "First joint state; None if there is none. [ns since 1970]"]
+    end_ns: Annotated[int | None, "Last joint state. [ns since 1970]"]
+    span_ns: Annotated[int, "From the first to the last joint state, used or not. [ns]"]
     observed_ns: Annotated[int, "Predicted. [ns]"]
     gap_ns: Annotated[int, "Not predicted. [ns]"]
     gap_count: Annotated[int, "Number of gaps."]
@@ -296,6 +298,11 @@ def _notes(result: Replay) -> list[str]:
         notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
     notes += mimic_remarks(parse(result.model.urdf_xml))
     notes += [finding.sentence for finding in result.joint_states.findings()]
+    covered = account.registers.time.coverage
+    if covered < LITTLE:
+        notes.append(
+            f"only {covered:.2%} of the recorded time is predicted: the inputs say what was refused"
+        )
     jumps = account.registers.time.jumps
     if jumps:
         notes.append(f"stamps jumped back {jumps} times; no energy counts across a jump")

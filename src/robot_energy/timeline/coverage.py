@@ -81,6 +81,18 @@ class Coverage:
         if self.end_ns is None:
             self.end_ns = earlier.end_ns
 
+    def surround(self, before_ns: int, after_ns: int) -> None:
+        """Count time at both ends of which no sample could be used as gaps.
+
+        Args:
+            before_ns: Time before the first sample. [ns]
+            after_ns: Time after the last one. [ns]
+        """
+        for time_ns in (before_ns, after_ns):
+            self.count(0, time_ns, int(time_ns > 0), 0)
+        if self.start_ns is not None and self.end_ns is not None:
+            self.start_ns, self.end_ns = self.start_ns - before_ns, self.end_ns + after_ns
+
     def count(self, observed_ns: int, gap_ns: int, gap_count: int, jumps: int) -> None:
         """Count on; a counter that is full stays so.
 

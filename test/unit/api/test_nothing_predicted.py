@@ -59,3 +59,17 @@ def test_power_beyond_any_robot_is_not_shown_as_none(tmp_path):
     bag = states(tmp_path / "bag", 0.01 * np.arange(20), np.full((20, 2), 0.1))
     with pytest.raises(BagError, match="no power is predicted: that of all 20 joint states"):
         replay(bag, robots.two_link(**data))
+
+
+@pytest.mark.parametrize("good", [slice(0, 50), slice(950, 1000)])
+def test_what_is_refused_at_either_end_is_a_gap_of_the_recording(tmp_path, good):
+    """The share that is predicted is that of all that was recorded, and a small one is said."""
+    positions = np.full((1000, 2), np.nan)
+    positions[good] = 0.1
+    bag = states(tmp_path / "bag", 0.01 * np.arange(1000), positions)
+    report = replay(bag, MODEL).report
+    assert report.time.span_ns == pytest.approx(9.99 * SECOND, abs=1e7)
+    assert report.time.observed_ns == pytest.approx(0.49 * SECOND, abs=1e7)
+    assert report.time.span_ns == report.time.observed_ns + report.time.gap_ns
+    assert report.time.coverage == pytest.approx(0.049, abs=0.001)
+    assert any("4.90% of the recorded time is predicted" in note for note in report.notes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,6 +68,43 @@ _Rows = tuple[Int | Float, ...]
 """Stamps, positions, velocities and, where it is read, effort of some messages."""
 
 
+@dataclass
+class RecordedTime:
+    """When messages came, used or not.
+
+    Attributes:
+        first_ns: Time of receipt of the first one of all. [ns]
+        last_ns: That of the last one. [ns]
+        first_dated_ns: Time of receipt of the first one that can be read and has a stamp. [ns]
+        last_dated_ns: That of the last one. [ns]
+        first_stamp_ns: Stamp of the first one. [ns]
+        last_stamp_ns: Stamp of the last one. [ns]
+    """
+
+    first_ns: int = 0
+    last_ns: int = 0
+    first_dated_ns: int = 0
+    last_dated_ns: int = 0
+    first_stamp_ns: int = 0
+    last_stamp_ns: int = 0
+
+    def note(self, received_ns: Int, dated_ns: Int, stamp_ns: Int) -> None:
+        """Take messages.
+
+        Args:
+            received_ns: Times of receipt of all, shape (M,), M >= 1. [ns]
+            dated_ns: Those of the readable ones, shape (N,). [ns]
+            stamp_ns: Their stamps, shape (N,). [ns]
+        """
+        self.first_ns = self.first_ns or int(received_ns[0])
+        self.last_ns = int(received_ns[-1])
+        if not len(dated_ns):
+            return
+        if not self.first_dated_ns:
+            self.first_dated_ns, self.first_stamp_ns = int(dated_ns[0]), int(stamp_ns[0])
+        self.last_dated_ns, self.last_stamp_ns = int(dated_ns[-1]), int(stamp_ns[-1])
+
+
 class JointStateReader:
     """Decodes JointState messages and matches their joints by name.
 
@@ -82,6 +120,7 @@ class JointStateReader:
     Attributes:
         ignored_joints: Joints met that the model does not know.
         known_names: What messages may call the joints, in model order: each way that is read.
+        recorded: When messages came, used or not.
     """
 
     def __init__(
@@ -96,6 +135,7 @@ class JointStateReader:
         source = source or JointStateSource()
         self._checked = checked
         self.ignored_joints: set[str] = set()
+        self.recorded = RecordedTime()
         self._log = log
         names = tuple(joint_names)
         self.known_names = tuple(dict.fromkeys((source.names_of(names), names)))
@@ -123,6 +163,8 @@ class JointStateReader:
         """
         self._log.received += sum(map(len, batches))
         read = [(batch, self._batch(batch)) for batch in batches if len(batch)]
+        for batch, (part, rows) in read:
+            self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
         read = [entry for entry in read if len(entry[1][0])]
         if not read:
             return None

@@ -18,9 +18,11 @@ from robot_energy.inputs.joint_states.partial_states import (
 from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     CONFLICTING,
+    IMPOSSIBLE_POSITION,
     PublisherConflictFilter,
 )
 from robot_energy.inputs.joint_states.velocities import VelocityCheck
+from robot_energy.inputs.joint_states.zero_states import ZeroStateFilter
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
@@ -96,9 +98,8 @@ class JointStateIngest:
         self._velocities = VelocityCheck(
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
-        self._reader = JointStateReader(
-            joint_names, log, effort, typestore, self._velocities.step, source
-        )
+        self._zeros = ZeroStateFilter(n_joints, limits, log)
+        self._reader = JointStateReader(joint_names, log, effort, typestore, self._checked, source)
         self.ignored_joints, self.known_names = (
             self._reader.ignored_joints,
             self._reader.known_names,
@@ -136,6 +137,18 @@ class JointStateIngest:
         """How long each joint is behind the newest of all; inf where never seen. [s]"""
         return dict(zip(self._names, self._merger.ages.tolist(), strict=True))
 
+    def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
+        """Return how long messages came before the first sample and after the last one. [ns]
+
+        Args:
+            start_ns: Stamp of the first sample. [ns]
+            end_ns: Stamp of the last one. [ns]
+        """
+        read = self._reader.recorded
+        before = start_ns - read.first_stamp_ns + read.first_dated_ns - read.first_ns
+        after = read.last_stamp_ns - end_ns + read.last_ns - read.last_dated_ns
+        return max(before, 0), max(after, 0)
+
     @property
     def repeating(self) -> bool:
         """Whether the driver sends each state of a motion several times, with new stamps."""
@@ -161,9 +174,14 @@ class JointStateIngest:
         oldest = self.newest_ns - within / NANOSECOND
         return [finding for finding in found if finding.last_ns >= oldest]
 
+    def _checked(self, block: JointBlock) -> JointBlock | None:
+        """Leave out messages that cannot be used for what they say."""
+        left = self._zeros.step(block)
+        return None if left is None else self._velocities.step(left)
+
     def stream_findings(self) -> list[JointStateProblem]:
         """Return what is wrong with stamps and publishers, one sentence each, with its time."""
-        found = [*self._conflict(), *self._repeats(), *self._spacing()]
+        found = [*self._conflict(), *self._astray(), *self._repeats(), *self._spacing()]
         epochs = self._stream.epochs
         stray = sentence_of(epochs, "joint states")
         if stray and epochs.odd_ns is not None:
@@ -201,6 +219,21 @@ class JointStateIngest:
         newest = self.newest_ns or 0  # a stamp that stands still is as new
         first, last = self.conflicts.first_ns or newest, self.conflicts.last_ns or newest
         return [JointStateProblem(sentence, first, last, severe=True, setting=setting)]
+
+    def _astray(self) -> list[JointStateProblem]:
+        """Say which states no motion reaches, without a sign that two publishers sent them."""
+        found: list[JointStateProblem] = []
+        zeros, at_ns = self._zeros, self.conflicts.astray_ns
+        if zeros.finding:
+            found.append(JointStateProblem(zeros.finding, zeros.first_ns, zeros.last_ns))
+        if at_ns is not None:
+            count = self.rejections.rejected[IMPOSSIBLE_POSITION]
+            sentence = (
+                f"{count} joint states refused as {IMPOSSIBLE_POSITION}: no motion reaches them, "
+                "and the next state is back where the robot was: are rows or bits corrupt?"
+            )
+            found.append(JointStateProblem(sentence, at_ns, at_ns))
+        return found
 
     def _repeats(self) -> list[JointStateProblem]:
         """Say that the driver repeats its states, whose slope is then a staircase."""
@@ -254,11 +287,13 @@ class JointStateIngest:
 
     def flush(self) -> JointBlock | None:
         """Return what still waits, as at the end of a bag."""
+        self._zeros.flush()
         self._velocities.flush()
         return self._samples(self._stream.flush(), closing=True)
 
     def restart(self) -> None:
         """Drop what waits, as after an error; a gap follows. The account is left alone."""
+        self._zeros.restart()
         self._velocities.restart()
         self._stream.restart()
         self._merger.restart()
@@ -301,7 +336,7 @@ class JointStateIngest:
         rejections, first = self.rejections, int(self._stream.epochs.beginning)
         rejections.accepted += first - self._first
         self._first = first
-        holders = (self._velocities, self._stream, self._merger, self.conflicts)
+        holders = (self._zeros, self._velocities, self._stream, self._merger, self.conflicts)
         rejections.waiting = sum(holder.waiting for holder in holders) - first
         if not parts:
             return None

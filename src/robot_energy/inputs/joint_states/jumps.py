@@ -153,6 +153,22 @@ class PositionJumpDetector:
             return None
         return np.where(far, np.sign(step), 0.0).astype(np.int8)
 
+    def reaches(self, first: tuple[int, Float], second: tuple[int, Float]) -> bool:
+        """Return whether a motion can lead from one sample to another.
+
+        Args:
+            first: Stamp [ns] and positions, shape (n,). [rad] or [m]
+            second: The same, later.
+        """
+        step = second[1] - first[1]
+        step[self._wraps] = shortest(step[self._wraps])
+        time = max((second[0] - first[0]) * NANOSECOND, MIN_TIME)
+        return bool((np.abs(step) <= self._allowed * time).all())
+
+    def forget_leap(self) -> None:
+        """Take the last sample as one that continues those before the leap."""
+        self._before = self.lone = np.zeros_like(self._before)
+
     def _held(self, stamp_ns: Int, start: int, changed: Mask) -> Int | None:
         """Return how long values stood before they changed, at most as long as the one before.
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import JointBlock
+from robot_energy.blocks import Float, JointBlock
 from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
 from robot_energy.inputs.joint_states.partial_states import BROKEN
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -18,6 +18,10 @@ CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
 CONFLICTING = "conflicting_publisher"  # the reason under which refused samples are counted
 QUARANTINE_NS = SECOND_NS // 4  # how long a leap waits for the leap back
+IMPOSSIBLE_POSITION = (
+    "impossible_position"  # the reason of samples that one leap forth and back made
+)
+ALONE_NS = 5 * SECOND_NS  # another leap forth and back within this shows a second publisher
 
 
 class PublisherConflictFilter:
@@ -26,7 +30,9 @@ class PublisherConflictFilter:
     Signs of a second publisher: messages of one stamp that differ, stamps of two clocks that
     take turns, and positions that leap forth and back (see `PositionJumpDetector`). Samples
     after a lone leap wait a quarter of a second: if it leaps back, they are refused with it,
-    so that nothing of a false position is used. A leap that stays is a jump of one publisher (an
+    so that nothing of a false position is used. Where it leads back to where the robot can be,
+    and no other does so within five seconds, these samples alone are lost: one publisher sent a
+    position that is corrupt. A leap that stays is a jump of one publisher (an
     encoder referenced anew) and begins a new segment. After a sign, samples are refused
     until a second has passed without another.
 
@@ -40,6 +46,8 @@ class PublisherConflictFilter:
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
         last_ns: Stamp of the last sign. [ns]
+        astray_ns: Stamp at which the last leap came back that showed no second publisher;
+            None if there was none. [ns]
         steps: Of the positions of all samples.
     """
 
@@ -52,7 +60,10 @@ class PublisherConflictFilter:
         self.steps = PositionJumpDetector.of(n_joints, limits)
         self._held: JointBlock | None = None
         self._disputes: list[int] = []  # stamps, for the first sample after each
-        self._last_ns: int | None = None
+        self.astray_ns: int | None = None
+        self._last: tuple[int, Float] | None = None  # stamp and positions of the newest sample
+        self._before: tuple[int, Float] | None = None  # the same, before those that wait
+        self._alone_ns: int | None = None  # of the last leap that came back, in this epoch
         self._to_watch = 0  # time that must pass without a sign [ns]
         self._broken = False  # samples were refused before the next one
 
@@ -79,7 +90,7 @@ class PublisherConflictFilter:
         held = self.flush()
         self.steps.begin_epoch()
         self._disputes.clear()
-        self._last_ns = None
+        self._last = self._alone_ns = None
         if restless:
             self._note(stamp_ns)
         return held
@@ -96,7 +107,7 @@ class PublisherConflictFilter:
             if leaps is None:
                 leaps = np.zeros(samples.joint_position.shape, dtype=np.int8)
             out = self._judge(samples, leaps, self._disputed(samples))
-        self._last_ns = int(samples.stamp_ns[-1])
+        self._last = int(samples.stamp_ns[-1]), samples.joint_position[-1].copy()
         return out
 
     def flush(self) -> JointBlock | None:
@@ -121,6 +132,8 @@ class PublisherConflictFilter:
         self.first_ns = stamp_ns if self.first_ns is None else self.first_ns
         self.last_ns = stamp_ns
         self._to_watch = CLEAN_NS
+        if self.astray_ns is not None and stamp_ns - self.astray_ns <= ALONE_NS:
+            self.astray_ns = None  # it was of the second publisher
 
     def _judge(
         self, samples: JointBlock, leaps: Directions, disputed: NDArray[np.bool_]
@@ -131,15 +144,18 @@ class PublisherConflictFilter:
         first = len(held)
         broken: list[int] = []
         used: list[int] = []
-        refused = 0
-        last = self._last_ns
+        refused = astray = 0
+        last = self._last
         steps = self.steps
         for row, stamp in enumerate(samples.stamp_ns.tolist()):
             back = steps.back(stamp, leaps[row])
-            elapsed = 0 if last is None else min(stamp - last, MAX_STEP_NS)
-            last = stamp
+            before, last = last, (stamp, samples.joint_position[row])
+            elapsed = 0 if before is None else min(stamp - before[0], MAX_STEP_NS)
             self._to_watch = max(0, self._to_watch - elapsed)
-            if disputed[row] or bool(back.any()):
+            if held and not disputed[row] and self._comes_back(last, back):
+                astray += len(held)
+                held = []
+            elif disputed[row] or bool(back.any()):
                 self.joints |= back
                 self._note(stamp)
                 refused += len(held)
@@ -155,6 +171,7 @@ class PublisherConflictFilter:
                 self._broken = False
             lone = steps.lone != 0
             if bool((lone & (stamp - steps.lone_ns <= QUARANTINE_NS)).any()):
+                self._before = self._before if held else before
                 held.append(index)
                 continue
             if held:
@@ -164,6 +181,26 @@ class PublisherConflictFilter:
                 held = []
             used.append(index)
         self._log.reject(CONFLICTING, refused)
+        self._log.reject(IMPOSSIBLE_POSITION, astray)
         whole.quality[broken] |= BROKEN
         self._held = whole[np.asarray(held, dtype=np.int64)] if held else None
         return whole[np.asarray(used, dtype=np.int64)] if used else None
+
+    def _comes_back(self, sample: tuple[int, Float], back: NDArray[np.bool_]) -> bool:
+        """Whether a leap back ends one excursion, which other samples than its own know nothing of.
+
+        Args:
+            sample: Stamp and positions after the leap.
+            back: Which joints leap back, shape (n,).
+        """
+        if not bool(back.any()):
+            return False
+        alone = self._alone_ns is None or sample[0] - self._alone_ns > ALONE_NS
+        self._alone_ns = sample[0]
+        if self._to_watch or not alone or self._before is None:
+            return False
+        if not self.steps.reaches(self._before, sample):
+            return False
+        self.steps.forget_leap()
+        self.astray_ns = sample[0]
+        return True

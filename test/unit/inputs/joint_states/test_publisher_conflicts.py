@@ -16,10 +16,10 @@ def driver(seconds=4.0, rate=100.0, start=10.0):
     ]
 
 
-def zeros(begin, end, rate=100.0, offset=0.0):
-    """What a joint_state_publisher sends beside it: zeros without velocity."""
+def stand(begin, end, rate=100.0, offset=0.0, pose=(0.0, 0.1)):
+    """What a second publisher sends beside it: a pose without velocity."""
     return [
-        (t, message(t, NAMES, (0.0, 0.0), ()))
+        (t, message(t, NAMES, pose, ()))
         for t in np.round(np.arange(begin, end, 1 / rate), 9) + offset
     ]
 
@@ -37,11 +37,11 @@ def at(pair):
     [(0.0, 100.0, "conflicting_stamp"), (0.004, 100.0, None), (0.004, 10.0, None),
      (0.0, 50.0, "conflicting_stamp"), (0.001, 300.0, None)],
 )  # fmt: skip
-def test_zeros_beside_the_driver_are_refused_until_they_have_ended(offset, rate, reason):
-    """From 11 to 12 s a second publisher says zero, at the same or at other stamps. None of
+def test_a_pose_beside_the_driver_is_refused_until_it_has_ended(offset, rate, reason):
+    """From 11 to 12 s a second publisher sends a pose, at the same or at other stamps. None of
     its samples is used, the time until a second after it is a gap, the joints are named."""
     ingest = JointStateIngest(NAMES, limits=limits())
-    block = take(ingest, together(driver(), zeros(11.0, 12.0, rate, offset)))
+    block = take(ingest, together(driver(), stand(11.0, 12.0, rate, offset)))
     used = block.stamp_ns / SECOND
     assert (block.joint_position[:, 0] > 0.5).all()
     assert not ((used > 11.02 + 1 / rate) & (used < 12.9)).any()
@@ -66,12 +66,62 @@ def test_the_same_message_from_two_publishers_is_no_conflict():
     assert not ingest.findings()
 
 
-def test_a_single_state_of_zeros_is_refused():
-    """Some drivers send one now and then: it must not become a jerk of the arm."""
+@pytest.mark.parametrize("cut", [1, 7, 1000])
+@pytest.mark.parametrize(("rate", "offset"), [(10.0, 0.0), (10.0, 0.004), (100.0, 0.0), (300.0, 0)])
+def test_zeros_beside_the_driver_are_left_out_and_the_driver_is_used(rate, offset, cut):
+    """All the time, from the first message on, at the same or at other stamps."""
     ingest = JointStateIngest(NAMES, limits=limits())
-    block = take(ingest, together(driver(), zeros(11.0, 11.005, offset=0.004)))
-    assert (block.joint_position[:, 0] > 0.5).all()
-    assert ingest.conflicts.count == 1  # there and back again
+    lie = stand(10.0, 14.0, rate, offset, (0.0, 0.0))
+    sent = together(lie, driver())
+    blocks = [take(ingest, sent[row : row + cut], flush=False) for row in range(0, len(sent), cut)]
+    blocks.append(ingest.flush())
+    used = [block for block in blocks if block is not None]
+    assert sum(map(len, used)) == 400
+    assert all((block.joint_position[:, 0] > 0.5).all() for block in used)
+    assert ingest.rejections.rejected == {"zero_state": len(lie)}
+    (finding,) = ingest.findings()
+    assert f"{len(lie)} joint states in which all joints are exactly zero" in finding.sentence
+
+
+def test_a_robot_that_stands_at_zero_or_is_referenced_there_is_used():
+    sent = [message(t, NAMES, (0.0, 0.0), (0.0, 0.0)) for t in np.arange(10, 12, 0.01)]
+    ingest = JointStateIngest(NAMES, limits=limits())
+    assert len(take(ingest, sent)) == 200
+    sent = [message(t, NAMES, (1.0 * (t < 11), 0.0), (0.0, 0.0)) for t in np.arange(10, 14, 0.01)]
+    ingest = JointStateIngest(NAMES, limits=limits())
+    assert take(ingest, sent).stamp_ns[-1] > 13.9 * SECOND
+    assert ingest.rejections.rejected["zero_state"] <= 110  # a second, and it is zero that counts
+
+
+@pytest.mark.parametrize("cut", [1, 7, 1000])
+@pytest.mark.parametrize("by", [-700.0, 0.5])
+def test_one_impossible_position_costs_that_message(by, cut):
+    """It must not become a jerk of the arm, nor cost a second as a second publisher does."""
+    sent = [entry for _, entry in driver()]
+    sent[150] = message(11.5, NAMES, (1 + 0.3 * np.sin(11.5) + by, 0.5), (0.0, 0.0))
+    ingest = JointStateIngest(NAMES, limits=limits())
+    blocks = [take(ingest, sent[row : row + cut], flush=False) for row in range(0, 400, cut)]
+    blocks.append(ingest.flush())
+    used = [block for block in blocks if block is not None]
+    assert sum(map(len, used)) == 399
+    assert {0} == {int(segment) for block in used for segment in block.segment}
+    assert ingest.rejections.rejected == {"impossible_position": 1}
+    assert not ingest.conflicting_joints
+    (finding,) = ingest.findings()
+    assert "1 joint states refused as impossible_position" in finding.sentence
+    assert not finding.severe
+
+
+def test_a_second_impossible_position_within_seconds_shows_another_publisher():
+    sent = [entry for _, entry in driver()]
+    for row in (100, 200):
+        sent[row] = message(10 + row / 100, NAMES, (0.1, 0.5), (0.0, 0.0))
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, sent)
+    assert ingest.rejections.rejected == {"impossible_position": 1, "conflicting_publisher": 101}
+    assert ingest.conflicting_joints == {"a"}
+    (finding,) = ingest.findings()
+    assert "two publishers contradict each other" in finding.sentence
 
 
 def test_a_jump_that_stays_is_a_gap_and_no_conflict():
@@ -90,7 +140,7 @@ def test_pairs_of_messages_are_found_too():
     for burst in range(50):
         for row in range(2):
             q = 0.0 if burst % 2 else 1.0
-            sent.append(message(10 + 0.02 * burst + 0.01 * row, NAMES, (q, 0.0), ()))
+            sent.append(message(10 + 0.02 * burst + 0.01 * row, NAMES, (q, 0.3), ()))
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, sent)
     assert ingest.conflicting_joints == {"a"}
