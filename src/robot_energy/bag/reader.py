@@ -28,6 +28,14 @@ __all__ = ["BagReader", "TopicInfo"]
 MAX_PROBLEMS = 100
 """Sentences about what is wrong that are kept."""
 _COMPARED = 2**16
+_BY_HAND = "save the values as CSV, and import that with `robot-energy import table`"
+CONVERSIONS = {
+    "json": f"read them with the Python package `mcap`, {_BY_HAND}",
+    "ros1": "convert the ROS 1 bag that they come from: "
+    "`rosbags-convert --src FILE.bag --dst FOLDER`",
+    "": f"read them with the library that wrote them, {_BY_HAND}",
+}
+"""How to use messages that are not serialized as CDR, by their encoding; "" for any other."""
 
 
 class BagReader:
@@ -117,12 +125,15 @@ class BagReader:
             for name, other in self.topics.items()
             if other.msgtype in accepted and other.encoding == "cdr"
         ]
+        remedy = f"topics of that type in the bag: {', '.join(fitting)}"
+        if info and info.msgtype in accepted:
+            raise MissingTopicError(
+                f"{self.path} has {topic} with messages encoded as {info.encoding}",
+                "messages encoded as cdr, as ROS 2 records them",
+                remedy if fitting else CONVERSIONS.get(info.encoding, CONVERSIONS[""]),
+            )
         have = f"has {topic} as {info.msgtype} ({info.encoding})" if info else f"has no {topic}"
-        remedy = (
-            f"topics of that type in the bag: {', '.join(fitting)}"
-            if fitting
-            else "the bag has no topic of that type"
-        )
+        remedy = remedy if fitting else "the bag has no topic of that type"
         raise MissingTopicError(f"{self.path} {have}", f"type {' or '.join(accepted)}", remedy)
 
     def parts(

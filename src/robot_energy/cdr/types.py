@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 ENERGY_PACKAGE = "ros2_energy_msgs"
+_IDL_HEAD = re.compile(r"^={80}\r?\n(?:IDL: .*\n)?", re.MULTILINE)
+_IDL_INCLUDE = re.compile(r"^[ \t]*#include.*$", re.MULTILINE)
+"""Between the parts of a definition in IDL, and what names the parts, which the parser refuses."""
 MAX_DEFINITION = 256 * 1024
 """Longest definition of a message with all that it is made of; those of ROS reach 60,000."""
 MAX_DEFINITIONS = 4 * 2**20
@@ -166,7 +169,9 @@ def _parsed(msgtype: str, encoding: str, text: str) -> Typesdict:
         if encoding == "ros2msg":
             found = get_types_from_msg(text, msgtype)
         elif encoding in {"ros2idl", "omgidl"}:
-            found = get_types_from_idl(text)
+            found: Typesdict = {}
+            for part in _IDL_HEAD.split(_IDL_INCLUDE.sub("", text)):  # the type, then its members
+                found |= get_types_from_idl(part) if part.strip() else {}
         else:
             return {}
     except Exception as error:  # the parser raises many kinds on damaged text

@@ -165,8 +165,21 @@ def test_topics_not_serialized_as_cdr_are_refused(tmp_path, bags):
     with bags.foreign_mcap(path) as writer:
         channel = writer.register_channel("/text", "json", 2)
         writer.add_message(channel, 0, b"{}", 0)
-    with refused(MissingTopicError, found=("/text", "json")):
+    with refused(MissingTopicError, found=("/text", "json"), remedy="/heat"):
         BagReader(path).parts(["/text"])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "remedy"), [("ros1", "rosbags-convert"), ("json", "`mcap`"), ("cbor", "as CSV")]
+)
+def test_each_foreign_encoding_has_its_remedy(tmp_path, bags, encoding, remedy):
+    path = tmp_path / "foreign.mcap"
+    with bags.foreign_mcap(path) as writer:
+        schema = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
+        writer.add_message(writer.register_channel("/text", encoding, schema), 0, b"{}", 0)
+    found = f"/text with messages encoded as {encoding}"
+    with refused(MissingTopicError, found=found, remedy=remedy):
+        BagReader(path).require("/text", "sensor_msgs/msg/Imu")
 
 
 def test_chunks_without_the_asked_topic_are_not_even_unpacked(tmp_path, bags):

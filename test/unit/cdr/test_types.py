@@ -52,6 +52,30 @@ def test_the_definition_a_bag_brings_is_preferred_where_it_differs():
     assert store.deserialize_cdr(data, "sensor_msgs/msg/Temperature").temperature == 2.5
 
 
+LINE = "=" * 80
+STATE_IDL = """
+#include "std_msgs/msg/Header.idl"
+module my_msgs { module msg {
+  @verbatim (language="comment", text="A state" "\\n" "of a joint.")
+  struct State { std_msgs::msg::Header header; sequence<double> position; };
+}; };
+"""
+HEADER_IDL = """
+#include "builtin_interfaces/msg/Time.idl"
+module std_msgs { module msg {
+  struct Header { builtin_interfaces::msg::Time stamp; string frame_id; };
+}; };
+"""
+
+
+@pytest.mark.parametrize("first", ["", f"{LINE}\nIDL: my_msgs/msg/State\n"])
+def test_a_definition_in_idl_has_its_parts_behind_lines(first):
+    """As rosbag2 writes them: a line, then `IDL: package/msg/Name`, before each part."""
+    text = f"{first}{STATE_IDL}\n{LINE}\nIDL: std_msgs/msg/Header\n{HEADER_IDL}"
+    store = extended(typestore(), {"my_msgs/msg/State": ("ros2idl", text)})
+    Decoder("my_msgs/msg/State", ["position", "header.stamp.sec"], store)
+
+
 @pytest.mark.parametrize("encoding", ["ros2msg", "ros2idl"])
 def test_a_definition_that_cannot_be_parsed_is_named(encoding):
     with refused(MessageTypeError, found="a/msg/B"):
