@@ -71,9 +71,9 @@ class MqttLink(MeterLink):
             for quantity, numbers in self._numbers.items()
         }
         self._topics = sorted(set(self._topic.values()))
-        self._waiting: queue.Queue[Message] = queue.Queue(MAX_WAITING)
+        self._waiting: queue.Queue[Message | None] = queue.Queue()  # None: the connection is lost
         self._client: Any = None
-        self._settled, self._lost = threading.Event(), threading.Event()
+        self._settled = threading.Event()
         self._failure = ""  # why we are not subscribed, or no longer
         self._bound: PacketBound | None = None
 
@@ -94,8 +94,8 @@ class MqttLink(MeterLink):
         """
         self.close()
         self._settled.clear()
-        self._lost.clear()
         self._failure = ""
+        self._waiting = queue.Queue()
         end = time.monotonic() + self._endpoint.timeout
         client = self._mqtt.Client(
             self._mqtt.CallbackAPIVersion.VERSION2, reconnect_on_failure=False
@@ -145,13 +145,15 @@ class MqttLink(MeterLink):
         if self._client is None:
             raise MeterLinkError(f"{self._where} is not connected", "connect first")
         try:
-            topic, payload, at = self._waiting.get(timeout=self._endpoint.timeout)
+            message = self._waiting.get(timeout=self._endpoint.timeout)
         except queue.Empty:
-            if self._lost.is_set():
-                raise MeterLinkError(
-                    f"{self._where} is lost ({self._failure})", "a connection that is kept"
-                ) from None
             return ()
+        if message is None:
+            self.close()
+            raise MeterLinkError(
+                f"{self._where} is lost ({self._failure})", "a connection that is kept"
+            )
+        topic, payload, at = message
         document = parse(payload.decode("utf-8", errors="replace"), f"the meter on {topic}")
         good = is_good(document, self._flags)
         exchanges: list[Exchange] = []
@@ -180,13 +182,13 @@ class MqttLink(MeterLink):
     def _take_loss(self, _client: Any, _data: Any, _flags: Any, reason: Any, _more: Any):
         refused = self._bound.refused if self._bound else ""
         self._failure = self._failure or refused or str(reason)
-        self._lost.set()
         self._settled.set()
+        self._waiting.put(None)
 
     def _take_message(self, _client: Any, _data: Any, message: Any) -> None:
         try:
             topic = str(message.topic)
         except UnicodeDecodeError:  # it would end the thread of the client
             return
-        if not message.retain and not self._waiting.full():
+        if not message.retain and self._waiting.qsize() < MAX_WAITING:
             self._waiting.put((topic, message.payload, time.monotonic()))
