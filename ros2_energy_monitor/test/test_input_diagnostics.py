@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from functools import partial
 
+import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,9 +15,12 @@ from rclpy.signals import SignalHandlerOptions
 from ros2_energy_msgs.msg import JointFriction, JointTorque, MotorTemperatures
 from sensor_msgs.msg import JointState, Temperature
 
+from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.publishers import best_effort, latched, reliable
+from ros2_energy_monitor.diagnostics.energy import _clock
 from ros2_energy_monitor.diagnostics.inputs import ABSENT_REPORTS, InputWatch, accounting
 from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder, _text
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
@@ -88,6 +92,32 @@ def test_a_topic_of_another_type_is_named(bench, monkeypatch):
     for node, context in zip(nodes, contexts, strict=True):
         node.destroy_node()
         context.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    ("ahead", "level", "words"),
+    [(3600.0, DiagnosticStatus.WARN, "3600.0 s ahead"), (-3600.0, DiagnosticStatus.OK, "3600.0 s "
+      "behind"), (1.0, DiagnosticStatus.OK, "")],
+)  # fmt: skip
+def test_joint_states_of_another_clock_are_said(ahead, level, words):
+    """Also where there is no meter and no thermometer to compare with."""
+    ingest = JointStateIngest(("a",))
+    encoder = Encoder(JOINT_STATE, {"name": ("a",)}, {"position": 1, "velocity": 1, "effort": 0})
+    stamp = 10**18 + np.arange(10) * 10**7
+    zero = {"position": np.zeros((10, 1)), "velocity": np.zeros((10, 1))}
+    columns = stamp_columns(stamp) | zero | {"effort": np.zeros((10, 0))}
+    rows = encoder.encode(columns, 10)
+    offset = np.arange(10) * rows.shape[1]
+    length = np.full(10, rows.shape[1])
+    received = stamp - round(ahead * 1e9)
+    ingest.step(RawBatch("/states", JOINT_STATE, received, rows.ravel(), offset, length))
+    found = StatusBuilder("joint states")
+    _clock(found, ingest.lag_ns)
+    assert found.level == level
+    text = found.message
+    assert words in text
+    assert ("stamp_source to receive" in text) == (level == DiagnosticStatus.WARN)
+    assert found.values["stamps_ahead_s"] == pytest.approx(ahead, abs=0.1)
 
 
 def test_loss_is_counted_and_told(bench):

@@ -46,6 +46,7 @@ from robot_energy.replay_topics import Topics, find_topics
 from robot_energy.timeline.pieces import Compared
 from robot_energy.units import SECOND_NS
 
+MAX_STRAY = 0.1  # share of the temperatures of another clock, beyond which friction is not known
 LONGER_WINDOW = "lengthen derivative_window, or check units, payload and limits"
 Progress = Callable[[float], None]
 
@@ -246,7 +247,11 @@ def replay(
         result.jobs.finish(pipeline.account)
         pipeline.account.on_compared = None
         clocks = result.temperatures.clock_doubts(result.joint_states)
-        result.notes += [*result.temperatures.doubts, *clocks]
+        used = pipeline.power.fallback_use
+        torn = result.temperatures.refused_share > MAX_STRAY
+        torn &= used.missing + used.stale > MAX_STRAY * used.samples
+        (result.problems if torn else result.notes).extend(clocks)
+        result.notes += result.temperatures.doubts
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
         result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)

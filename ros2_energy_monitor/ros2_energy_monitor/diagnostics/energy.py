@@ -35,6 +35,7 @@ from ros2_energy_monitor.diagnostics.time import TimeWatch
 NO_STATES = "start the driver or set joint_states.topics"
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 SILENT_TEMPERATURE = "check its driver or topic"
+APART = 5.0  # stamps that far from the clock are another clock's [s]
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
 
@@ -75,6 +76,7 @@ def joint_state_source(
             found.add(ERROR if finding.severe else WARN, finding.sentence)
         for doubt in stage.effort_check.doubts():
             found.add(WARN, doubt)
+        _clock(found, ingest.lag_ns)
         for number, (inbox, watch) in enumerate(zip(inboxes, watches, strict=True)):
             watch.check(found, f"{inbox.topic}." if number else "")
         silence = min((inbox.age for inbox in inboxes if inbox.received), default=0.0)
@@ -90,6 +92,29 @@ def joint_state_source(
         return found
 
     return findings
+
+
+def _clock(found: StatusBuilder, ahead_ns: int | None) -> None:
+    """Say how far the stamps of joint states are from the clock of this node.
+
+    Ahead none can be rightly; behind they are also where a recording is played.
+    """
+    if ahead_ns is None:
+        return
+    ahead = ahead_ns * NANOSECOND
+    found.values["stamps_ahead_s"] = ahead
+    if ahead > APART:
+        found.add(
+            WARN,
+            f"joint states are stamped {ahead:.1f} s ahead of the clock of this node",
+            "synchronise the clocks, set use_sim_time where both are simulated, or set "
+            "joint_states.stamp_source to receive",
+        )
+    elif ahead < -APART:
+        found.notes.append(
+            f"joint states are stamped {-ahead:.1f} s behind the clock of this node: a recording "
+            "that is played, or clocks to synchronise"
+        )
 
 
 def unknown_joints(topics: str, names: Iterable[str]) -> list[str]:

@@ -16,7 +16,7 @@ from robot_energy import kernels
 from robot_energy.bag import mcap_records as records
 from robot_energy.bag.mcap_block import McapChunk, indexed_block, walked_block
 from robot_energy.bag.mcap_records import FRAME, LogTimes, RecordError
-from robot_energy.bag.mcap_summary import read_closing
+from robot_energy.bag.mcap_summary import IN_SUMMARY, read_closing
 from robot_energy.errors import BagError
 from robot_energy.files.first_bytes import MAX_MAGIC, named
 from robot_energy.files.regular_file import open_regular
@@ -26,6 +26,14 @@ _LOOSE_MESSAGES = 8192
 """Messages outside chunks are read in blocks of at least and at most these. [bytes], [messages]"""
 _OTHER_CHANNELS = "the chunk at byte {} holds other channels than the summary says"
 
+_INDEX_HEAD = 6  # bytes of a message index before its entries of 16
+_NO_INDEX = "a message index of {1} bytes at byte {0} holds none: what it may hold was left out"
+_ENDS = {records.DATA_END: 4, records.FOOTER: 20}
+"""Records that end the data or the file, and their length. [bytes]"""
+_IN_DATA = {
+    records.SCHEMA, records.CHANNEL, records.MESSAGE, records.CHUNK, records.ATTACHMENT,
+    records.METADATA,
+}  # fmt: skip
 MAX_DEFINITIONS = 32 * 2**20
 """Definitions of messages and channels kept of one file, besides its summary. [bytes]"""
 
@@ -114,17 +122,19 @@ class McapFile:
                                 pos = indexed.end
                                 continue
                         block, following = self._step(file, pos, opcode, length)
+                        stranger = self._stranger(pos, opcode, length, ended is not None)
                     except RecordError as error:
                         resume = self._next_chunk(pos)
-                        if resume is None and ended is not None:
+                        footer = self._closing.footer
+                        if resume is None and ended is not None and pos >= (footer or 0):
                             break
                         self._report(self._cut(error, pos, counts.total(), resume))
                         if resume is None:
                             return
                         pos, left_out = resume, True
                         continue
-                    if wrong:
-                        self._report(wrong)
+                    for sentence in filter(None, (wrong, stranger)):
+                        self._report(sentence)
                     if block is not None and block.count:
                         if ended is not None:
                             self._report(
@@ -138,7 +148,7 @@ class McapFile:
                             self._report(_OTHER_CHANNELS.format(pos))
                         yield block
                         block = None
-                    if opcode in (records.DATA_END, records.FOOTER):
+                    if length == _ENDS.get(opcode):
                         if self._closes(opcode, pos, following):
                             self._compare(None if left_out else counts)
                             return
@@ -252,13 +262,27 @@ class McapFile:
             data = memoryview(file.read(length))
             index, following = self._indexes(file, body + length)
             return self._chunk(data, index, pos), following
-        if opcode not in (records.DATA_END, records.FOOTER):
-            if not (
-                records.HEADER <= opcode <= records.DATA_END or opcode >= records.FIRST_PRIVATE
-            ):
-                raise RecordError(f"a record of unknown kind {opcode}")
-            self._whole(length, body, opcode, limit=False)
+        if not (records.HEADER <= opcode <= records.DATA_END or opcode >= records.FIRST_PRIVATE):
+            raise RecordError(f"a record of unknown kind {opcode}")
+        self._whole(length, body, opcode, limit=False)
         return None, body + length
+
+    def _stranger(self, pos: int, opcode: int, length: int, ended: bool) -> str:
+        """Return that a record does not belong where it stands: it may have held messages."""
+        if opcode in _IN_DATA or length == _ENDS.get(opcode):
+            return ""
+        if opcode == records.HEADER and (ended or pos == len(records.MAGIC)):
+            return ""
+        if ended and opcode in IN_SUMMARY:
+            return ""
+        if opcode == records.MESSAGE_INDEX and not (length - _INDEX_HEAD) % 16:
+            return ""  # behind a private record
+        if opcode >= records.FIRST_PRIVATE and opcode ^ records.FIRST_PRIVATE not in _IN_DATA:
+            return ""  # of an application; one flipped bit makes another one of a record
+        return (
+            f"a record of kind {opcode} with {length} bytes at byte {pos} does not belong into the "
+            "data; what it may have held was left out"
+        )
 
     def _frame(self, file: BinaryIO, pos: int) -> tuple[int, int]:
         file.seek(pos)
@@ -297,9 +321,13 @@ class McapFile:
             total += length
             if total > records.MAX_RECORD_BYTES:
                 continue
+            data = memoryview(file.read(length))
             try:
-                channel, pairs = records.parse_message_index(memoryview(file.read(length)))
+                channel, pairs = records.parse_message_index(data)
             except RecordError:
+                said = int.from_bytes(data[2:_INDEX_HEAD], "little")
+                if (said ^ max(length - _INDEX_HEAD, 0)).bit_count() > 1:  # more than a flipped bit
+                    self._report(_NO_INDEX.format(pos - FRAME.size - length, length))
                 continue
             if len(pairs):
                 index[channel] = np.frombuffer(pairs, dtype="<u8").reshape(-1, 2)

@@ -10,7 +10,8 @@ from typing import Any, cast
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
-ATTACHMENT_INDEX, STATISTICS, METADATA_INDEX, SUMMARY_OFFSET = 0x0A, 0x0B, 0x0D, 0x0E
+ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA = range(0x09, 0x0D)
+METADATA_INDEX, SUMMARY_OFFSET = 0x0D, 0x0E
 DATA_END = 0x0F
 FIRST_PRIVATE = 0x80
 
@@ -182,8 +183,8 @@ def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
     """
     cursor = _Cursor(data)
     channel, pairs = cursor.number(2), cursor.sized()
-    if len(pairs) % 16:
-        raise RecordError("half an index entry")
+    if len(pairs) % 16 or cursor.pos < len(data):
+        raise RecordError("half an index entry, or more than entries")
     return channel, pairs
 
 

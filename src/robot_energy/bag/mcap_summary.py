@@ -12,7 +12,7 @@ from robot_energy.bag.mcap_records import FRAME, RecordError
 
 MAX_CHUNKS = 500_000
 """Chunks that a summary may list: some 400 GB as rosbag2 writes them."""
-_IN_SUMMARY = {
+IN_SUMMARY = {
     records.SCHEMA, records.CHANNEL, records.CHUNK_INDEX, records.STATISTICS,
     records.ATTACHMENT_INDEX, records.METADATA_INDEX, records.SUMMARY_OFFSET,
 }  # fmt: skip
@@ -130,7 +130,7 @@ def _parse(data: memoryview, start: int, report: Callable[[str], None]) -> Summa
                 raise RecordError(f"over {MAX_CHUNKS} chunks")
         elif opcode == records.STATISTICS:
             summary.statistics = records.parse_statistics(body)
-        elif opcode not in _IN_SUMMARY and opcode < records.FIRST_PRIVATE:
+        elif opcode not in IN_SUMMARY and opcode < records.FIRST_PRIVATE:
             raise _DataError(f"a record of kind {opcode}, which belongs to the data")
         pos += FRAME.size + length
     summary.chunks = _apart(chunks, start, report)

@@ -13,7 +13,16 @@ import pytest
 import zstandard
 
 from robot_energy.bag import BagReader
-from robot_energy.bag.mcap_records import CHUNK, FRAME, MAGIC, MESSAGE_INDEX
+from robot_energy.bag.mcap_records import (
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    FRAME,
+    HEADER,
+    MAGIC,
+    MESSAGE_INDEX,
+    STATISTICS,
+)
 from robot_energy.bag.metadata import read_folder_info
 from robot_energy.errors import BagError
 
@@ -101,6 +110,42 @@ def test_a_flipped_bit_is_never_silent(tmp_path, bags, compression):
             continue
         assert reader.problems or sorted(found) == sorted(whole), bit
         assert set(found) <= set(whole), bit
+
+
+def without_summary(data):
+    """The same file as a writer without a summary leaves it."""
+    end = next(body + length for kind, body, length in records(data) if kind == DATA_END)
+    return data[:end] + FRAME.pack(FOOTER, 20) + bytes(20) + MAGIC
+
+
+@pytest.mark.parametrize("compression", ["none", "zstd"])
+def test_records_that_vanish_without_a_summary_are_said(tmp_path, bags, compression):
+    """Each bit of each opcode and length; an invented end or index that swallows chunks."""
+    file = bags.write_bag(tmp_path / "bag", n=9_000, compression=compression, block=100)
+    data = without_summary(file.read_bytes())
+    path = tmp_path / "bare.mcap"
+    path.write_bytes(data)
+    whole, reader = bags.read_all(path)
+    assert len(whole) == 9_090
+    assert not reader.problems
+    starts = [body - FRAME.size for _, body, _ in records(data)][1:]
+    assert len([kind for kind, _, _ in records(data) if kind == CHUNK]) >= 2
+    made = [
+        data[:pos] + bytes([data[pos] ^ 1 << bit % 8]) + data[pos + 1 :]
+        for start in starts
+        for pos in (start, start + 1, start + 4)
+        for bit in ((*range(8),) if pos == start else (0, 5))
+    ]
+    kinds = (HEADER, FOOTER, MESSAGE_INDEX, STATISTICS, DATA_END, CHUNK | 0x80)
+    for start, end in ((starts[1], starts[-2]), (starts[2], starts[2])):
+        for kind in kinds:
+            for size in (0, 4, 20):
+                made.append(data[:start] + FRAME.pack(kind, size) + bytes(size) + data[start:])
+            made.append(data[:start] + FRAME.pack(kind, end - start) + data[start:])
+    for number, damaged in enumerate(made):
+        path.write_bytes(damaged)
+        found, reader = bags.read_all(path)
+        assert reader.problems or set(found) >= set(whole), number
 
 
 def test_random_bytes_after_the_magic_never_raise_anything_else(tmp_path, bags):

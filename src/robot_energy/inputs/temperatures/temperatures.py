@@ -125,6 +125,12 @@ class TemperatureIngest:
         own, other = self._stream.lag_ns, states.lag_ns
         return None if own is None or other is None else own - other
 
+    @property
+    def refused_share(self) -> float:
+        """Share of the messages that are stamped by another clock than the others. [-]"""
+        total = self.rejections
+        return total.rejected[STRAY_STAMP] / total.received if total.received else 0.0
+
     def clock_doubts(
         self, states: JointStateIngest | None, within: float | None = None
     ) -> list[str]:
@@ -134,7 +140,8 @@ class TemperatureIngest:
             states: The joint states; None where they are not known.
             within: Only what concerns so much of the newest time; None for all. [s]
         """
-        topics = ", ".join(reader.source.topic for reader in self.readers)
+        strays = [each for each in self.readers if each.rejections.rejected[STRAY_STAMP]]
+        topics = ", ".join(reader.source.topic for reader in strays or self.readers)
         found = [sentence_of(self.epochs, f"temperatures on {topics}", within=within)]
         if states is not None:
             ahead_ns = self.ahead_ns(states)
