@@ -140,7 +140,7 @@ def test_a_log_of_the_user_s_format_is_imported(toys, tmp_path, capsys):
     assert main(["import", "angles", str(log), "--out", str(tmp_path / "bag")]) == 0
     said = capsys.readouterr().out
     assert "4 rows, 3 used" in said
-    assert "1 not numeric (first at line 3)" in said
+    assert "1 not numeric (first at line 3, where angle is 'x')" in said
     main(["identify", "drives", "--help"])
     assert "--angles" in capsys.readouterr().out
     assert "`angles`" in kinds_listing()
