@@ -199,7 +199,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
     def _use_meter(self, meter: MeterBlock | None) -> None:
         if meter is not None:
             self.account.measure(meter)
-            self._stage.condition.measure(meter)
+            self._stage.measure(meter)
 
     def _use_torque(self, torque: TorqueBlock | None) -> MeanBlock | None:
         return None if torque is None else self._book(self._stage.step(torque))

@@ -26,14 +26,11 @@ from robot_energy.identify.causes import (
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings
 from robot_energy.identify.dynamics.dynamics import identify_dynamics as fit_dynamics
 from robot_energy.identify.dynamics.dynamics_model import to_model
-from robot_energy.identify.friction.friction import fit_axes, with_friction
-from robot_energy.identify.friction.samples import friction_data
-from robot_energy.identify.friction.shape import share_shape as lend
-from robot_energy.identify.plausibility import check_cabinet, check_dynamics, check_friction
+from robot_energy.identify.plausibility import check_cabinet, check_dynamics
 from robot_energy.identify.provenance import hashed, identified_from, require_distinct, require_some
 from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
-from robot_energy.identify.thermal.network import fit_networks, with_networks
-from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
+from robot_energy.identify.steps import find_friction, find_thermal
+from robot_energy.identify.thermal.windows import without_networks
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
@@ -43,6 +40,8 @@ from robot_energy.results.identification import (
     LoadStatesReport,
     ThermalReport,
     cabinet_report,
+    friction_report,
+    thermal_report,
 )
 
 Found = TypeVar("Found", bound=Result)
@@ -110,15 +109,11 @@ def identify_friction(
     """
     used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
-    data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
     source = read.names
     with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
-        fits, refused = fit_axes(data, source)
-        if share_shape:
-            fits = lend(fits, data, source)
-        check_friction(fits)
-    found = FrictionReport(read.effort or "measured", tuple(fits), tuple(refused))
-    written = _made_from(with_friction(used, fits, source), "Friction identified.", read)
+        friction = find_friction(recordings, used, source, share_shape)
+    found = friction_report(friction, read.effort or "measured")
+    written = _made_from(friction.write(used, source), "Friction identified.", read)
     return IdentificationResult(written, found)
 
 
@@ -149,11 +144,10 @@ def identify_thermal(
     """
     used, read = model_of(model), _source(bags, None, inputs, progress, None)
     recordings = read.recordings(without_networks(used))
-    runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
     with progress("identifying"):
-        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, read.names)
-    found = ThermalReport("losses", ambient, tuple(fits), tuple(refused))
-    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", read)
+        thermal = find_thermal(recordings, used, ambient_degc, read.names)
+    found = thermal_report(thermal)
+    written = _made_from(thermal.write(used), "Thermal networks identified.", read)
     return IdentificationResult(written, found)
 
 

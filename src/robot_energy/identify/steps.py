@@ -6,7 +6,7 @@ Every step reads the recordings with the model that the step before left.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -40,7 +40,14 @@ from robot_energy.identify.plausibility import (
     check_total,
 )
 from robot_energy.identify.stats.cross_validation import GAIN
-from robot_energy.identify.thermal.network import ThermalFit, fit_networks, with_networks
+from robot_energy.identify.thermal.gear import GearsFound, fit_gears
+from robot_energy.identify.thermal.gears_by_meter import gears_by_meter
+from robot_energy.identify.thermal.network import (
+    ThermalFit,
+    ambient_of,
+    fit_networks,
+    with_networks,
+)
 from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
@@ -82,10 +89,47 @@ class FrictionFound:
     Attributes:
         fits: One per axis that could be identified.
         refused: Why the others could not, one sentence each.
+        gears: Temperatures of gears, which the friction of their axes follows.
     """
 
     fits: tuple[FrictionFit, ...]
     refused: tuple[str, ...]
+    gears: GearsFound = field(default_factory=GearsFound)
+
+    def write(self, model: RobotModel, source: str) -> RobotModel:
+        """Return a model with this friction, which follows gears where they were found.
+
+        Args:
+            model: Any model of the same robot.
+            source: Where the data come from.
+        """
+        names = [fit.name for fit in self.fits]
+        return self.gears.write(with_friction(model, self.fits, source), names)
+
+
+def find_friction(
+    recordings: Sequence[Recording], model: RobotModel, source: str, share: bool = False
+) -> FrictionFound:
+    """Return the friction of every axis, over the temperature of gears where they show.
+
+    Args:
+        recordings: With measured torque.
+        model: With which they were run.
+        source: Where the data come from.
+        share: Whether axes of too small a range borrow the temperature shape of others.
+
+    Raises:
+        NotIdentifiableError: If no axis shows its friction.
+        ImplausibleIdentificationError: If it contradicts physics.
+    """
+    axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
+    air = model.temperature.ambient_degc
+    gears, axes = fit_gears(axes, None if air is None else air.value, source)
+    fits, refused = fit_axes(axes, source)
+    if share:
+        fits = share_shape(fits, axes, source)
+    check_friction(fits)
+    return FrictionFound(tuple(fits), tuple(refused), gears)
 
 
 @dataclass(frozen=True)
@@ -96,11 +140,56 @@ class ThermalFound:
         ambient_degc: Temperature of the air: the coldest first reading. [degC]
         fits: One per motor that could be identified.
         refused: Why the others could not, one sentence each.
+        gears: Temperatures of gears, found by the power meter.
     """
 
     ambient_degc: float
     fits: tuple[ThermalFit, ...]
     refused: tuple[str, ...]
+    gears: GearsFound = field(default_factory=GearsFound)
+
+    def write(self, model: RobotModel) -> RobotModel:
+        """Return a model with these networks and gears.
+
+        Args:
+            model: Any model of the same robot.
+        """
+        written = with_networks(model, self.fits, self.ambient_degc)
+        return self.gears.write(written, [fit.name for fit in self.gears.fits])
+
+
+def find_thermal(
+    recordings: Sequence[Recording], model: RobotModel, ambient_degc: float | None, source: str
+) -> ThermalFound:
+    """Return thermal networks of motors, and gears by the power meter where torque gave none.
+
+    Args:
+        recordings: Run with the model without networks.
+        model: With friction and drives.
+        ambient_degc: Of the air; None: the coldest first reading. [degC]
+        source: Where the data come from.
+
+    Raises:
+        NotIdentifiableError: If there is neither a network nor a gear.
+    """
+    runs = [runs_of_recordings(recordings, joint) for joint in range(len(model.joints))]
+    fits, refused = list[ThermalFit](), list[str]()
+    failure: NotIdentifiableError | None = None
+    try:
+        ambient, fits, refused = fit_networks(model.joint_names, runs, ambient_degc, source)
+    except NotIdentifiableError as error:
+        failure = error
+        if not any(runs):
+            raise
+        ambient = ambient_of(runs) if ambient_degc is None else ambient_degc
+    gears = GearsFound()
+    if all(joint.gear is None for joint in model.joints):
+        gears = gears_by_meter(recordings, ambient, source)
+    if failure is not None:
+        if not gears.fits:
+            raise failure
+        refused = [str(failure)]
+    return ThermalFound(ambient, tuple(fits), tuple(refused), gears)
 
 
 Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit | ThermalFound
@@ -248,19 +337,14 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
             "no motor temperature is known, so the friction stays that of the dynamics, a constant",
             remedy="record motor temperatures, or name their topic with --inputs",
         )
-    axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
-    fits, refused = fit_axes(axes, source)
-    if share:
-        fits = share_shape(fits, axes, source)
-    check_friction(fits)
-    found = FrictionFound(tuple(fits), tuple(refused))
+    found = find_friction(recordings, model, source, share)
     notes: tuple[str, ...] = ()
     if any(bag.effort is EffortMeaning.JOINT_TORQUE for bag in bags):
         notes = (
             "joint torque was measured: a sensor behind the gear sees none of the friction "
             "before it, and then this friction is too small",
         )
-    return Step("friction", found, "", with_friction(model, fits, source), notes)
+    return Step("friction", found, "", found.write(model, source), notes)
 
 
 def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
@@ -370,12 +454,12 @@ def capacitor_step(
 
 def _thermal(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     """Thermal networks come last: the losses are their heat."""
-    recordings = read_all(bags, without_networks(model))
-    runs = [runs_of_recordings(recordings, joint) for joint in range(len(model.joints))]
-    ambient, fits, refused = fit_networks(model.joint_names, runs, source=source)
-    note = f"the air is taken to be as warm as the coldest first reading, {ambient:.1f} degC"
-    found = ThermalFound(ambient, tuple(fits), tuple(refused))
-    return Step("thermal", found, "", with_networks(model, fits, ambient), (note,))
+    found = find_thermal(read_all(bags, without_networks(model)), model, None, source)
+    note = (
+        "the air is taken to be as warm as the coldest first reading, "
+        f"{found.ambient_degc:.1f} degC"
+    )
+    return Step("thermal", found, "", found.write(model), (note,))
 
 
 MadeStep = Callable[[Sequence[Bag], RobotModel, str], Step]

@@ -92,6 +92,34 @@ class JointThermal(ModelEntry):
         return self
 
 
+class JointGear(ModelEntry):
+    """Temperature of one gear, which its friction then follows instead of that of the motor.
+
+    ``C dT_g/dt = P_f - G_m (T_g - T_m) - G_a (T_g - T_a)`` with the friction power P_f, the
+    temperature T_m of the motor, measured or estimated, and T_a of the air.
+
+    Attributes:
+        capacity: C, heat capacity of gear and oil, > 0. [J/K]
+        motor_conductance: G_m, from the gear to the motor. [W/K]
+        ambient_conductance: G_a, from the gear to the air; not both 0. [W/K]
+        std: Standard deviation of the temperature that the figures leave open once the start
+            is forgotten. [K]
+    """
+
+    capacity: PositiveFigure
+    motor_conductance: PositiveFigure
+    ambient_conductance: PositiveFigure
+    std: Annotated[float, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> JointGear:
+        if not self.capacity.value > 0.0:
+            raise ValueError(f"capacity must be > 0, found {self.capacity.value}")
+        if not self.motor_conductance.value + self.ambient_conductance.value > 0.0:
+            raise ValueError("motor_conductance and ambient_conductance are both 0")
+        return self
+
+
 class Joint(ModelEntry):
     """One modelled joint and its drive, in the order of the file.
 
@@ -107,6 +135,7 @@ class Joint(ModelEntry):
             [rad/s] or [m/s]
         friction: Friction of this axis.
         thermal: Thermal network of the motor, for its temperature where no sensor tells it.
+        gear: Temperature of the gear; absent: friction follows the motor temperature.
         losses: For the drive model ``loss_model``.
         efficiency_map: For the drive model ``efficiency_map``. Drive models that are
             registered add their keys, see `robot_energy.model.open_schema`.
@@ -119,6 +148,7 @@ class Joint(ModelEntry):
     standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
     friction: JointFriction
     thermal: JointThermal | None = None
+    gear: JointGear | None = None
     losses: LossDrive | None = None
     efficiency_map: EfficiencyMap | None = None
 
@@ -134,4 +164,4 @@ class Joint(ModelEntry):
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out absent keys that came later: a model without them keeps its identity."""
         late = [kind.key for kind in DRIVE_MODELS.values() if not kind.in_identity]
-        return without_absent(dump(self), "torque_constant", "thermal", *late)
+        return without_absent(dump(self), "torque_constant", "thermal", "gear", *late)

@@ -77,6 +77,7 @@ def _titles() -> dict[str, str]:
         "Joint": "`joints`",
         "JointFriction": "`friction` of a joint",
         "JointThermal": "`thermal` of a joint",
+        "JointGear": "`gear` of a joint",
         "Stribeck": "`stribeck` of the friction",
         "Coupling": "`coupling`",
         "Cabinet": "`cabinet`",

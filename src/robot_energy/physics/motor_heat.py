@@ -1,7 +1,8 @@
-"""Temperature of motors from their heat: motor - structure - ambient, solved exactly.
+"""Temperature of motors and gears from their heat: motor - structure - ambient, solved exactly.
 
 ``C_m dT_m/dt = P_m - G_m (T_m - T_s)``,
-``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)``, heat held over a step.
+``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)``, heat held over a step; and of a gear
+``C dT_g/dt = P_f - G_m (T_g - T_m) - G_a (T_g - T_a)``, its motor taken at the middle of the step.
 
 Source: heat balances of two bodies; lumped-parameter networks of motors as in P. Mellor,
 D. Roberts, D. Turner, IEE Proc. B 138 (1991) 205.
@@ -15,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.model.joint import JointThermal
+from robot_energy.model.joint import JointGear, JointThermal
 
 AT_ONCE = 1.0  # s, in which the structure follows the ambient where there is none
+HELD = 1e12  # s, in which a motor cools whose temperature is held
 
 
 @dataclass(frozen=True)
@@ -43,14 +45,18 @@ class MotorHeat:
     idle: Float
 
     @classmethod
-    def of(cls, entries: Sequence[JointThermal]) -> MotorHeat:
+    def of(cls, entries: Sequence[JointThermal | None], cooling: float = HELD) -> MotorHeat:
         """Return the networks that a model file describes.
 
         Args:
-            entries: One per motor.
+            entries: One per motor; None for a motor that its sensor alone tells.
+            cooling: Time constant towards the ambient of such a motor. [s]
         """
         rows: list[tuple[float, ...]] = []
         for entry in entries:
+            if entry is None:
+                rows.append((1.0 / cooling, 0.0, 1.0 / AT_ONCE, 0.0, 0.0, 1.0, 0.0))
+                continue
             inner, capacity = entry.conductance.value, entry.capacity.value
             share = 1.0 if entry.friction_to_motor is None else entry.friction_to_motor.value
             idle = 0.0 if entry.idle is None else entry.idle.value
@@ -83,3 +89,36 @@ class MotorHeat:
         grown = (vectors * (decay / values)[:, None, :]) @ inverse
         transition = np.eye(2) + (vectors * decay[:, None, :]) @ inverse
         return transition, grown * np.stack([self.motor, self.structure], axis=-1)[:, None, :]
+
+
+@dataclass(frozen=True)
+class GearHeat:
+    """Rates of some gears; shape (n,) each.
+
+    Attributes:
+        time: Time constant C / (G_m + G_a). [s]
+        to_motor: G_m / (G_m + G_a). [-]
+        per_watt: 1 / (G_m + G_a). [K/W]
+        std: Deviation of the temperature that the figures leave open. [K]
+    """
+
+    time: Float
+    to_motor: Float
+    per_watt: Float
+    std: Float
+
+    @classmethod
+    def of(cls, entries: Sequence[JointGear | None]) -> GearHeat:
+        """Return the gears that a model file describes.
+
+        Args:
+            entries: One per joint; None for a gear that follows its motor.
+        """
+        rows = [(np.inf, 0.0, 0.0, 0.0) if entry is None else _gear_row(entry) for entry in entries]
+        return cls(*np.array(rows, dtype=np.float64).reshape(-1, 4).T)
+
+
+def _gear_row(entry: JointGear) -> tuple[float, ...]:
+    total = entry.motor_conductance.value + entry.ambient_conductance.value
+    time = entry.capacity.value / total
+    return time, entry.motor_conductance.value / total, 1.0 / total, entry.std or 0.0

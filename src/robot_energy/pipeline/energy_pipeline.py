@@ -124,7 +124,7 @@ class EnergyPipeline:
             self.power.friction(friction)
         if meter is not None:
             self.account.measure(meter)
-            self.power.condition.measure(meter)
+            self.power.measure(meter)
         power = self.power.step(torque) if torque is not None else None
         means = self._count(power)
         return Output(torque, friction, power, means, meter)

@@ -56,6 +56,8 @@ class FrictionStage:
         n_joints = len(model.joints)
         fallback = np.full(n_joints, model.temperature.fallback_degc)
         self._fallback = self._friction.viscous(fallback)
+        # The temperature of a gear is judged where it is known, in the power stage.
+        self._motors = np.array([joint.gear is None for joint in model.joints])
         self._judge = TemperatureFilter(n_joints)
         self.rejections = RejectionLog()
 
@@ -124,7 +126,7 @@ class FrictionStage:
         """Evaluate the laws for every state at once."""
         temperature = np.stack([state.temperature_degc for state in states])
         known = ~np.isnan(temperature)
-        extrapolated = known & self._friction.extrapolated(temperature)
+        extrapolated = known & self._motors & self._friction.extrapolated(temperature)
         quality = np.zeros(len(states), dtype=np.uint32)
         mark(quality, np.logical_or.reduce(~known, axis=1), Quality.TEMPERATURE_MISSING)
         mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.EXTRAPOLATED)

@@ -11,6 +11,7 @@ from robot_energy.blocks import (
     Float,
     FrictionBlock,
     Int,
+    MeterBlock,
     Phase,
     PowerBlock,
     Quality,
@@ -86,13 +87,14 @@ class PowerStage:
         self._slot, self._finite = NO_SLOT, True  # of the newest sample
         self._waiting: TorqueBlock | None = None
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
-        self.thermal = ThermalObserver(model, on=not self._assumed)
+        limits = (settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at)
+        self.thermal = ThermalObserver(model, not self._assumed, MeterCurve(*limits))
         self._certainty = FrictionCertainty(model)
         self._estimated: tuple[int, tuple[Float, ...]] | None = None  # and the window it is for
         self.condition = ConditionLearner(
             model,
             Learning.OFF if self._assumed else settings.learning,
-            MeterCurve(settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at),
+            MeterCurve(*limits),
         )
 
     def friction(self, block: FrictionBlock) -> None:
@@ -105,6 +107,15 @@ class PowerStage:
             block: Rows in order of arrival.
         """
         self._timeline.add(block)
+
+    def measure(self, block: MeterBlock) -> None:
+        """Take readings of the meter, to learn from.
+
+        Args:
+            block: In order of arrival.
+        """
+        self.condition.measure(block)
+        self.thermal.measure(block)
 
     @property
     def friction_rows(self) -> int:
@@ -173,9 +184,12 @@ class PowerStage:
         coulomb, viscous, *deviations, degc, measured_degc = self._coefficients(
             block.stamp_ns, quality
         )
+        friction_degc = degc
+        if self.thermal.gears.any():
+            friction_degc = self._follow_gears(degc, quality, viscous, *deviations)
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
-        learned = self.condition.multiplier(speed, degc)
+        learned = self.condition.multiplier(speed, friction_degc)
         if learned is not None:
             coulomb, viscous, friction = coulomb * learned, viscous * learned, friction * learned
         torque = rigid + friction
@@ -295,25 +309,48 @@ class PowerStage:
         if lacks and (estimated := thermal.estimated(reading)).any():
             temperature = reading.copy()
             found = (temperature, viscous, std, shared)  # own copies of the rows
+            values_of = (thermal.degc, *self._estimate()[1:])
             if whole := bool(estimated.all()):
                 quality |= np.uint32(Quality.TEMPERATURE_ESTIMATED)
             else:
                 marked = np.logical_or.reduce(estimated, axis=1)
                 mark(quality, marked, Quality.TEMPERATURE_ESTIMATED)
-            for values, of_motors in zip(found, self._estimate(), strict=True):
+            for values, of_motors in zip(found, values_of, strict=True):
                 np.copyto(values, of_motors, where=True if whole else estimated)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
         return coulomb, viscous, std, shared, temperature, reading
 
+    def _follow_gears(
+        self, degc: Float, quality: Bits, viscous: Float, std: Float, shared: Float
+    ) -> Float:
+        """Let friction follow the gears; return the temperature it follows, shape (N, n). [degC]
+
+        Args:
+            degc: Motor temperatures, shape (N, n). [degC]
+            quality: Set where a law is used outside its range.
+            viscous: Of the motor temperatures, its deviation, and the part of it that errs alike at
+                all joints; own copies, changed in place, shape (N, n).
+            std: See above.
+            shared: See above.
+        """
+        gears = self.thermal.gears
+        followed = degc.copy()
+        found = (followed, viscous, std, shared)
+        for values, of_joints in zip(found, self._estimate(), strict=True):
+            np.copyto(values, of_joints, where=gears)
+        if self.thermal.extrapolated:
+            quality |= np.uint32(Quality.EXTRAPOLATED)
+        return followed
+
     def _estimate(self) -> tuple[Float, ...]:
-        """Estimated temperature with its friction: viscous, its deviations; shape (n,) each."""
+        """Estimated temperature of the friction: viscous, its deviations; shape (n,) each."""
         thermal = self.thermal
         if self._estimated is None or self._estimated[0] != thermal.windows:
-            total, shared = self._certainty.std(thermal.degc)
+            degc = thermal.friction_degc
+            total, shared = self._certainty.std(degc)
             spread = thermal.viscous_spread
             values = (
-                thermal.degc.copy(), thermal.viscous, np.hypot(total, spread),
-                np.hypot(shared, spread),
+                degc.copy(), thermal.viscous, np.hypot(total, spread), np.hypot(shared, spread),
             )  # fmt: skip
             self._estimated = (thermal.windows, values)
         return self._estimated[1]

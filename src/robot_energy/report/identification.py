@@ -11,6 +11,7 @@ from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.identify.friction.laws import fitted_laws
 from robot_energy.identify.stats.lag import Delay
+from robot_energy.identify.thermal.gear import GearsFound
 from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.report.canvas import COLOURS, Target, canvas
@@ -90,6 +91,41 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         report.axes,
     )
     page.notes(grouped([*(text for fit in report.axes for text in fit.warnings), *report.refused]))
+    gear_tables(report.gears, page)
+
+
+def gear_tables(gears: GearsFound, page: Document) -> None:
+    """Add the temperatures of gears, and why others were not found.
+
+    Args:
+        gears: What was found.
+        page: Where to.
+    """
+    if gears.fits:
+        page.rows(
+            "Gears that warm by their own friction: friction follows their temperature, which "
+            f"begins at that of the motor; air at {gears.ambient_degc:.1f} degC",
+            [
+                Column("gear", "name"),
+                Column(
+                    "time constant", lambda fit: _uncertain(fit.time_constant, 60.0), unit="min"
+                ),
+                Column("rise at work", lambda fit: _uncertain(fit.rise), unit="K"),
+                Column("friction work, gear", "error", percent),
+                Column("motor", "motor_error", percent),
+                Column("hours", "hours", fixed(1)),
+            ],
+            gears.fits,
+        )
+        page.notes(
+            ["error (RMS) of the friction work of a minute that the fit has not seen, with "
+             "friction that follows the gear and the motor"]
+        )  # fmt: skip
+    page.notes(grouped(gears.refused))
+
+
+def _uncertain(figure: tuple[float, float], unit: float = 1.0) -> str:
+    return uncertain(figure[0] / unit, figure[1] / unit)
 
 
 def _coulomb(fit: FrictionFit) -> str:
@@ -281,35 +317,41 @@ def _error_over_energy(fit: LinkFit, path: Target) -> None:
 def thermal_document(report: ThermalReport, page: Document) -> None:
     """Add the thermal networks of the motors; arguments as in `friction_document`."""
     unit = "J/K" if report.heat == "losses" else "A2 s/K"
-    page.rows(
-        f"Thermal networks, air at {report.ambient_degc:.1f} degC",
-        [
-            Column("motor", "name"),
-            Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
-            Column(
-                "time constant", lambda fit: fixed(0)(fit.motor_time_constant / 60.0), unit="min"
-            ),
-            Column("structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit),
-            Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
-            Column("hours", "hours", fixed(1)),
-        ],
-        report.axes,
-    )
-    page.rows(
-        "RMS error of a free run on temperatures that the fit has not seen [K]",
-        [
-            Column("motor", "name"),
-            Column("tested on", "held_out"),
-            *(
-                Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
-                for order in ("one node", "two nodes")
-            ),
-            Column("chosen", "rms", fixed(2)),
-            Column("first reading held", "held_rms", fixed(2)),
-        ],
-        report.axes,
-    )
+    if report.axes:
+        page.rows(
+            f"Thermal networks, air at {report.ambient_degc:.1f} degC",
+            [
+                Column("motor", "name"),
+                Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
+                Column(
+                    "time constant",
+                    lambda fit: fixed(0)(fit.motor_time_constant / 60.0),
+                    unit="min",
+                ),
+                Column(
+                    "structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit
+                ),
+                Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
+                Column("hours", "hours", fixed(1)),
+            ],
+            report.axes,
+        )
+        page.rows(
+            "RMS error of a free run on temperatures that the fit has not seen [K]",
+            [
+                Column("motor", "name"),
+                Column("tested on", "held_out"),
+                *(
+                    Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
+                    for order in ("one node", "two nodes")
+                ),
+                Column("chosen", "rms", fixed(2)),
+                Column("first reading held", "held_rms", fixed(2)),
+            ],
+            report.axes,
+        )
     page.notes(grouped(list(report.refused)))
+    gear_tables(report.gears, page)
 
 
 def _thermal_figure(fit: ThermalFit, key: str) -> str | None:

@@ -19,6 +19,7 @@ from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
+from robot_energy.identify.thermal.gear import GearsFound
 from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
@@ -37,6 +38,18 @@ class ThermalReport(Result, name="thermal"):
     ambient_degc: Annotated[float, "Temperature of the air that was taken. [degC]"]
     axes: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
     refused: Annotated[Texts, "Why the others could not, one sentence each."]
+    gears: Annotated[
+        GearsFound, "Temperatures of gears by the power meter, where torque gave none."
+    ] = field(default_factory=GearsFound)
+
+
+def thermal_report(found: ThermalFound) -> ThermalReport:
+    """Return the thermal networks and gears of a robot.
+
+    Args:
+        found: By the identification.
+    """
+    return ThermalReport("losses", found.ambient_degc, found.fits, found.refused, found.gears)
 
 
 class LoadStatesReport(Result, name="auxiliary"):
@@ -58,11 +71,24 @@ class FrictionReport(Result, name="friction"):
     ]
     axes: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
     refused: Annotated[Texts, "Why the others could not, one sentence each."]
+    gears: Annotated[
+        GearsFound, "Temperatures of gears, which the friction of their axes follows."
+    ] = field(default_factory=GearsFound)
 
     @property
     def torque_unit(self) -> str:
         """Unit of the torque."""
         return "A" if self.effort == "log" else "N m"
+
+
+def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
+    """Return the friction of every axis.
+
+    Args:
+        found: By the identification.
+        effort: What the torque was measured as.
+    """
+    return FrictionReport(effort, found.fits, found.refused, found.gears)
 
 
 class AxisStudy(Result):
@@ -226,10 +252,10 @@ def _found(step: Step) -> StepFound | None:
         case DynamicsFound() as found:
             return dynamics_report(found.result, found.least_squares, found.consistent, found.given)
         case FrictionFound() as found:
-            return FrictionReport("measured", found.fits, found.refused)
+            return friction_report(found, "measured")
         case DrivesFound() as found:
             return drives_report(found)
         case ThermalFound() as found:
-            return ThermalReport("losses", found.ambient_degc, found.fits, found.refused)
+            return thermal_report(found)
         case found:
             return found

@@ -64,6 +64,7 @@ class VirtualRig:
         rate_hz: Rate of the joint states. [Hz]
         device_seed: Seed of the constant errors of the sensors; None for ``seed``. Runs with
             the same one have the same sensors, whatever their noise.
+        start_gear_degc: Gears, where they do not start as warm as the motors. [degC]
 
     Attributes:
         joint_names: Names, in the order of every array.
@@ -86,10 +87,14 @@ class VirtualRig:
         start_stamp_ns: int = EPOCH_NS,
         rate_hz: float = 250.0,
         device_seed: int | None = None,
+        start_gear_degc: float | Float | None = None,
     ) -> None:
         config = config or RigConfig()
         device = seed if device_seed is None else device_seed
         start = _start(profile, program, start_temperature_degc, ambient_degc, rate_hz)
+        gears = start
+        if start_gear_degc is not None:
+            gears = _start(profile, program, start_gear_degc, ambient_degc, rate_hz)
         self.profile = profile
         self.samples = 0
         self.seed = seed
@@ -104,7 +109,7 @@ class VirtualRig:
         self._drives = PlantDrives(profile, config)
         self._supply = Supply(profile, config, self.period)
         self._thermal = ThermalNetwork(
-            profile, self._block * self.period * config.thermal_speedup, start, start, ambient_degc
+            profile, self._block * self.period * config.thermal_speedup, start, gears, ambient_degc
         )
         self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns, device)
         self._thermometer = TemperatureSensor(

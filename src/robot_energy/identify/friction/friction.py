@@ -225,6 +225,25 @@ def moving_samples(data: FrictionData) -> FrictionData:
     Raises:
         NotIdentifiableError: If too little is left, or a channel is missing.
     """
+    moving = data.rows(moving_rows(data))
+    if len(moving) < MIN_SAMPLES:
+        raise NotIdentifiableError(
+            f"{data.name} moves in {len(moving)} of {len(data)} samples",
+            f"at least {MIN_SAMPLES} in motion",
+            "record motions of this joint at several speeds and in both directions",
+        )
+    return moving
+
+
+def moving_rows(data: FrictionData) -> Mask:
+    """Return which samples are in motion and complete, shape (N,).
+
+    Args:
+        data: Samples of one axis.
+
+    Raises:
+        NotIdentifiableError: If a channel is missing.
+    """
     known = np.isfinite(data.friction_torque) & np.isfinite(data.motor_velocity)
     if not known.any():
         raise NotIdentifiableError(
@@ -237,15 +256,7 @@ def moving_samples(data: FrictionData) -> FrictionData:
         warm = known  # without temperatures there is still a constant
     speed = np.abs(data.motor_velocity)
     fastest = float(np.quantile(speed[known], 0.999))
-    rows = known & warm & (speed > SPEED_SHARE * fastest) & (speed > 0)
-    moving = data.rows(rows)
-    if len(moving) < MIN_SAMPLES:
-        raise NotIdentifiableError(
-            f"{data.name} moves in {len(moving)} of {len(data)} samples",
-            f"at least {MIN_SAMPLES} in motion",
-            "record motions of this joint at several speeds and in both directions",
-        )
-    return moving
+    return known & warm & (speed > SPEED_SHARE * fastest) & (speed > 0)
 
 
 def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Point, ...]:

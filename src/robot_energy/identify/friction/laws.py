@@ -78,6 +78,7 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
             data.friction_torque,
             data.block,
             ["Coulomb", *names, "offset", *extra],
+            data.method,
             what=f"the motions of {data.name}",
         )
         return with_systematic(fit, columns, {k: (v,) for k, v in data.changes.items()})

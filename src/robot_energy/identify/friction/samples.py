@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.errors import LogFormatError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.stats.cross_validation import averaged, contiguous_blocks
+from robot_energy.identify.stats.regression import Method
 from robot_energy.identify.stats.systematic import BODIES, TORQUE
 from robot_energy.model import RobotModel
 
@@ -45,6 +47,9 @@ class FrictionData:
         changes: Of the friction torque by one standard deviation of a constant error, by its
             cause, shape (N,) each. [N m]
         thermometer: Standard deviation of the offset of the motor temperature. [K]
+        stamp_ns: Of each sample, shape (N,); empty for a log, whose gears are not identified.
+            [ns]
+        method: Of the regression.
     """
 
     name: str
@@ -57,6 +62,8 @@ class FrictionData:
     smooth_velocity: float = 0.0
     changes: Mapping[str, Float] = field(default_factory=dict[str, Float])
     thermometer: float = 0.0
+    stamp_ns: Int = field(default_factory=partial(np.empty, 0, dtype=np.int64))
+    method: Method = "irls"
 
     def __len__(self) -> int:
         return len(self.motor_velocity)
@@ -70,6 +77,8 @@ class FrictionData:
         kept = {
             name: getattr(self, name)[mask] for name in (*BY_SAMPLE, "block", "run", "nuisance")
         }
+        if len(self.stamp_ns):
+            kept["stamp_ns"] = self.stamp_ns[mask]
         changes = {cause: change[mask] for cause, change in self.changes.items()}
         return replace(self, **kept, changes=changes)
 
@@ -110,6 +119,7 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
             for cause in parts[0].changes
         },
         sensors.thermometer,
+        np.concatenate([part.stamp_ns for part in parts]),
     )
 
 
@@ -140,6 +150,7 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
         np.zeros(len(starts), dtype=np.int64),
         np.empty((len(starts), 0)),
         changes=changes,
+        stamp_ns=torque.stamp_ns[starts],
     )
 
 

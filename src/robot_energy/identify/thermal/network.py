@@ -191,9 +191,21 @@ def with_networks(model: RobotModel, fits: Sequence[ThermalFit], ambient_degc: f
         joint.model_copy(update={"thermal": found[joint.name]}) if joint.name in found else joint
         for joint in model.joints
     ]
+    return with_ambient(model.changed(joints=joints), ambient_degc)
+
+
+def with_ambient(model: RobotModel, ambient_degc: float | None) -> RobotModel:
+    """Return a model with the temperature of the air of its recordings.
+
+    Args:
+        model: Any model.
+        ambient_degc: None leaves it. [degC]
+    """
+    if ambient_degc is None:
+        return model
     air = Figure(value=ambient_degc, tag="assumed", std=AMBIENT_STD, source="as in the recordings")
     temperature = model.temperature.model_copy(update={"ambient_degc": air})
-    return model.changed(joints=joints, temperature=temperature)
+    return model.changed(temperature=temperature)
 
 
 def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START) -> Float:

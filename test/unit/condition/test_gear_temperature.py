@@ -1,0 +1,137 @@
+"""Friction that follows the gear: against an integration, a wrong start, restarts, wear."""
+
+import numpy as np
+import pytest
+
+from robot_energy.blocks import (
+    EffortMeaning,
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+    PowerBlock,
+    Quality,
+)
+from robot_energy.pipeline import EnergyPipeline, Settings
+from warm_wheel import AIR, COULOMB, MOTOR, SPEED, integrated, readings, turning, viscous, wheel
+
+
+def played(pipeline, block, temperatures, cut=None, meter=None):
+    parts = []
+    for first in range(0, len(block), cut or len(block)):
+        part = block[slice(first, first + (cut or len(block)))]
+        until = int(part.stamp_ns[-1])
+        after = int(part.stamp_ns[0]) - 1 if first else 0
+        due = (temperatures.stamp_ns <= until) & (temperatures.stamp_ns > after)
+        if cut is None:
+            due[:] = True
+        given = temperatures[due] if due.any() else None
+        parts.append(pipeline.step(part, given, meter if first == 0 else None).power)
+    parts.append(pipeline.flush().power)
+    return PowerBlock.concatenate([part for part in parts if part is not None])
+
+
+def test_friction_follows_the_gear_that_its_own_heat_warms():
+    power = played(EnergyPipeline(wheel()), turning(1800.0), readings(1800))
+    expected = integrated(1800.0, MOTOR, MOTOR)
+    fitted = viscous(expected)
+    at = np.array([0, 5, 600, 1800, 3590])
+    # a window of 10 s late at most: the gear rises by up to 0.9 K in it
+    np.testing.assert_allclose(power.viscous[at, 0], fitted[at], rtol=0.045)
+    assert power.viscous[3590, 0] == pytest.approx(fitted[3590], rel=2e-3)
+    assert expected[3590] > MOTOR + 20.0
+    assert (power.motor_temperature_degc == MOTOR).all()
+
+
+def test_without_a_gear_it_follows_the_motor():
+    power = played(EnergyPipeline(wheel(gear=False)), turning(60.0), readings(60))
+    np.testing.assert_allclose(power.viscous[2:, 0], viscous(MOTOR))
+
+
+@pytest.mark.parametrize("cut", [1, 7, 61])
+def test_any_cutting_gives_the_same_bits(cut):
+    block, degc = turning(120.0), readings(120)
+    whole = played(EnergyPipeline(wheel()), block, degc)
+    parts = played(EnergyPipeline(wheel()), block, degc, cut=cut)
+    np.testing.assert_array_equal(whole.viscous, parts.viscous)
+    np.testing.assert_array_equal(whole.grid_power, parts.grid_power)
+
+
+def test_the_range_of_the_law_is_that_of_the_gear():
+    pipeline = EnergyPipeline(wheel(hottest=60.0))
+    power = played(pipeline, turning(3600.0), readings(3600, 45.0))
+    beyond = (power.quality & np.uint32(Quality.EXTRAPOLATED)) > 0
+    assert not beyond[:20].any()  # the gear begins at 45 degC
+    assert beyond[-1]
+    assert pipeline.power.thermal.friction_degc[0] > 60.0
+
+
+def torque_of(degc):
+    return COULOMB + viscous(degc) * SPEED
+
+
+def test_measured_torque_corrects_a_wrong_start():
+    truth = integrated(1200.0, MOTOR, MOTOR + 8.0)
+    settings = Settings(effort=EffortMeaning.MOTOR_TORQUE)
+    block = turning(1200.0, effort=torque_of(truth))
+    blind = played(EnergyPipeline(wheel()), block, readings(1200))
+    told = played(EnergyPipeline(wheel(), settings), block, readings(1200))
+    true = viscous(truth)[: len(block)]
+    off = [abs(power.viscous[:, 0] / true - 1.0) for power in (blind, told)]
+    at = 2 * 300
+    assert off[0][at] > 0.06
+    assert off[1][at] < 0.5 * off[0][at]
+
+
+def test_a_meter_corrects_where_no_torque_is_read():
+    truth = integrated(1200.0, MOTOR, MOTOR + 8.0)
+    block = turning(1200.0)
+    power = played(EnergyPipeline(wheel()), block, readings(1200))
+    lost = (viscous(truth)[: len(block)] - power.viscous[:, 0]) * SPEED**2
+    stamp = block.stamp_ns[2::2]
+    meter = MeterBlock(
+        stamp,
+        (power.grid_power + lost)[2::2],
+        np.full(len(stamp), np.nan),
+        np.full(len(stamp), np.nan),
+        MeterMeaning.INSTANTANEOUS,
+        MeterLocation.GRID,
+    )
+    told = played(EnergyPipeline(wheel()), block, readings(1200), meter=meter)
+    true = viscous(truth)[: len(block)]
+    off = [abs(one.viscous[1200, 0] / true[1200] - 1.0) for one in (power, told)]
+    assert off[1] < 0.6 * off[0]
+
+
+def test_friction_that_stays_high_is_not_taken_for_a_cold_gear():
+    """Wear of 15 %: once the start is forgotten, the temperature stays that of the figures."""
+    truth = integrated(3 * 3600.0, MOTOR, MOTOR)
+    settings = Settings(effort=EffortMeaning.MOTOR_TORQUE)
+    worn = turning(3 * 3600.0, effort=1.15 * torque_of(truth))
+    pipeline = EnergyPipeline(wheel(), settings)
+    played(pipeline, worn, readings(3 * 3600))
+    assert pipeline.power.thermal.friction_degc[0] == pytest.approx(truth[-1], abs=1.0)
+
+
+def test_a_restart_goes_on_where_it_was():
+    first = EnergyPipeline(wheel())
+    played(first, turning(1800.0), readings(1800))
+    record = first.power.thermal.state()
+    warm = first.power.thermal.friction_degc[0]
+    again = EnergyPipeline(wheel())
+    again.power.thermal.restore(type(record).from_json(record.to_json()))
+    later = turning(30.0, start=1910.0)
+    power = played(again, later, readings(30, start=1910))
+    assert power.viscous[0, 0] == pytest.approx(viscous(warm), rel=0.02)
+    rested = EnergyPipeline(wheel())
+    rested.power.thermal.restore(record)
+    hours = turning(30.0, start=1900.0 + 6 * 3600.0)
+    played(rested, hours, readings(30, 20.0, start=1900 + 6 * 3600))
+    assert rested.power.thermal.friction_degc[0] < AIR + 3.0
+
+
+def test_a_wider_start_widens_the_deviation():
+    model = wheel(std=0.0)
+    cold, warm = EnergyPipeline(model), EnergyPipeline(model)
+    played(cold, turning(15.0), readings(15, AIR))
+    played(warm, turning(15.0), readings(15, AIR + 25.0))
+    assert warm.power.thermal.friction_std[0] > 3.0 * cold.power.thermal.friction_std[0]

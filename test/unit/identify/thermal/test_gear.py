@@ -1,0 +1,173 @@
+"""Gears recovered from friction torque, and from a power meter; refused where none shows."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_energy.blocks import PowerBlock, TorqueBlock
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.thermal.gear import GearsFound, fit_gear, fit_gears
+from robot_energy.identify.thermal.gears_by_meter import gears_by_meter
+from robot_energy.model import validate
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.pieces import Compared
+from warm_wheel import readings, turning, wheel
+
+PERIOD, AIR = 0.04, 20.0
+COULOMB, A, B, C = 0.3, 0.002, 0.02, 25.0
+TIME, TO_MOTOR, PER_WATT = 1500.0, 0.5, 0.25
+
+
+def friction_of(seconds, motor_rise, seed, gear=True, start=AIR):
+    """One axis at changing speeds; its gear by Euler's rule, 0.04 s a step."""
+    rng = np.random.default_rng(seed)
+    count = round(seconds / PERIOD)
+    time = PERIOD * np.arange(count)
+    speed = np.repeat(rng.uniform(20.0, 100.0, -(-count // 25)), 25)[:count]
+    speed *= np.where((time // 2.0) % 2 == 0, 1.0, -1.0)
+    motor = start + motor_rise * (1.0 - np.exp(-time / 600.0))
+    degc = np.empty(count)
+    now = start
+    for row in range(count):
+        degc[row] = now
+        viscous = A + B * np.exp(-(now if gear else motor[row]) / C)
+        heat = COULOMB * abs(speed[row]) + viscous * speed[row] ** 2
+        target = PER_WATT * heat + TO_MOTOR * motor[row] + (1.0 - TO_MOTOR) * AIR
+        now += PERIOD / TIME * (target - now)
+    viscous = A + B * np.exp(-(degc if gear else motor) / C)
+    torque = COULOMB * np.sign(speed) + viscous * speed + 0.02 * rng.standard_normal(count)
+    data = FrictionData(
+        "axle", speed, torque, motor, np.arange(count) // 125, np.zeros(count, dtype=np.int64),
+        np.empty((count, 0)), stamp_ns=10**18 + (time * 1e9).astype(np.int64),
+    )  # fmt: skip
+    return data, degc
+
+
+def together(parts):
+    def joined(name):
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    names = ("motor_velocity", "friction_torque", "motor_temperature_degc", "stamp_ns", "nuisance")
+    return replace(
+        parts[0],
+        **{name: joined(name) for name in names},
+        run=np.concatenate([np.full(len(part), n) for n, part in enumerate(parts)]),
+        block=np.concatenate([part.block + 10_000 * n for n, part in enumerate(parts)]),
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """A warm-up of forty minutes and two short recordings of soaked gears."""
+    return [
+        friction_of(2400.0, 12.0, 1),
+        friction_of(60.0, 0.0, 2, start=40.0),
+        friction_of(60.0, 0.0, 3, start=60.0),
+    ]
+
+
+def test_a_warm_up_shows_the_gear(recorded):
+    parts = [part for part, _ in recorded]
+    fit, followed = fit_gear(together(parts), AIR)
+    truth = np.concatenate([degc for _, degc in recorded])
+    assert np.sqrt(np.mean((followed.motor_temperature_degc - truth) ** 2)) < 1.5
+    assert fit.error < 0.5 * fit.motor_error
+    time, std = fit.time_constant
+    assert abs(time - TIME) < 2.5 * std
+    gear = fit.gear
+    total = gear.motor_conductance.value + gear.ambient_conductance.value
+    assert gear.capacity.value / total == pytest.approx(time, rel=1e-6)
+    assert gear.capacity.tag == "identified"
+    assert 0.0 < (gear.std or 0.0) < 6.0
+
+
+def test_friction_that_follows_the_motor_is_no_gear():
+    parts = [
+        friction_of(1500.0, 12.0, 1, gear=False)[0],
+        friction_of(60.0, 0.0, 2, gear=False, start=40.0)[0],
+        friction_of(60.0, 0.0, 3, gear=False, start=60.0)[0],
+    ]
+    with pytest.raises(NotIdentifiableError, match="one that follows the motor within"):
+        fit_gear(together(parts), AIR)
+
+
+def test_short_recordings_show_none(recorded):
+    parts = [part for part, _ in recorded[1:]]
+    found, axes = fit_gears([together(parts)])
+    assert not found.fits
+    assert found.refused[0].startswith("axle: no recording shows its gear warming up")
+    assert "record one warm-up" in found.refused[0].lower()
+    np.testing.assert_array_equal(
+        axes[0].motor_temperature_degc, together(parts).motor_temperature_degc
+    )
+
+
+def test_axes_without_temperatures_are_left_alone(recorded):
+    data = together([recorded[1][0]])
+    unknown = replace(data, motor_temperature_degc=np.full(len(data), np.nan))
+    found, axes = fit_gears([unknown])
+    assert found == GearsFound()
+    assert axes[0] is unknown
+
+
+def with_gear(model, time, rise, power):
+    data = model.model_dump(exclude_none=True, mode="json")
+    data["urdf"] = {"xml": model.urdf_xml}
+    total = power / rise
+    figures = {
+        "capacity": time * total, "motor_conductance": total, "ambient_conductance": 0.0,
+    }  # fmt: skip
+    data["joints"][0]["gear"] = {
+        key: {"value": value, "tag": "assumed"} for key, value in figures.items()
+    }
+    return validate(data, "with a gear")
+
+
+def recording_of(model, truth, seconds):
+    """What a model that follows the motor says of work whose meter follows the truth."""
+    block = turning(seconds)
+    degc = 20.0 + 10.0 * (1.0 - np.exp(-np.arange(seconds) / 500.0))
+    temperatures = replace(readings(seconds), motor_temperature_degc=degc[:, None])
+
+    def played(of):
+        pipeline = EnergyPipeline(of)
+        outputs = [pipeline.step(block, temperatures), pipeline.flush()]
+        return (
+            PowerBlock.concatenate([o.power for o in outputs if o.power is not None]),
+            TorqueBlock.concatenate([o.torque for o in outputs if o.torque is not None]),
+        )
+
+    (power, torque), (true, _) = played(model), played(truth)
+    energy = [0.5 * (one.grid_power[1:] + one.grid_power[:-1]) * 0.5 for one in (true, power)]
+    duration = np.full(len(energy[0]), 500_000_000)
+    compared = Compared(power.stamp_ns[1:], duration, *energy)
+    return Recording(Path("x"), model, torque, power, None, "", (), compared=(compared,))
+
+
+def test_a_meter_shows_two_figures_for_all_gears():
+    model = wheel(gear=False)
+    power = float(recording_of(model, model, 1800).power.friction_power.mean())
+    truth = with_gear(model, 1200.0, 15.0, power)
+    found = gears_by_meter([recording_of(model, truth, 1800)], 20.0, "bag")
+    (fit,) = found.fits
+    assert fit.rise[0] == pytest.approx(15.0, rel=0.05)
+    assert fit.error < 0.3 * fit.motor_error
+    written = found.write(model, ["axle"])
+    assert written.joints[0].gear is not None
+    again = recording_of(written, truth, 1800)
+    (compared,) = again.compared
+    off = compared.predicted / compared.measured - 1.0
+    assert np.abs(off[400:]).max() < 0.02
+
+
+def test_a_meter_that_shows_no_gear_refuses_it():
+    model = wheel(gear=False)
+    found = gears_by_meter([recording_of(model, model, 1800)], 20.0)
+    assert not found.fits
+    assert "friction follows the motor temperatures" in found.refused[0]
+    short = gears_by_meter([recording_of(model, model, 120)], 20.0)
+    assert "shows a warm-up" in short.refused[0]
