@@ -18,7 +18,7 @@ import numpy as np
 from robot_energy.api.identify import identify_friction
 from robot_energy.api.identify_all import identify_all
 from robot_energy.blocks import EffortMeaning, Float
-from robot_energy.model import RobotModel, load
+from robot_energy.model import RobotModel
 from robot_energy.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, random_profile
