@@ -18,7 +18,7 @@ from robot_energy.motion.gcode_flavors import ACCELERATIONS, FoundFlavor, flavor
 from robot_energy.motion.gcode_machine import (
     MAX_SPEED,
     MIN_SPEED,
-    Machine,
+    ProgramMachine,
 )
 from robot_energy.motion.tool_path import ToolPath
 
@@ -117,7 +117,7 @@ def read_gcode(
         )
     if len(text) > MAX_BYTES:
         raise MotionError(f"{name} has over {MAX_BYTES} characters", "a smaller program")
-    machine = Machine(name, rapid_speed, flavor_of(text, flavor))
+    machine = ProgramMachine(name, rapid_speed, flavor_of(text, flavor))
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         if machine.ended:
             break

@@ -40,7 +40,7 @@ KNOWN_G = MOTIONS | {4, 20, 21, 90, 91, 92} | set(PLANES) | set(LEFT_OUT) | set(
 
 
 @dataclass
-class Machine:
+class ProgramMachine:
     """The modal state of an interpreter.
 
     Attributes:
