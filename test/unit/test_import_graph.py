@@ -180,8 +180,8 @@ MODULES = {
     "robot_energy_papers": """
         accuracy advice_study band_coverage boat calibration certainty certainty_page drawings
         drive_study experiment fleet_study gear_study generated_fleet held_out interval_coverage
-        job_pool judged_savings kr16_sensitivity learning_study machines mantis map_sensitivity models
-        pages paper_a paper_a_page paper_b paper_b_page savings savings_page
+        job_pool judged_savings kr16_sensitivity learning_study machines mantis map_sensitivity
+        models pages paper_a paper_a_page paper_b paper_b_page savings savings_page
         savings_study sensitivity soaked_rigs thermal_study wall wall_sensitivity
         wear_cycle wear_rows wear_shift wear_study
     """,
