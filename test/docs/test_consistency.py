@@ -161,7 +161,7 @@ CALLED = {
 }
 # Modules of ROS messages and of rclpy come with one row.
 ROS = re.compile(
-    r"^(rclpy|\w+_msgs|\w+_interfaces|ament_index_python|rosidl_\w+|rosgraph_msgs|launch(_ros)?)$"
+    r"^(rclpy|\w+_msgs|\w+_srvs|\w+_interfaces|ament_index_python|rosidl_\w+|launch(_ros)?)$"
 )
 
 
