@@ -89,8 +89,9 @@ def check_executable(name: str, words: list[str], monkeypatch: pytest.MonkeyPatc
 def check_service(words: list[str]) -> None:
     name, kind, request = words
     node, service = name.strip("/").split("/")
-    assert node in NODES
-    sources = (PACKAGE / "ros2_energy_monitor" / "services").glob("*.py")
+    assert node in {*NODES, "player"}
+    folder = PACKAGE / "ros2_energy_monitor"
+    sources = [*(folder / "services").glob("*.py"), folder / "base/playback_clock.py"]
     assert any(f'"{service}"' in text or f'"~/{service}"' in text
                for text in (path.read_text() for path in sources))  # fmt: skip
     package, _, type_name = kind.split("/")
