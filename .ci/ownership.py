@@ -1,8 +1,8 @@
 """Whose the project is: the one place of its address, and of the header of its source files.
 
 `python .ci/ownership.py` names the files that say something else; with `--fix` it mends them. They
-are the `package.xml` and `setup.py` of each package, and every source file that `ament_copyright`
-looks at. Before a first release, fill in the four values below and run it with `--fix`.
+are the `package.xml` and `setup.py` of each package, and every source file of the packages that are
+released for ROS alone. Before a first release, fill in the four values below and run it with `--fix`.
 """
 
 import re
@@ -18,6 +18,7 @@ YEAR = 2026
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("src", "ros2_energy_monitor", "ros2_energy_msgs")
+WITH_HEADERS = ("ros2_energy_monitor", "ros2_energy_msgs")  # the library has its LICENSE alone
 COMMENTS = {".py": "# ", ".c": "// ", ".h": "// "}
 WIDTH = 100
 # The notice of the appendix of LICENSE. `ament_copyright` knows no SPDX line, but any line breaks.
@@ -72,6 +73,8 @@ def wanted() -> Iterator[tuple[Path, str, str]]:
             if path.is_file():
                 text = path.read_text(encoding="utf-8")
                 yield path, text, with_owner(text, path.name)
+        if folder.name not in WITH_HEADERS:
+            continue
         for path in sorted(folder.rglob("*")):
             inside = path.relative_to(folder).parts
             # Those that `ament_copyright` leaves out, and what a build made.
