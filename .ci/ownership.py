@@ -2,7 +2,8 @@
 
 `python .ci/ownership.py` names the files that say something else; with `--fix` it mends them. They
 are the `package.xml` and `setup.py` of each package, and every source file of the packages that are
-released for ROS alone. Before a first release, fill in the four values below and run it with `--fix`.
+released for ROS alone. Before a first release, fill in the four values below and run it with
+`--fix`.
 """
 
 import re
