@@ -106,8 +106,8 @@ def file_system(address: str) -> tuple[Any, str]:
     """
     protocol, mark, _ = address.partition("://")
     if not mark or protocol == "file":
-        local = LocalFileSystem()
-        return local, str(local._strip_protocol(address))  # pyright: ignore[reportPrivateUsage]
+        local = cast("Any", LocalFileSystem())
+        return local, str(local._strip_protocol(address))
     if protocol not in PROTOCOLS or CHAIN in address:
         wrong = protocol if protocol not in PROTOCOLS else CHAIN
         raise DatasetError(
@@ -261,9 +261,9 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
             roots = [root]
             if "*" in root:
                 roots = glob.glob(root, recursive=True, include_hidden=True)
-            folders = Folders(system)
-            folders.add(roots)
-            infos, problems = folders.infos, folders.problems
+            found = Folders(system)
+            found.add(roots)
+            infos, problems = found.infos, found.problems
         else:
             roots = cast("list[str]", system.glob(root) if "*" in root else [root])
             for one in roots:

@@ -169,6 +169,9 @@ def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
     Args:
         merged: Sums of the joint.
 
+    Returns:
+        The law, and fc with its coefficients.
+
     Raises:
         NotIdentifiableError: If the motion does not tell its parameters.
     """
@@ -230,6 +233,9 @@ def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
 
     Args:
         merged: Sums of the joint.
+
+    Returns:
+        The law, and fc with its coefficients.
 
     Raises:
         NotIdentifiableError: If the motion does not tell its parameters.

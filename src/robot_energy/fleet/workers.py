@@ -67,7 +67,7 @@ def on_dask(
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
-    settings = {
+    settings: dict[str, Any] = {
         "distributed.worker.profile.enabled": False,  # looks at the stack every 10 ms
         "distributed.admin.tick.interval": "1s",
         "distributed.worker.memory.monitor-interval": "500ms",  # a look takes 0.5 ms
@@ -95,7 +95,7 @@ def on_dask(
                         worker_dashboard_address=HTTP,
                         silence_logs=logging.CRITICAL,  # what went wrong with a bag is its row
                         protocol="tls",
-                        security=Security.temporary(),
+                        security=cast("Any", Security).temporary(),
                     )
                 ends.callback(cluster.close)
                 ends.enter_context(_kept(cluster, workers))
