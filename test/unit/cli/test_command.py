@@ -36,7 +36,7 @@ def test_import_reports_every_bad_row(tmp_path: Path, capsys: pytest.CaptureFixt
     args = ["import", "csv", str(log), "--mapping", str(file), "--out", str(tmp_path / "b")]
     assert main(args) == 0
     text = capsys.readouterr().out
-    assert "3 rows, 2 used, rejected: 1 not numeric (first at line 3)" in text
+    assert "3 rows, 2 used, rejected: 1 not numeric (first at line 3, where q_axle is 'x')" in text
     assert "exists" in refused(capsys, *args)
     assert "no column 'actual_q_0'" in refused(
         capsys,
