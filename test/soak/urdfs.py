@@ -62,7 +62,7 @@ class Outcome:
         detail: What was printed, or by how much it differs.
         joints: Modelled joints.
         torque: Greatest difference from Pinocchio. [share of the greatest torque]
-        energy: Likewise, of the rigid-body energy of a joint.
+        energy: Likewise, of the rigid-body energy of a joint, rotors included.
     """
 
     path: str
@@ -181,8 +181,9 @@ def _try(path: Path, folder: Path) -> Outcome:
     power = torque * motion[1]
     lifted = np.sum((power[1:] + power[:-1]) / (2 * RATE), axis=0)
     found = np.array([joint["rigid_energy"] for joint in result["joints"]])
-    found -= kinetic_energy_of_rotors(model, motion[1])
-    scale = float(np.abs(power).sum(axis=0).max()) / RATE
+    rotors = kinetic_energy_of_rotors(model, motion[1])
+    found -= rotors[-1] - rotors[0]
+    scale = float((np.abs(power).sum(axis=0) / RATE + rotors.max(axis=0)).max())
     energy = float(np.abs(found - lifted).max()) / scale if scale else 0.0
     kind = EQUAL if off < TORQUE and energy < ENERGY else "differs from Pinocchio"
     return Outcome(str(path), kind, f"torque {off:.1e}, energy {energy:.1e}", joints, off, energy)
@@ -274,10 +275,10 @@ def independent_torque(
 
 
 def kinetic_energy_of_rotors(model: RobotModel, velocity: Float) -> Float:
-    """Return what rotors gain from the first sample to the last: the URDF's bodies lack them."""
+    """Return the energy of each rotor at each sample: the bodies of the URDF lack them. [J]"""
     inertia = np.array([joint.rotor_inertia.value for joint in model.joints])
     ratio = np.array([joint.gear_ratio.value for joint in model.joints])
-    return 0.5 * inertia * ratio**2 * (velocity[-1] ** 2 - velocity[0] ** 2)
+    return 0.5 * inertia * ratio**2 * velocity**2
 
 
 def show(outcomes: list[Outcome]) -> None:

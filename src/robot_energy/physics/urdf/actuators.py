@@ -45,7 +45,7 @@ class _Found:
     """What is found, and what is left out: reason -> joints."""
 
     actuators: dict[str, Actuator]
-    ignored: dict[str, list[str]] = field(default_factory=dict)
+    ignored: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
 
     def ignore(self, joint: str, reason: str) -> None:
         """Note that something of a joint is not used."""
