@@ -205,5 +205,5 @@ def test_a_restart_goes_on_and_has_cooled_meanwhile():
         start = record.end_ns / S + pause + 0.5
         again.step(turning(seconds=5.0, start=start))
         assert again.power.thermal.degc[0] == pytest.approx(expected, abs=1.5)
-    with pytest.raises(StateFileError, match="motor temperatures of model"):
+    with pytest.raises(StateFileError, match="temperatures of model"):
         ThermalObserver(wheel(ambient=16.0)).restore(record)
