@@ -21,8 +21,10 @@ EXCEL_DAYS = 25_569  # from 1899-12-30, where Excel's days begin, to 1970
 MAX_EXPONENT = 30  # of a number that can be a time
 BEYOND_MICROSECONDS = re.compile(r"[.,]\d{6}(\d{1,3})")
 CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%H:%M", "%I:%M:%S %p")
-DAYS = ("%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%Y.%m.%d", "%d-%m-%Y", "%Y-%m-%d")
-DAYS += ("%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d %b %Y", "%d-%b-%Y", "%b %d %Y", "%Y:%m:%d")
+DAYS = (
+    *("%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%Y.%m.%d", "%d-%m-%Y", "%Y-%m-%d"),
+    *("%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d %b %Y", "%d-%b-%Y", "%b %d %Y", "%Y:%m:%d"),
+)
 FORMS = (
     *(f"{day}{between}{clock}" for day in DAYS for between in (" ", "T", ":") for clock in CLOCKS),
     *CLOCKS,

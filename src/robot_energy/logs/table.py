@@ -35,6 +35,7 @@ MAX_NUMBERS = 24_000_000
 SHOWN_COLUMNS = 12
 PARQUET = b"PAR1"
 TABLES = (PARQUET, GZIP, DIADEM)
+WORDS = (pl.Categorical, pl.Enum)
 UNIT = re.compile(r"[\[(]([^\[\]()]{2,})[\])]$")  # one letter may be a counter: q(a)
 # A damaged Parquet file can end the process that reads it, so another one does.
 UNPACK = """
@@ -238,14 +239,15 @@ class LogTable:
         for place, part in enumerate(self._frame.iter_slices(BLOCK_ROWS)):
             line = place * BLOCK_ROWS + np.arange(1, len(part) + 1)
             cells = [part[:, column] for column in pick]
-            words = (pl.Categorical, pl.Enum)
-            cells = [cell.cast(pl.String) if cell.dtype in words else cell for cell in cells]
+            cells = [
+                cell.cast(pl.String) if isinstance(cell.dtype, WORDS) else cell for cell in cells
+            ]
             yield line, cells, np.full(len(part), len(self.columns)), ()
 
     def _check_type(self, column: int, number: bool) -> None:
         """Refuse what is neither number nor text, and, of times, no date."""
         kind = self._frame.dtypes[column]
-        text = kind in (pl.String, pl.Categorical, pl.Enum, pl.Null)
+        text = isinstance(kind, (pl.String, pl.Null, *WORDS))
         date = isinstance(kind, pl.Datetime | pl.Duration)
         if text or kind.is_numeric() or (date and not number):
             return

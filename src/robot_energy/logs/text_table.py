@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
 import numpy as np
 import polars as pl
@@ -135,7 +135,7 @@ class TextTable:
 
     def _named(self, line: str) -> tuple[str, ...]:
         reader = csv.reader([line], delimiter=self.delimiter or ",", skipinitialspace=True)
-        return tuple(name.strip() for name in next(reader, []))
+        return tuple(name.strip() for name in next(reader, list[str]()))
 
     def line_of(self, name: str) -> int:
         """Return the line among the first ones that has a cell of this text; 0 where none has.
@@ -220,7 +220,7 @@ class TextTable:
         return pl.DataFrame(rows, schema=schema, orient="row"), np.asarray(ends)
 
     @contextmanager
-    def _bytes(self) -> Generator[io.BufferedIOBase, None, None]:
+    def _bytes(self) -> Generator[gzip.GzipFile | BinaryIO, None, None]:
         with open_regular(self.path) as raw:
             packed = raw.read(len(GZIP)) == GZIP
             size = raw.seek(0, io.SEEK_END)
