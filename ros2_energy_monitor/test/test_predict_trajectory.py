@@ -243,7 +243,7 @@ def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, held, 
 def test_cleanup_gives_up_a_prediction_and_answers(bench, node, client, held):
     future = client.send(trajectory=swing())
     bench.spin_until(held.asked.is_set, "the prediction to begin")
-    threads = [one for one in threading.enumerate() if one.name.startswith("prediction")]
+    threads = [one for one in threading.enumerate() if "predict_trajectory" in one.name]
     node.trigger_deactivate()
     node.trigger_cleanup()
     bench.spin_until(future.done, "the answer")
