@@ -41,6 +41,7 @@ class PredictionProcess:
         """Start it, unless it runs."""
         process = self._process
         if process is None or process.poll() is not None:
+            self.end()  # closes the pipes of one that has ended by itself
             threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
             self._process = process = subprocess.Popen(
                 [sys.executable, "-m", __name__],
