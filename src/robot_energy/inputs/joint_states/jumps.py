@@ -158,7 +158,7 @@ class PositionJumpDetector:
 
         Args:
             first: Stamp [ns] and positions, shape (n,). [rad] or [m]
-            second: The same, later.
+            second: Stamp [ns] and positions, shape (n,), later. [rad] or [m]
         """
         step = second[1] - first[1]
         step[self._wraps] = shortest(step[self._wraps])
