@@ -200,12 +200,10 @@ def judged(
     error = predicted / np.maximum(true, 1e-9) - 1.0
     mean = true[:, 1:].mean(axis=0)
     moving = true[:, 1:] > 0.2 * mean
-    friction = [
-        float(np.sqrt(np.mean((predicted[rows, 1 + j] / true[rows, 1 + j] - 1.0) ** 2)))
-        for j, rows in enumerate(moving.T)
-    ]
+    squares = np.where(moving, error[:, 1:] ** 2, 0.0).sum(axis=0)
+    friction = np.sqrt(squares / np.maximum(moving.sum(axis=0), 1))
     whole = predicted.sum(axis=0)[0] / true.sum(axis=0)[0] - 1.0
-    return WarmRun(plant, run, name, float(whole), error[:, 0], np.array(friction))
+    return WarmRun(plant, run, name, float(whole), error[:, 0], friction)
 
 
 def gear_study(folder: Path, plants: Sequence[int]) -> Iterator[WarmRun]:

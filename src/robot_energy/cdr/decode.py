@@ -207,8 +207,9 @@ class _Layout:
             for path, view in self._views.items()
         }
         places = tuple(view.offset for view in self._views.values())
+        begin, end = self._edges
         agree = kernels.compiled.columns(
-            buffer, offset, self._message, *self._edges, places, tuple(outs.values())
+            buffer, offset, self._message, begin, end, places, tuple(outs.values())
         )
         constants = {p: c for p, c in self.columns.items() if isinstance(c, str | tuple)}
         return Run(index, {**constants, **outs}) if agree else None

@@ -277,7 +277,7 @@ class ThermalObserver:
         self._take_sensed(reading, ~np.isnan(reading) & ~networks)
         if first.any():
             self._begin_gears(first)
-        torque = np.isfinite(self._columns("motor_torque_measured")).any()
+        torque = bool(np.isfinite(self._columns("motor_torque_measured")).any())
         if torque and (np.isnan(reading).any() or self._has_gear.any()):
             self._correct_by_friction(elapsed, np.isnan(reading))
         if self._has_gear.any():

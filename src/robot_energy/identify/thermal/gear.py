@@ -113,6 +113,21 @@ class _Figures:
     linear: Float
 
 
+def lagged(target: Float, time: float, start: Float) -> Float:
+    """Return what follows a target with a first-order lag, at the start of each window.
+
+    Args:
+        target: Held over each window, shape (N,) or (N, n). [degC]
+        time: Time constant. [s]
+        start: At the start of the first, shape (1,) or (1, n). [degC]
+    """
+    from scipy.signal import lfilter
+
+    kept = float(np.exp(-WINDOW / time))
+    ends = lfilter([1.0 - kept], [1.0, -kept], target, axis=0, zi=kept * start)[0]
+    return np.concatenate([start, np.asarray(ends, dtype=np.float64)[:-1]])
+
+
 class _Axis:
     """The runs of one axis, and what a law on their temperatures leaves of the torque."""
 
@@ -127,18 +142,13 @@ class _Axis:
 
     def degc(self, values: Float, starts: Float) -> list[Float]:
         """Temperature of the gear in each window of each run."""
-        from scipy.signal import lfilter
-
         time, to_motor, rise = np.exp(values[0]), values[1], np.exp(values[2])
-        kept = float(np.exp(-WINDOW / time))
         found: list[Float] = []
         for run, start in zip(self.runs, starts, strict=True):
             degc = run.motor_temperature_degc
             target = rise / self.mean_power * run.friction_power
             target += to_motor * degc + (1.0 - to_motor) * self.ambient
-            first = degc[0] + start
-            later, _ = lfilter([1.0 - kept], [1.0, -kept], target, zi=[kept * first])
-            found.append(np.concatenate([[first], later[:-1]]))
+            found.append(lagged(target, float(time), degc[:1] + start))
         return found
 
     def residual(
@@ -195,7 +205,7 @@ class _Axis:
         degc = [run.motor_temperature_degc for run in self.runs]
         scales = np.exp(np.linspace(LOWEST[3], HIGHEST[3], 18))
         left = [self.residual(degc, scale)[1] for scale in scales]
-        best = float(scales[int(np.argmin([each @ each for each in left]))])
+        best = float(scales[int(np.argmin(np.array([each @ each for each in left])))])
         return best, self.residual(degc, best)[0]
 
 

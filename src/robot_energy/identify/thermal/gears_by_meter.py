@@ -29,6 +29,7 @@ from robot_energy.identify.thermal.gear import (
     START,
     GearFit,
     GearsFound,
+    lagged,
 )
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import JointGear
@@ -67,17 +68,13 @@ class _Robot:
 
     def change(self, values: Float) -> list[Float]:
         """Energy of each window that gears add to friction at motor temperature. [J]"""
-        from scipy.signal import lfilter
-
-        kept = float(np.exp(-WINDOW / np.exp(values[0])))
+        time, rise = np.exp(values).tolist()
         found: list[Float] = []
         for part in self.parts:
             degc, more = part.motor_temperature_degc, np.zeros_like(part.squares)
             for _ in range(PASSES):  # a warmer gear has less friction, which warms it less
                 power = part.friction_power + more / WINDOW
-                target = degc + np.exp(values[1]) * power / self.mean_power
-                later, _ = lfilter([1.0 - kept], [1.0, -kept], target, axis=0, zi=kept * degc[:1])
-                gear = np.concatenate([degc[:1], later[:-1]])
+                gear = lagged(degc + rise * power / self.mean_power, time, degc[:1])
                 more = self.friction.viscous(gear) - self.friction.viscous(degc)
                 more *= part.squares
             found.append(more.sum(axis=1))
@@ -203,7 +200,8 @@ def _metered(recording: Recording) -> _Metered:
 
     def sums(values: Float, weight: Float) -> Float:
         weighed = np.nan_to_num(values) * weight[:, None]
-        return np.stack([np.bincount(window, column, count) for column in weighed.T], axis=1)
+        columns = [np.bincount(window, column, count) for column in weighed.T]
+        return np.stack(columns, axis=1).astype(np.float64)
 
     degc = np.full((count, power.motor_velocity.shape[1]), np.nan)
     degc[window] = power.motor_temperature_degc  # the last one of each stays

@@ -214,7 +214,8 @@ class JointStateReader:
                 for parts in zip(*(part for _, part in placed), strict=True)
             )
         corrected = zip(self._corrections, quantities, strict=False)
-        part = joint_block(stamp, *(each.apply(values) for each, values in corrected))
+        columns = [each.apply(np.asarray(values, dtype=np.float64)) for each, values in corrected]
+        part = joint_block(np.asarray(stamp, dtype=np.int64), *columns)
         good = self._usable(part)
         return (part, rows) if good is None else (part[good], rows[good])
 
