@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.plain_text import MAX_NAME
+from robot_energy.accounting.plain_text import MAX_NAME, require_plain_text
 from robot_energy.accounting.record import EnergyInterval
 from robot_energy.blocks import Int
 from robot_energy.config_file import load
@@ -36,9 +36,14 @@ class Job(ModelEntry):
         end: Stamp of its last instant. [s since 1970]
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME, pattern=r"^[^\x00-\x1f\x7f]+$")]
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
     begin: Seconds
     end: Seconds
+
+    @field_validator("name")
+    @classmethod
+    def _can_be_kept(cls, name: str) -> str:
+        return require_plain_text("a job name", name, MAX_NAME, RegisterError)
 
     @model_validator(mode="after")
     def _lasts(self) -> Job:

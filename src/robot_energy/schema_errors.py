@@ -34,6 +34,7 @@ EXPECTED = {
     "less_than": "a number less than {lt}",
     "less_than_equal": "a number less than or equal to {le}",
     "string_type": "text",
+    "string_unicode": "text without lone surrogates",
     "string_too_short": "text with a length of at least {min_length}",
     "string_too_long": "text with a length of at most {max_length}",
     "string_pattern_mismatch": "text that matches {pattern}",

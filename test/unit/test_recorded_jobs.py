@@ -5,8 +5,9 @@ import pytest
 
 from places import ROOT
 from robot_energy.api.replay import replay
+from robot_energy.config_file import validated
 from robot_energy.errors import RegisterError
-from robot_energy.recorded_jobs import STEP_NS, load_jobs
+from robot_energy.recorded_jobs import STEP_NS, JobList, load_jobs
 
 BAG = ROOT / "bags/kr16_cold"
 START = 1_000_000_000
@@ -86,3 +87,10 @@ def test_a_wrong_list_is_refused_with_its_place(tmp_path, text, said):
     path.write_text(text)
     with pytest.raises(RegisterError, match=said):
         load_jobs(path)
+
+
+@pytest.mark.parametrize("name", ["part \udce9", "part \u202e", "part\n1", "  ", "x" * 101])
+def test_a_name_that_no_account_keeps_is_refused_with_the_list(name):
+    data = {"jobs": [{"name": name, "begin": 1.0, "end": 3.0}]}
+    with pytest.raises(RegisterError, match=r"jobs\..*expected"):
+        validated(data, JobList, "jobs.yaml", RegisterError)

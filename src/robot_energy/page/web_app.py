@@ -14,6 +14,8 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import Message, Receive, Scope, Send
 
+from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
+from robot_energy.errors import RegisterError
 from robot_energy.page.access import PageAccess
 from robot_energy.page.hub import ACTIONS, PageHub
 from robot_energy.page.json_numbers import json_text
@@ -21,7 +23,6 @@ from robot_energy.page.metrics import OPENMETRICS, metrics_text
 from robot_energy.page.saved_page import FILES, saved_page, static_file
 
 MAX_BODY = 2048  # of a request [bytes]
-MAX_TEXT = 200  # characters of the name of a job or the reason of a reset
 BODY_TIMEOUT = 5.0  # for a body to arrive, and for an action [s]
 MAX_STREAMS = 64  # pages that are open at the same time
 BEAT = 1.0  # a stream without news sends a comment this often [s]
@@ -140,9 +141,13 @@ class PageApp:
         if found is None or control is None or found[0] not in self._hub.robots:
             return PlainTextResponse(
                 f"expected JSON with robot (one of the page), action ({', '.join(ACTIONS)}) and "
-                f"text (up to {MAX_TEXT} characters)\n",
+                f"text (up to {MAX_REASON} characters)\n",
                 400,
             )
+        try:
+            require_plain_text("a text", found[2].strip(), MAX_REASON, RegisterError)
+        except RegisterError as error:  # before ROS, which cannot send a lone surrogate
+            return PlainTextResponse(f"{error}\n", 400)
         try:
             async with asyncio.timeout(BODY_TIMEOUT):
                 done, sentence = await asyncio.wrap_future(control(*found))
@@ -171,7 +176,7 @@ async def _wish(request: Request) -> tuple[str, str, str] | None:
     robot, action, text = (values.get(key) for key in ("robot", "action", "text"))
     if not (isinstance(robot, str) and isinstance(action, str) and isinstance(text, str)):
         return None
-    if action not in ACTIONS or len(text) > MAX_TEXT:
+    if action not in ACTIONS or len(text) > MAX_REASON:
         return None
     return robot, action, text
 

@@ -149,6 +149,12 @@ def test_actions_need_the_token_on_loopback_too(serve, token_file):
                 wish.replace("open_interval", "shutdown"), wish.replace("part 1", "x" * 201),
                 b"\xff" * 100, b"[" * 2000, b" " * 5000):  # fmt: skip
         assert request(url, "/api/control", "POST", bad, **bearer())[0] == 400, bad
+    for text in ("part \udce9", "part \u202e", "  "):  # ROS cannot send the first
+        bad = wish.replace('"part 1"', json.dumps(text))
+        status, _, body = request(url, "/api/control", "POST", bad, **bearer())
+        assert status == 400
+        assert b"; expected " in body
+    assert len(seen) == 1
     assert request(url, "/api/state")[0] == 200
 
 
