@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
+from robot_energy.bag.mcap_records import MAGIC as MCAP
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import BagContents, McapSource, Report
 from robot_energy.bag.sqlite_source import MAX_MESSAGE_BYTES, MAX_VALUE_BYTES, SqliteSource
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import BagError
+from robot_energy.files.first_bytes import MAX_MAGIC, SQLITE, named
 from robot_energy.files.regular_file import open_regular
 from robot_energy.files.temporary_folder import TemporaryFolder
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     import zstandard
 
 MAX_RATIO = 1000
-"""How many times larger a file may become; recordings shrink to a tenth, rarely a hundredth."""
+"""How many times larger a file may become; 40 joints at rest shrink to a 130th."""
 MAX_UNPACKED_BYTES = 16 * 2**30
 """Of one file: 30 hours of six joints at 500 Hz; recorders begin a new file long before."""
 MIN_FREE_BYTES = 2**30
@@ -160,23 +162,56 @@ class PackedFile(_Packed):
 
 
 def _unpack_file(path: Path, target: Path) -> None:
+    """Unpack it twice: the first time only to count, so that nothing is written in vain."""
     import zstandard
 
     try:
-        most = min(max(path.stat().st_size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
-        with open_regular(path) as packed, target.open("xb") as file:
-            reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-            while piece := reader.read(_PIECE):
-                if file.tell() + len(piece) > most:
-                    raise BagError(
-                        f"{path} unpacks to over {most} bytes",
-                        f"at most {MAX_RATIO} times its size and {MAX_UNPACKED_BYTES} bytes",
-                        "unpack it with zstd -d if it is really a recording",
-                    )
-                _check_room(path, target.parent, len(piece))
-                file.write(piece)
+        with open_regular(path) as packed:
+            left = _unpacked_bytes(path, packed)
+            _check_room(path, target.parent, left)
+            packed.seek(0)
+            with target.open("xb") as file:
+                for piece in _pieces(packed):
+                    left -= len(piece)
+                    if left < 0:
+                        raise BagError(f"{path} changed while it was read", "a finished recording")
+                    _check_room(path, target.parent, len(piece))
+                    file.write(piece)
     except (OSError, zstandard.ZstdError) as error:
         raise BagError(f"{path} cannot be unpacked ({error})", "a file packed with zstd") from error
+
+
+def _unpacked_bytes(path: Path, packed: BinaryIO) -> int:
+    """Return how large a file becomes.
+
+    Raises:
+        BagError: If it becomes too large, or what comes out does not begin as a bag file.
+    """
+    size = os.fstat(packed.fileno()).st_size
+    most = min(max(size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
+    count = 0
+    for piece in _pieces(packed):
+        if not count and not piece.startswith((MCAP, SQLITE)):
+            found, remedy = named(path, piece[:MAX_MAGIC])
+            raise BagError(f"unpacked, {found}", "an MCAP or SQLite file of rosbag2", remedy)
+        count += len(piece)
+        if count > most:
+            raise BagError(
+                f"{path} unpacks to over {most} bytes; nothing was written",
+                f"at most {MAX_RATIO} times its size, or {MAX_VALUE_BYTES} bytes if that is more, "
+                f"and {MAX_UNPACKED_BYTES} bytes in any case",
+                "unpack it with zstd -d if it is really a recording",
+            )
+    return count
+
+
+def _pieces(packed: BinaryIO) -> Iterator[bytes]:
+    import zstandard
+
+    unpacker = zstandard.ZstdDecompressor()
+    reader = unpacker.stream_reader(packed, read_across_frames=True, closefd=False)
+    while piece := reader.read(_PIECE):
+        yield piece
 
 
 def _check_room(path: Path, folder: Path, size: int) -> None:

@@ -193,6 +193,7 @@ def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path, bags):
     path = packed_bag(tmp_path / "bag", *args)
     (file,) = path.glob("*.zstd")
     with file.open("wb") as out, zstandard.ZstdCompressor().stream_writer(out) as packer:
+        packer.write(b"SQLite format 3\0")
         for _ in range(200):
             packer.write(bytes(2**20))
     with refused(BagError, found="67108864", expected="1000"):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from refusals import refused
@@ -50,9 +51,49 @@ def test_the_unpacked_file_goes_with_its_reader(bag, place):
     assert os.listdir(place) == []
 
 
-def test_no_file_becomes_larger_than_the_bound(bag, place, monkeypatch):
+@pytest.fixture
+def unwritten(monkeypatch):
+    """Fails where a file is begun before it is known how large it becomes."""
+
+    opened = packed.Path.open
+
+    def unless_written(path, mode="r", *rest, **named):
+        assert "x" not in mode, "something is written"
+        return opened(path, mode, *rest, **named)
+
+    monkeypatch.setattr(packed.Path, "open", unless_written)
+
+
+def test_no_file_becomes_larger_than_the_bound(bag, place, unwritten, monkeypatch):
     monkeypatch.setattr(packed, "MAX_UNPACKED_BYTES", 10_000)
-    with refused(BagError, found="10000"):
+    with refused(BagError, found="10000", expected=str(packed.MAX_RATIO), remedy="zstd -d"):
+        BagReader(bag)
+    assert os.listdir(place) == []
+
+
+def test_what_is_no_bag_file_is_not_unpacked(bag, place, unwritten):
+    (file,) = bag.glob("*.zstd")
+    file.write_bytes(zstandard.compress(bytes(10_000)))
+    with refused(BagError, found=("unpacked", "00 00"), expected="MCAP"):
+        BagReader(bag)
+    assert os.listdir(place) == []
+
+
+def test_the_room_for_all_of_it_is_there_before_it_is_written(bag, place, unwritten, monkeypatch):
+    reserve = packed.MIN_FREE_BYTES // 4096
+
+    def statvfs(_):  # room for some of the 12 kB or more, not for all
+        return SimpleNamespace(f_blocks=2**30, f_frsize=4096, f_bavail=reserve + 2)
+
+    monkeypatch.setattr(packed.os, "statvfs", statvfs)
+    with refused(BagError, remedy="TMPDIR"):
+        BagReader(bag)
+    assert os.listdir(place) == []
+
+
+def test_a_file_that_grows_meanwhile_is_refused(bag, place, monkeypatch):
+    monkeypatch.setattr(packed, "_unpacked_bytes", lambda *_: 100)
+    with refused(BagError, found="changed"):
         BagReader(bag)
     assert os.listdir(place) == []
 
