@@ -77,7 +77,7 @@ setup(
     options={"bdist_wheel": {"py_limited_api": "cp311"}},
     data_files=[] if "bdist_wheel" in sys.argv else WORKSPACE,
     entry_points={
-        "console_scripts": ["robot-energy = robot_energy.cli:main"],
+        "console_scripts": ["robot-energy = robot_energy.__main__:main"],
         "robot_energy.commands": ["reproduce = robot_energy_papers.cli.reproduce"],
     },
     python_requires=">=3.11",

@@ -11,12 +11,11 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 
+from robot_energy.stopping import end_at_once
 from ros2_energy_monitor.executables import EXECUTABLES
 
 
@@ -33,21 +32,8 @@ def main() -> int:
         return 2
     if name != script:
         sys.argv[:2] = [name]
-    return int(_load(EXECUTABLES[name]).main() or 0)
-
-
-def _load(module: str) -> ModuleType:
-    """Import a module; SIGINT ends the process meanwhile.
-
-    As KeyboardInterrupt it could be raised, and lost, inside of any import.
-    """
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        return import_module(module)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    try:
-        return import_module(module)
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    end_at_once(name)  # until the node has its own handlers, which stop it cleanly
+    return int(import_module(EXECUTABLES[name]).main() or 0)
 
 
 if __name__ == "__main__":

@@ -83,12 +83,13 @@ def test_help_says_what_a_node_does_and_starts_nothing(name, monkeypatch, capsys
     assert output.splitlines()[0].endswith(".")
 
 
-def test_an_interrupt_cannot_be_lost_while_modules_load(monkeypatch, tmp_path: Path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_no_signal_is_lost_while_modules_load(monkeypatch, tmp_path: Path, number):
     """An import that catches KeyboardInterrupt, as some libraries do, must not keep the node."""
     (tmp_path / "slow_to_import.py").write_text(
-        "import os, signal\n"
+        "import os\n"
         "try:\n"
-        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        f"    os.kill(os.getpid(), {int(number)})\n"
         "except KeyboardInterrupt:\n"
         "    pass\n"
         "def main():\n"
@@ -101,8 +102,10 @@ def test_an_interrupt_cannot_be_lost_while_modules_load(monkeypatch, tmp_path: P
         "raise SystemExit(start.main())\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    ended = subprocess.run([sys.executable, "-c", program], timeout=LIMIT)
-    assert ended.returncode == -signal.SIGINT
+    begun = [sys.executable, "-c", program]
+    ended = subprocess.run(begun, timeout=LIMIT, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 128 + number
+    assert ended.stderr == f"slow: interrupted ({number.name})\n"
 
 
 @pytest.mark.parametrize("name", ["energy_monitor", "virtual_robot"])

@@ -1,7 +1,23 @@
-"""``python -m robot_energy``: the command `robot-energy`."""
+"""The command `robot-energy`, also as ``python -m robot_energy``."""
+
+from __future__ import annotations
 
 import sys
 
-from robot_energy.cli import main
+from robot_energy.stopping import end_at_once
 
-sys.exit(main())
+
+def main() -> int:
+    """Run the command; a signal ends it from here on, also while its modules are imported.
+
+    Returns:
+        The exit code of `robot_energy.cli.main`.
+    """
+    end_at_once("robot-energy")
+    from robot_energy.cli import main as run
+
+    return run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -20,7 +20,7 @@ MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors held_rows kinds log_formats
         prediction process_memory read_ahead recorded_jobs replay_steps replay_topics schema_errors
-        shown_text time_series time_zone
+        shown_text stopping time_series time_zone
         units
     """,
     "robot_energy.accounting": """
@@ -51,7 +51,7 @@ MODULES = {
         identify_all identify_drives identify_dynamics identify_excitation identify_friction
         identify_inputs identify_metered identify_thermal import_logs info
         layouts listings main models monitoring numbers optimize predict replay replay_options
-        report simulate stopping terminal test tool_options
+        report simulate terminal test tool_options
     """,
     "robot_energy.condition": """
         baseline buckets drift_test joint_friction learner meter_fit meter_windows
@@ -198,6 +198,7 @@ LAYERS = (
         "held_rows",
         "blocks",
         "shown_text",
+        "stopping",
         "process_memory",
         "kernels",
         "time_zone",

@@ -23,10 +23,10 @@ from robot_energy.cli.command import Command
 from robot_energy.cli.commands import COMMANDS
 from robot_energy.cli.help_text import WrappedHelp
 from robot_energy.cli.listings import COMPLETION
-from robot_energy.cli.stopping import Stopped, stoppable
 from robot_energy.errors import KindError, RobotEnergyError
 from robot_energy.kinds import LIKELY, load_kinds
 from robot_energy.shown_text import shown_lines
+from robot_energy.stopping import Stopped, stoppable
 
 DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
 

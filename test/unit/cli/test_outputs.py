@@ -184,8 +184,36 @@ def test_a_signal_leaves_the_old_bag_and_a_kill_only_a_draft(
 def test_signals_that_are_ignored_stay_ignored(place: Path) -> None:
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
-        "from robot_energy.cli.stopping import stoppable\n"
+        "from robot_energy.stopping import stoppable\n"
         "with stoppable(): signal.raise_signal(signal.SIGHUP)\n"
         "assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL\n"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_while_modules_load_ends_as_one_later(
+    place: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    """One of the first modules waits, and loses interrupts as exceptions."""
+    if signal.getsignal(number) is signal.SIG_IGN:
+        pytest.skip(f"{number.name} is ignored here, as under nohup")
+    (place / "early").mkdir()
+    (place / "early/difflib.py").write_text(
+        "import sys\n"
+        "print('loads', flush=True)\n"
+        "try:\n"
+        "    sys.stdin.read()\n"
+        "except KeyboardInterrupt:\n"
+        "    pass\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(place / "early"), prepend=os.pathsep)
+    command = [sys.executable, "-m", "robot_energy", "fleet", "run", "--help"]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, text=True, **pipes) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "loads\n"
+        running.send_signal(number)
+        _, said = running.communicate()
+    assert running.returncode == 128 + number
+    assert said == f"robot-energy: interrupted ({number.name})\n"
