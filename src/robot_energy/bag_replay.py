@@ -68,8 +68,8 @@ class Replay:
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
         predicted_curve: Predicted energy from the grid over time, where curves were asked for.
-        compared_curve: Measured and predicted energy at the meter over time, likewise; their
-            sums are those of the comparison.
+        compared_curve: Energy at the meter over time, likewise: measured, predicted as the meter
+            shows it, and drawn; the sums of the first and the last are those of the comparison.
         compared: What became comparable with the meter in each step, where that was asked for.
         power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
@@ -205,7 +205,7 @@ def replay(
         auxiliary={name: LoadIngest(load, bag.typestore) for name, load in loaded.items()},
     )
     if keep_curves:
-        result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
+        result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(3)
 
     def take(compared: Compared) -> None:
         result.power_error.step(compared)
@@ -217,7 +217,7 @@ def replay(
     limit_watch = TorqueLimitWatch(pipeline.torque.robot.limits, Drivetrain.from_model(model))
     pipeline.account.on_compared = take
     if calibration is not None:
-        pipeline.account.calibration.restore(calibration)
+        pipeline.account.calibrate(calibration)
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)

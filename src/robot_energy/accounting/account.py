@@ -21,9 +21,11 @@ from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.exact_sum import SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
+from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
 from robot_energy.accounting.record import (
     AccountRecord,
+    Calibrated,
     EnergyInterval,
     EventLog,
     Identity,
@@ -58,6 +60,7 @@ class EnergyAccount:
     Args:
         n_joints: Number of joints.
         settings: Averaging period and the meter's longest gap.
+        response: Delay and low pass of the meter; None: they are found from its readings.
 
     Attributes:
         registers: Energy registers.
@@ -74,8 +77,14 @@ class EnergyAccount:
         auxiliary: Account of the loads outside of the cabinet; None where none are counted.
     """
 
-    def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
+    def __init__(
+        self,
+        n_joints: int,
+        settings: AccountSettings | None = None,
+        response: MeterResponse | None = None,
+    ) -> None:
         self._n_joints = n_joints
+        self._response = response
         self._settings = settings or AccountSettings()
         period = self._settings.power_period
         self._averager = None if period is None else Averager(period)
@@ -92,6 +101,7 @@ class EnergyAccount:
             self._settings.meter_max_gap,
             max_power=self._settings.meter_max_power,
             wraps_at=self._settings.meter_wraps_at,
+            response=self._response,
         )
         self.shaft = ShaftEnergySums(self._n_joints)
         self.counts = SampleCounts()
@@ -181,7 +191,8 @@ class EnergyAccount:
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
         self.calibration.meter(self.comparison.location)
-        self.calibration.step(block, held, self.registers.held.open_ns, compared, means)
+        behind = self.comparison.behind()
+        self.calibration.step(block, held, self.registers.held.open_ns, compared, behind, means)
         means = self._with_loads(means)
         if self.auxiliary is not None:
             self.auxiliary.step(block)
@@ -250,6 +261,15 @@ class EnergyAccount:
         """
         carry_into(self, record)
         self.restarts += 1
+
+    def calibrate(self, kept: Calibrated) -> None:
+        """Go on with the bands and the lag of the meter that an earlier run has found.
+
+        Args:
+            kept: As `BandCalibration.state` gave it.
+        """
+        self.calibration.restore(kept)
+        self.comparison.lag.begin([(error, step) for error, step, _ in kept.energy_windows])
 
     def interrupt(self) -> None:
         """Count nothing from the last to the next sample: a gap, as over a restart."""

@@ -161,7 +161,7 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     )
     account.restarts += record.restarts
     if record.calibration is not None:
-        account.calibration.restore(record.calibration)
+        account.calibrate(record.calibration)
     account.trace = EventLog((*record.trace, *account.trace.entries))
 
 

@@ -6,9 +6,9 @@ raises it nine times as much as one below lowers it, so that in the long run one
 above, whatever their distribution and their correlation (conformal quantile tracking). Scores
 count from the next whole second on.
 
-What the meter shows late (`robot_energy.accounting.late_meter`) is a part of that standard
-deviation: at the beginning of a motion most of the error is of that kind, and how often motions
-begin differs from work to work.
+Readings are set against the prediction as the meter shows it. A part of what the meter shows late
+(`robot_energy.accounting.late_meter`) is in that standard deviation: its response is not known
+exactly, which shows where motions begin, and how often they begin differs from work to work.
 
 Windows of 5 s show what the band of an energy must be (`EnergyCalibration`).
 
@@ -29,7 +29,7 @@ from robot_energy.accounting.integration import HeldEnergies
 from robot_energy.accounting.late_meter import MAX_SLOTS, SLOT_NS, LateMeter
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import Compared, closed_sums, starts_of
 from robot_energy.uncertainty.band import (
     BUS,
     FORM,
@@ -53,6 +53,7 @@ MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
 MAX_LOG_SCALE = math.log(1e3)
+LATE_SHARE = 0.1  # of what a meter shows late that its response may be off by
 PARTS = [BUS, LOSS_GRID, TEMPERATURE]
 POOLED = Phase.UNKNOWN  # the place of all phases together
 
@@ -111,7 +112,7 @@ class BandCalibration:
         self._slot: Int = np.empty(0, dtype=np.int64)
         self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
         self._reading: Int = np.empty((0, 5), dtype=np.int64)
-        self._stretch: Int = np.empty((0, 4), dtype=np.int64)
+        self._stretch: Int = np.empty((0, 5), dtype=np.int64)
         self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
         self._deviations: dict[int, Int] = {}
 
@@ -121,6 +122,7 @@ class BandCalibration:
         held: HeldEnergies | None,
         open_ns: int,
         compared: Compared,
+        behind: tuple[Int, Float],
         means: MeanBlock | None,
     ) -> None:
         """Take power samples and what became comparable; set the bands of the means.
@@ -130,6 +132,7 @@ class BandCalibration:
             held: Integrals of deviations that became complete.
             open_ns: Where the next one began. [ns]
             compared: In the order of time.
+            behind: Stamps [ns], and what the meter shows then beyond the power that is drawn [W].
             means: Periods that ended; their bands are written in place.
         """
         if self.location is MeterLocation.UNKNOWN:
@@ -143,7 +146,7 @@ class BandCalibration:
         periods = _between_falls(
             np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
         )
-        power = block.supply.power_at(self.location)
+        late = _between_falls(behind[0], len(jumps))
         begun = np.array([open_ns]) if held is None else np.append(held.stamp_ns, open_ns)
         noted = _between_falls(begun, len(jumps))
         for number, (start, stop) in enumerate(pairwise(bounds)):
@@ -153,8 +156,8 @@ class BandCalibration:
                 if held is not None:
                     self._noted.append(held[noted[number]])
                 self._waiting.append(compared[pieces[number]])
-                rows = slice(start, stop)
-                self._late.take(stamp[rows], power[rows])
+                if len(behind[0][late[number]]):
+                    self._late.take(*(each[late[number]] for each in behind))
                 self._set(self._scored(int(stamp[stop - 1])), means, periods[number])
 
     def _scored(self, now_ns: int) -> list[_Scored]:
@@ -189,11 +192,11 @@ class BandCalibration:
         table[:, : len(PARTS)] = whole[:, PARTS]
         table[np.arange(len(stamp_ns)), len(PARTS) + noted.phase] = duration_ns
         slot = stamp_ns // SLOT_NS
-        starts = _starts(slot)
+        starts = starts_of(slot)
         self._slot = np.concatenate([self._slot, slot[starts]])
         self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
         stretch = stamp_ns // STRETCH_NS
-        starts = _starts(stretch)
+        starts = starts_of(stretch)
         for number, row in zip(
             stretch[starts].tolist(), np.add.reduceat(whole, starts, axis=0), strict=True
         ):
@@ -204,25 +207,20 @@ class BandCalibration:
         """Return the readings that are complete."""
         if not len(compared):
             return []
-        table = np.stack(
+        energies = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
+        table = np.column_stack(
             [
                 compared.available_ns,
                 compared.duration_ns,
-                np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64),
-                np.rint(compared.predicted * NANOJOULE_PER_JOULE).astype(np.int64),
-            ],
-            axis=1,
+                np.rint(energies * NANOJOULE_PER_JOULE).astype(np.int64),
+            ]
         )
-        stretches, known, self._stretch = _closed(self._stretch, table, STRETCH_NS)
-        readings, counts, self._reading = _closed(self._reading, table, READING_NS)
+        stretches, _, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
+        readings, counts, self._reading = closed_sums(self._reading, table, READING_NS)
         lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
         powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
-        for row, power, since in zip(
-            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
-        ):
+        for row, power in zip(stretches.tolist(), powers.tolist(), strict=True):
             self._score_stretch(row, power)
-            self._late.learn(since, self._energies.lag)
-        self._late.follow()
         if not len(readings):
             return []
         end, duration = readings[:, 0], readings[:, 1]
@@ -235,8 +233,8 @@ class BandCalibration:
         bus, grid, temperature = found[:, : len(PARTS)].T / np.maximum(held, 1)
         rest = np.hypot(bus, grid) if self.location is MeterLocation.GRID else bus
         sound = (held > 0) & (rest > 0) & (duration > 0)
-        measured, predicted = readings[:, 2:].T / np.maximum(duration, 1)
-        late = self._late.of_readings(end, duration)
+        measured, predicted = readings[:, 2:4].T / np.maximum(duration, 1)
+        late = LATE_SHARE * self._late.of_readings(end, duration)
         error, rest = np.abs(predicted - measured), np.where(sound, rest, 1.0)
         score, plain = (
             np.where(sound, scores(error, each, temperature), np.nan)
@@ -248,7 +246,7 @@ class BandCalibration:
         return [_Scored(*each) for each in zip(*columns, strict=True)]
 
     def _score_stretch(self, row: list[int], power: float) -> None:
-        end_ns, duration_ns, measured, predicted = row
+        end_ns, duration_ns, measured, _, predicted = row
         number = end_ns // STRETCH_NS
         before, self._border = self._border, (number, power)
         step = power - before[1] if before is not None and before[0] == number - 1 else 0.0
@@ -266,8 +264,7 @@ class BandCalibration:
             self._follow(scored, 0, None)
             return
         done, found, stamps = 0, list[float](), means.stamp_ns[periods]
-        self._late.follow()
-        late = self._late.of_periods(stamps, means.period[periods])
+        late = LATE_SHARE * self._late.of_periods(stamps, means.period[periods])
         for stamp, phase in zip(stamps.tolist(), means.phase[periods].tolist(), strict=True):
             done = self._follow(scored, done, stamp)
             found.append(self._scale(phase) or 0.0)
@@ -356,31 +353,6 @@ class BandCalibration:
             self.location = MeterLocation[kept.location]
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
         self._energies.restore(kept.energy_windows, kept.energy_figures)
-        self._late = LateMeter(self._energies.lag)
-
-
-def _starts(number: Int) -> Int:
-    """Where runs of equal numbers begin."""
-    steps = differences(number, int(number[0]) - 1)
-    return np.flatnonzero(steps)
-
-
-def _closed(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
-    """Sum rows by the time of their first column.
-
-    Returns the sums, the whole second from which each counts, as it is known to be complete when
-    the next one begins, and the sum that may go on.
-
-    Args:
-        begun: The one that may go on, shape (0 or 1, columns).
-        table: New rows: time, and what is summed.
-        length_ns: Of a group. [ns]
-    """
-    rows = np.concatenate([begun[:, : table.shape[1]], table])
-    starts = _starts(rows[:, 0] // length_ns)
-    sums = np.add.reduceat(rows, starts, axis=0)
-    sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
-    return sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS, sums[-1:]
 
 
 def _between_falls(stamp_ns: Int, falls: int) -> list[slice]:

@@ -5,6 +5,10 @@ straight between instantaneous readings, level over the interval of a mean or be
 two changes of a counter. The predicted power is straight between samples. Both are
 integrated over the intersection of what is covered by both, cut at every breakpoint of
 either, so the result does not depend on how the input is cut into blocks.
+
+Beside the energy that is drawn over each of these intervals stands what a meter with a delay and a
+low pass shows of it (`robot_energy.accounting.meter_response`). Powers are compared with the
+latter; energies are counted from the former. A counter shows what is drawn.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from numpy.typing import NDArray
 from robot_energy import kernels
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.integration import NO_SEGMENT
+from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
 from robot_energy.blocks import (
     NANOSECOND,
     Float,
@@ -70,8 +75,10 @@ class _Epoch:
         measured: Measured power.
         done_ns: Until where they are compared. [ns]
         newest_ns: Newest reading of the meter; None before the first. [ns]
+        shown: The predicted power as the meter shows it.
     """
 
+    shown: ShownPower
     predicted: CoveredPieces = field(default_factory=CoveredPieces.empty)
     measured: CoveredPieces = field(default_factory=CoveredPieces.empty)
     done_ns: int | None = None
@@ -86,9 +93,11 @@ class Comparison(ExactSum):
         patience: How long predicted power waits for the meter. [s]
         max_power: Readings that say or imply more, either way, are refused. [W]
         wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
+        response: Delay and low pass of the meter; None: they are found from its readings.
 
     Attributes:
         curve: What became of the readings.
+        lag: How late the meter shows what is drawn, where nothing is stated.
         location: Where the meter sits.
         meaning: What its readings stand for.
         compared_ns: Time over which both were integrated. [ns]
@@ -104,21 +113,35 @@ class Comparison(ExactSum):
         patience: float = 60.0,
         max_power: float = MAX_POWER,
         wraps_at: float | None = None,
+        response: MeterResponse | None = None,
     ) -> None:
         super().__init__(2)  # measured, predicted
+        self._stated = response
+        self.lag = LagEstimate()
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
         self.compared_ns = 0
         self.idle: Idle | None = None
         self.early_since_ns: int | None = None
+        self._behind: list[tuple[Int, Float]] = []
         self.patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
-        self._epochs: dict[int, _Epoch] = {0: _Epoch()}
+        self._epochs: dict[int, _Epoch] = {0: self._epoch()}
         self._measured_epoch = 0
         self._predicted_epoch = 0
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
         self._beginning = True  # whether the meter has sent a few readings only
         self._led: tuple[int, int] | None = None  # jump of the prediction alone: stamp, readings
+
+    def _epoch(self) -> _Epoch:
+        return _Epoch(ShownPower(self._stated.delay if self._stated else 0.0))
+
+    @property
+    def response(self) -> MeterResponse:
+        """Delay and low pass of the meter: as stated, else as found from its readings until now."""
+        if self.meaning is MeterMeaning.CUMULATIVE:
+            return MeterResponse(stated=self._stated is not None)
+        return self._stated or MeterResponse(self.lag.lags[-1])
 
     @property
     def measured_energy(self) -> float:
@@ -151,13 +174,13 @@ class Comparison(ExactSum):
             if number:
                 self._beginning &= self.curve.left[number - 1] <= MAX_BEGINNING
                 if self._beginning:  # the first stamps were wrong
-                    first = self._epochs.setdefault(self._measured_epoch, _Epoch())
+                    first = self._epochs.setdefault(self._measured_epoch, self._epoch())
                     first.measured, first.newest_ns = CoveredPieces.empty(), None
                 else:
                     self._measured_epoch += 1
             if self._measured_epoch - self._predicted_epoch >= MAX_EPOCHS:
                 self._adopt()
-            epoch = self._epochs.setdefault(self._measured_epoch, _Epoch())
+            epoch = self._epochs.setdefault(self._measured_epoch, self._epoch())
             epoch.measured = epoch.measured.join(part)[slice(-MAX_PIECES, None)]
             if len(part):
                 epoch.newest_ns = int(part.end_ns[-1])
@@ -198,6 +221,7 @@ class Comparison(ExactSum):
                 self._extend(stamp_ns[rows], segment[rows], power[rows])
             if stop < len(stamp_ns):
                 done.append(self._advance())
+                self.lag.jump()
                 self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
@@ -219,14 +243,14 @@ class Comparison(ExactSum):
             and self.curve.rejections.accepted - readings >= ALONE_READINGS
         )
         if waited and newest is not None and abs(newest - now_ns) < NEAR_NS:
-            epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
-            epoch.measured = self._epochs.pop(self._measured_epoch, _Epoch()).measured
+            epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
+            epoch.measured = self._epochs.pop(self._measured_epoch, self._epoch()).measured
             self._measured_epoch, self._led = self._predicted_epoch, None
 
     def _meter_alone(self, now_ns: int) -> bool:
         """Whether the meter jumped back and the prediction will not follow."""
-        before = self._epochs.get(self._predicted_epoch, _Epoch())
-        after = self._epochs.get(self._predicted_epoch + 1, _Epoch()).measured
+        before = self._epochs.get(self._predicted_epoch, self._epoch())
+        after = self._epochs.get(self._predicted_epoch + 1, self._epoch()).measured
         left_ns = before.newest_ns
         if left_ns is None or now_ns - left_ns > ALONE_NS:
             return True
@@ -238,10 +262,10 @@ class Comparison(ExactSum):
 
     def _adopt(self) -> None:
         """Compare what is predicted with the next epoch of the meter."""
-        old = self._epochs.pop(self._predicted_epoch, _Epoch())
+        old = self._epochs.pop(self._predicted_epoch, self._epoch())
         self._predicted_epoch += 1
-        epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
-        epoch.predicted, epoch.done_ns = old.predicted, old.done_ns
+        epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
+        epoch.predicted, epoch.done_ns, epoch.shown = old.predicted, old.done_ns, old.shown
 
     def _note_idle(self, first_ns: int, newest_ns: int, compared: bool) -> None:
         """Keep account of a stretch in which nothing is compared, from the first sample on."""
@@ -268,13 +292,16 @@ class Comparison(ExactSum):
         if not isfinite(float(value.sum())):
             keep &= np.isfinite(value[1:]) & np.isfinite(value[:-1])
         pieces = CoveredPieces(stamp[:-1], stamp[1:], value[:-1], value[1:])
+        begins = ~keep & (stamp[1:] > stamp[:-1])
         if not keep.all():
             pieces = pieces[keep]
-        epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
+        epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
         epoch.predicted = epoch.predicted.join(pieces)
+        if self.meaning is not MeterMeaning.CUMULATIVE:
+            epoch.shown.take(stamp_ns, power, begins)
 
     def _advance(self) -> Compared:
-        epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
+        epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
         predicted, measured = epoch.predicted, epoch.measured
         result = Compared.empty()
         if len(predicted) and len(measured):
@@ -282,26 +309,63 @@ class Comparison(ExactSum):
             start = int(max(predicted.start_ns[0], measured.start_ns[0]))
             start = start if epoch.done_ns is None else max(start, epoch.done_ns)
             if until > start:
-                result = self._integrate(predicted, measured, start, until)
+                result, end_ns = self._integrate(predicted, measured, start, until)
+                result = self._as_shown(epoch.shown, result, end_ns)
                 epoch.done_ns = until
                 epoch.measured = measured.after(until)
                 epoch.predicted = predicted = predicted.after(until)
+        if not len(result):
+            self._follow(epoch.shown)
         if len(predicted):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
-                epoch.predicted = predicted.after(int(oldest) - 1)
+                epoch.predicted = predicted = predicted.after(int(oldest) - 1)
+            epoch.shown.forget(int(predicted.start_ns[0]))
         return result
+
+    def _as_shown(self, shown: ShownPower, compared: Compared, end_ns: Int) -> Compared:
+        """Set the power that is compared to what the meter shows of it."""
+        if self.meaning is MeterMeaning.CUMULATIVE:
+            return compared
+        if self._stated is None:
+            self.lag.take(compared)
+        self._follow(shown)
+        energy = shown.energy(compared.drawn, end_ns - compared.duration_ns, end_ns)
+        return replace(compared, predicted=energy)
+
+    def _follow(self, shown: ShownPower) -> None:
+        if self._stated is None:
+            shown.follow(self.lag.since_ns, self.lag.lags)
+            if self._last is not None:
+                self.lag.forget(self._last[0])
+        else:
+            shown.follow([], [self._stated.time_constant])
+        self._behind.append(shown.behind())
+
+    def behind(self) -> tuple[Int, Float]:
+        """Return what the meter shows beyond the power, of the samples since the last call.
+
+        Returns:
+            Stamps, shape (N,) [ns], and powers, shape (N,) [W].
+        """
+        behind, self._behind = self._behind, []
+        none = np.empty(0, dtype=np.int64), np.empty(0)
+        stamp, power = (np.concatenate(each) for each in zip(none, *behind, strict=True))
+        return stamp, power
 
     def _integrate(
         self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int
-    ) -> Compared:
-        if kernels.compiled is None:
-            result, energy = _compared(predicted, measured, start, until)
-        else:
+    ) -> tuple[Compared, Int]:
+        """Return the intervals that both curves cover, and where each ends. [ns]"""
+        found = None
+        if kernels.compiled is not None:
             result, energy = _compiled(kernels.compiled, predicted, measured, start, until)
+            if int(result.duration_ns.sum()) == until - start:  # they follow each other
+                found = result, energy, start + np.cumsum(result.duration_ns)
+        result, energy, end_ns = found or _compared(predicted, measured, start, until)
         self.add(energy)
         self.compared_ns += int(result.duration_ns.sum())
-        return result
+        return result, end_ns
 
 
 def _compiled(
@@ -311,7 +375,7 @@ def _compiled(
     start: int,
     until: int,
 ) -> tuple[Compared, Float]:
-    """Return the same as `_compared`."""
+    """Return the same as `_compared`, but for the ends."""
     room = 2 * (len(predicted) + len(measured)) + 2
     available, duration = np.empty((2, room), dtype=np.int64)
     energy = np.empty((2, room)).T
@@ -320,7 +384,7 @@ def _compiled(
     )
     energy = energy[:found].copy(order="F")  # without the rest of the room
     times = available[:found].copy(), duration[:found].copy()
-    return Compared(*times, energy[:, 0], energy[:, 1]), energy
+    return Compared(*times, energy[:, 0], energy[:, 1], energy[:, 1]), energy
 
 
 def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
@@ -330,8 +394,8 @@ def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
 
 def _compared(
     predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int
-) -> tuple[Compared, Float]:
-    """Return the intervals that both curves cover, and their energies in one array."""
+) -> tuple[Compared, Float, Int]:
+    """Return the intervals that both curves cover, their energies in one array, and their ends."""
     edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
     np.maximum(edges, start, out=edges)
     np.minimum(edges, until, out=edges)
@@ -348,4 +412,5 @@ def _compared(
     for column, (pieces, row) in enumerate(((measured, row_m), (predicted, row_p))):
         low, high = pieces.value(row, bounds)
         energy[:, column] = (low + high) * (0.5 * NANOSECOND * duration_ns)
-    return Compared(measured.end_ns[row_m], duration_ns, energy[:, 0], energy[:, 1]), energy
+    times = measured.end_ns[row_m], duration_ns
+    return Compared(*times, energy[:, 0], energy[:, 1], energy[:, 1]), energy, bounds[1]

@@ -83,15 +83,6 @@ class EnergyCalibration:
         else:
             self._squares += (squares - self._squares) / len(self._windows)
 
-    @property
-    def lag(self) -> float:
-        """How late the meter shows what is drawn, 0 if too little was read. [s]"""
-        if len(self._windows) < MIN_WINDOWS:
-            return 0.0
-        error, step, form = np.array(self._windows).T
-        total = float(form.sum())
-        return _lag(error - float(error.sum()) / total * form, step) if total > 0 else 0.0
-
     def half(self, deviation: Float) -> float | None:
         """Return half the width of the 90 % band of an energy from the grid.
 

@@ -105,10 +105,10 @@ def add_compared(curve: EnergyCurve, compared: Compared) -> None:
     """Add measured and predicted energy at the meter to a curve.
 
     Args:
-        curve: A curve of two columns: measured, predicted.
+        curve: A curve of three columns: measured, predicted as the meter shows it, drawn.
         compared: What became comparable.
     """
-    energy = np.stack([compared.measured, compared.predicted], axis=1)
+    energy = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
     curve.add(compared.available_ns, compared.duration_ns, energy)
 
 

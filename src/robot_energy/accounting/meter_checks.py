@@ -69,7 +69,7 @@ class MeterDiagnostics:
         self._waiting.clear()
         second = compared.available_ns // SECOND_NS
         measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
-        predicted = np.rint(compared.predicted * NANOJOULE_PER_JOULE).astype(np.int64)
+        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
         self._drawn += int(measured[measured > 0].sum())
         self._returned -= int(measured[measured < 0].sum())
         self._predicted_returned -= int(predicted[predicted < 0].sum())

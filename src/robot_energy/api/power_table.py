@@ -165,7 +165,7 @@ def _table(
 
 def _measured(stamp_ns: Int, compared: Sequence[Compared]) -> dict[str, Float]:
     """Mean powers over the interval between readings that holds each stamp."""
-    curve = EnergyCurve(2, ALL_ROWS)
+    curve = EnergyCurve(3, ALL_ROWS)
     for part in compared:
         add_compared(curve, part)
     measured, predicted = _at(stamp_ns, curve.rows())
@@ -175,7 +175,7 @@ def _measured(stamp_ns: Int, compared: Sequence[Compared]) -> dict[str, Float]:
 def _at(stamp_ns: Int, rows: EnergyRows) -> tuple[Float, Float]:
     """Mean of both energies in the row that holds each stamp, epoch by epoch."""
     found = np.full((len(stamp_ns), 2), np.nan)
-    power = rows.energy / (rows.duration_ns * NANOSECOND)[:, None]
+    power = rows.energy[:, :2] / (rows.duration_ns * NANOSECOND)[:, None]
     jumps = np.flatnonzero(np.diff(rows.stamp_ns) < 0) + 1
     epochs = np.split(np.arange(len(rows.stamp_ns)), jumps)
     runs = np.split(np.arange(len(stamp_ns)), np.flatnonzero(np.diff(stamp_ns) < 0) + 1)

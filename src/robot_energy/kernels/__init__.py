@@ -178,37 +178,6 @@ class Compiled(Protocol):
         """
         ...
 
-    def follow(
-        self,
-        stamp: Array,
-        power: Array,
-        constant: Array,
-        before: int,
-        recent_ns: int,
-        kept: int,
-        state: Array,
-        stamps: Array,
-        lates: Array,
-        most: Array,
-        span: Array,
-    ) -> None:
-        """Show powers as a meter with a low pass does, as `accounting.late_meter` follows them.
-
-        Args:
-            stamp: Rising, shape (N,). [ns]
-            power: Shape (N,). [W]
-            constant: Time constant at each, shape (N,). [s]
-            before: Stamp of the power before the first; -2^63 for none. [ns]
-            recent_ns: How long a power counts among the newest. [ns]
-            kept: How many times are kept of before.
-            state: Newest power, and what the meter shows beyond it; replaced, shape (2,). [W]
-            stamps: Those that are kept, then room for N, shape (kept + N,). [ns]
-            lates: Likewise how late the meter was, falling, shape (kept + N,). [nW]
-            most: Written to, the greatest of the newest times at each, int64, shape (N,). [nW]
-            span: Written to, first and end of what is to be kept, int64, shape (2,).
-        """
-        ...
-
     def messages(
         self, data: memoryview, table: Array, others: Array, limit: int
     ) -> tuple[int, int, int]:

@@ -101,24 +101,10 @@ typedef struct {
     numbers column[MAX_COLUMNS];
 } layout;
 
-#define NO_STAMP INT64_MIN
-
-/* Powers that a meter follows; what is kept of earlier ones stands first in stamps and lates. */
-typedef struct {
-    const int64_t *stamp;
-    const double *power, *constant; /* [W], [s] */
-    int64_t rows, kept, before, recent_ns; /* before: newest stamp, or NO_STAMP [ns] */
-    double *state;            /* newest power, and what the meter shows beyond it [W] */
-    int64_t *stamps, *lates;  /* of the newest times, those that none exceeds later [ns], [nW] */
-    int64_t *most;            /* greatest of the newest times at each row [nW] */
-    int64_t *range;           /* of stamps and lates that stay */
-} late;
-
 void inverse_dynamics_lanes(const chain *tree, const double *q, const double *v,
                             const double *acc, double *tau);
 int local_slopes(const slopes *task);
 void messages_of(const uint8_t *data, uint64_t size, messages *found);
-void follow_late(const late *task);
 int64_t take_columns(const uint8_t *buffer, const int64_t *offset, int64_t rows,
                      const layout *known); /* the first row that does not agree */
 int integrate_registers(const registers *task);

@@ -458,49 +458,6 @@ end:
     return PyErr_Occurred() ? NULL : PyBool_FromLong(sound);
 }
 
-PyDoc_STRVAR(follow_doc,
-"follow(stamp, power, constant, before, recent_ns, kept, state, stamps, lates, most, range)\n--\n\n"
-"How late a meter shows each power, for `robot_energy.accounting.late_meter`.");
-
-static PyObject *follow(PyObject *self, PyObject *args) {
-    PyObject *given[8];
-    arrays held = {.count = 0};
-    Py_buffer *views[8] = {NULL};
-    const char kinds[] = "qdddqqqq"; /* stamp, power, constant, state, stamps, lates, most, range */
-    late task;
-    long long before, recent_ns, kept;
-    if (!PyArg_ParseTuple(args, "OOOLLLOOOOO", &given[0], &given[1], &given[2], &before, &recent_ns,
-                          &kept, &given[3], &given[4], &given[5], &given[6], &given[7]))
-        return NULL;
-    for (int i = 0; i < 8; i++)
-        if (!(views[i] = take(&held, given[i], kinds[i], 1, i > 2))) return refuse(&held, NULL);
-    task.rows = views[0]->shape[0];
-    int fits = kept >= 0 && views[3]->shape[0] == 2 && views[7]->shape[0] == 2
-               && kept <= views[4]->shape[0] - task.rows && kept <= views[5]->shape[0] - task.rows;
-    for (int i = 0; i < 8; i++)
-        fits &= dense(views[i], 0) && ((i > 2 && i < 6) || i == 7 || views[i]->shape[0] == task.rows);
-    if (!fits) return refuse(&held, "found arrays that do not fit each other");
-    if (recent_ns <= 0 || !sound_time(recent_ns) || (before != NO_STAMP && !sound_time(before))
-        || !sound_times(views[0], task.rows, 1) || !sound_times(views[4], kept, 0))
-        return refuse(&held, "found stamps that fall or lie beyond 2^62 ns, or a time that does");
-    task.stamp = views[0]->buf;
-    task.power = views[1]->buf;
-    task.constant = views[2]->buf;
-    task.before = before;
-    task.recent_ns = recent_ns;
-    task.kept = kept;
-    task.state = views[3]->buf;
-    task.stamps = views[4]->buf;
-    task.lates = views[5]->buf;
-    task.most = views[6]->buf;
-    task.range = views[7]->buf;
-    Py_BEGIN_ALLOW_THREADS
-    follow_late(&task);
-    Py_END_ALLOW_THREADS
-    release(&held);
-    Py_RETURN_NONE;
-}
-
 static PyMethodDef methods[] = {
     {"inverse_dynamics", inverse_dynamics, METH_VARARGS, inverse_dynamics_doc},
     {"slopes", slopes_of, METH_VARARGS, slopes_doc},
@@ -508,7 +465,6 @@ static PyMethodDef methods[] = {
     {"integrate", integrate, METH_VARARGS, integrate_doc},
     {"compare", compare, METH_VARARGS, compare_doc},
     {"columns", columns_of, METH_VARARGS, columns_doc},
-    {"follow", follow, METH_VARARGS, follow_doc},
     {"messages", messages_in, METH_VARARGS, messages_doc},
     {NULL, NULL, 0, NULL},
 };

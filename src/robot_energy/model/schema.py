@@ -100,6 +100,18 @@ class Cabinet(ModelEntry):
         return self
 
 
+class Meter(ModelEntry):
+    """How late the power meter shows what is drawn; a counter of energy has neither figure.
+
+    Attributes:
+        time_constant: T of a low pass in the meter, ``T dy/dt = p - y``; absent: none. [s]
+        delay: Of its readings behind the power; absent: none. [s]
+    """
+
+    time_constant: PositiveFigure | None = None
+    delay: PositiveFigure | None = None
+
+
 class TemperatureSettings(ModelEntry):
     """What to assume where no temperature is known.
 
@@ -199,6 +211,7 @@ class RobotModel(ModelEntry):
         provenance: Where the file comes from.
         auxiliary: Loads at the outlet, outside of the cabinet, such as a pump; a replay and a
             prediction count them.
+        meter: How late the power meter shows what is drawn; absent: the monitor finds it.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
         gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
@@ -217,6 +230,7 @@ class RobotModel(ModelEntry):
     temperature: TemperatureSettings
     provenance: Provenance = Provenance()
     auxiliary: Annotated[tuple[AuxiliaryLoad, ...], Field(max_length=MAX_LOADS)] | None = None
+    meter: Meter | None = None
 
     _urdf_xml: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="<memory>")
@@ -257,7 +271,7 @@ class RobotModel(ModelEntry):
     @property
     def model_id(self) -> str:
         """Short hash over every figure and the URDF: equal ids give equal watts."""
-        late = {"auxiliary"} if self.auxiliary is None else set[str]()
+        late = {name for name in ("auxiliary", "meter") if getattr(self, name) is None}
         digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"} | late).encode())
         digest.update(self._urdf_xml.encode())
         return digest.hexdigest()[:12]

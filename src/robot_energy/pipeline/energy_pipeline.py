@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.blocks import (
     FrictionBlock,
     JointBlock,
@@ -62,7 +63,7 @@ class EnergyPipeline:
         self.torque = TorqueStage(model, settings)
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
-        self.account = EnergyAccount(len(model.joints), settings)
+        self.account = EnergyAccount(len(model.joints), settings, MeterResponse.of(model))
         self._waiting: list[JointBlock] = []
         self._done_ns: int | None = None  # newest joint state that did not wait [ns]
 

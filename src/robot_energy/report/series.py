@@ -75,7 +75,7 @@ def series_of(
     Returns:
         Measured and predicted, or None where nothing was compared.
     """
-    curve = EnergyCurve(2)
+    curve = EnergyCurve(3)
     for part in compared:
         add_compared(curve, part)
     return _pair(curve, start_ns, label, role)
@@ -87,8 +87,8 @@ def _pair(
     rows = curve.rows()
     if not len(rows.stamp_ns):
         return None
-    first = _series("measured", "measured", rows, start_ns, 0)
-    return first, _series(label, role, rows, start_ns, 1)
+    first = _series("measured", "measured", rows, start_ns, 0, 0)
+    return first, _series(label, role, rows, start_ns, 1, 2)
 
 
 def predicted_series(
@@ -102,7 +102,7 @@ def predicted_series(
     rows = None if curve is None else curve.rows()
     if rows is None or start_ns is None or not len(rows.stamp_ns):
         return None
-    return _series(label, role, rows, start_ns, 0)
+    return _series(label, role, rows, start_ns, 0, 0)
 
 
 def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[Series]:
@@ -135,8 +135,10 @@ def _with_band(curve: Series, result: Replay) -> Series:
     return replace(curve, energy_half=result.account.energy_band.half * shown)
 
 
-def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int) -> Series:
-    """Merge neighbours until few enough are left; points stand in their middle."""
+def _series(
+    label: str, role: Role, rows: EnergyRows, start_ns: int, power: int, energy: int
+) -> Series:
+    """Power and energy of two columns. Merge neighbours until few enough are left; points stand in their middle."""
     begin_ns, end_ns = rows.begin_ns - start_ns, rows.stamp_ns - start_ns
     every = -(-len(end_ns) // MAX_POINTS)
     firsts = np.arange(0, len(end_ns), every)
@@ -144,8 +146,8 @@ def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int
     begin = _seconds(begin_ns[firsts])
     end = _seconds(end_ns[lasts])
     width = _seconds(np.add.reduceat(rows.duration_ns, firsts))
-    joule = np.add.reduceat(rows.energy[:, column], firsts)
-    total = np.cumsum(joule)
+    joule = np.add.reduceat(rows.energy[:, power], firsts)
+    total = np.cumsum(np.add.reduceat(rows.energy[:, energy], firsts))
     step = begin[1:] - end[:-1]
     cuts = np.flatnonzero((step > BREAK * np.median(width)) | (step < 0)) + 1
     return Series(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Block, Float, Int
+from robot_energy.blocks import NANOSECOND, Block, Float, Int, differences
+from robot_energy.units import SECOND_NS
 
 
 @dataclass(frozen=True)
@@ -106,20 +107,51 @@ class Compared(Block):
         stamp_ns: When the meter had reported the interval, shape (K,). [ns]
         duration_ns: Shape (K,). [ns]
         measured: Measured energy, shape (K,). [J]
-        predicted: Predicted energy at the meter's place, shape (K,). [J]
+        predicted: Predicted energy at the meter's place, as the meter shows it with its delay
+            and low pass, shape (K,). [J]
+        drawn: Predicted energy that is drawn there meanwhile, shape (K,). [J]
     """
 
     duration_ns: Int
     measured: Float
     predicted: Float
+    drawn: Float
 
     @classmethod
     def empty(cls) -> Compared:
         """No intervals."""
         none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        return cls(none, none, nothing, nothing)
+        return cls(none, none, nothing, nothing, nothing)
 
     @property
     def available_ns(self) -> Int:
         """When the meter had reported the interval, shape (K,). [ns]"""
         return self.stamp_ns
+
+
+def starts_of(number: Int) -> Int:
+    """Return where runs of equal numbers begin, shape (runs,).
+
+    Args:
+        number: Shape (N,), N > 0.
+    """
+    return np.flatnonzero(differences(number, int(number[0]) - 1))
+
+
+def closed_sums(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
+    """Sum rows by the time of their first column.
+
+    Args:
+        begun: The sum that may go on, shape (0 or 1, columns).
+        table: New rows: time [ns], and what is summed; shape (N, columns), N > 0.
+        length_ns: Of a group. [ns]
+
+    Returns:
+        The sums; the whole second from which each counts, as it is known to be complete when the
+        next one begins [ns]; and the sum that may go on.
+    """
+    rows = np.concatenate([begun[:, : table.shape[1]], table])
+    starts = starts_of(rows[:, 0] // length_ns)
+    sums = np.add.reduceat(rows, starts, axis=0)
+    sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
+    return sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS, sums[-1:]

@@ -168,20 +168,26 @@ def worked(account, first: int, power, shown, cuts=()):
 
 
 def test_the_band_of_power_behind_a_low_pass_holds_for_work_with_shorter_rests():
-    """At the begin of a motion the meter shows next to nothing, as seldom as motions begin."""
+    """Once it is found, the low pass is in the prediction, and the noise of the meter is left."""
     random = np.random.default_rng(5)
     account = EnergyAccount(len(NAMES))
-    first, means = worked(account, 0, *work(random, 230, 1.0))
+
+    def noisy(moves, rest):
+        power, shown = work(random, moves, rest)
+        each = random.normal(0.0, 20.0, len(power) * READINGS // RATE)
+        return power, shown + np.repeat(each, RATE // READINGS)
+
+    first, means = worked(account, 0, *noisy(230, 1.0))
     noise, calibration = np.nanmedian(means.band_half[-RATE * 60 :]), account.calibration
-    assert calibration.inside / calibration.readings == pytest.approx(0.9, abs=0.01)
+    assert 0.87 <= calibration.inside / calibration.readings <= 0.93  # a minute without the lag too
     before = calibration.readings, calibration.inside
-    _, means = worked(account, first, *work(random, 60, 0.1))
+    _, means = worked(account, first, *noisy(60, 0.1))
     share = (calibration.inside - before[1]) / (calibration.readings - before[0])
     assert 0.87 <= share <= 0.93
     off = np.abs(means.predicted_power_at_meter - means.measured_power)
     known = np.isfinite(off)
     assert (off <= means.band_half)[known].mean() > 0.75  # each is that of the reading before
-    assert noise < 150.0  # steps have 100 to 800 W
+    assert noise < 2.5 * 20.0  # steps have 100 to 800 W
 
 
 def test_how_the_input_is_cut_makes_no_difference_behind_a_low_pass():

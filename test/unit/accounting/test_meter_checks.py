@@ -177,7 +177,7 @@ def test_the_residual_does_not_depend_on_the_cutting(size, seed, cuts):
     def run(bounds):
         judgement = MeterDiagnostics()
         for start, stop in zip([0, *bounds], [*bounds, size], strict=True):
-            judgement.step(Compared(*(column[start:stop] for column in columns)))
+            judgement.step(Compared(*(column[start:stop] for column in (*columns, columns[-1]))))
         return judgement.compared_time, judgement.residual_share
 
     assert run([]) == run(sorted(min(cut, size) for cut in cuts))

@@ -18,7 +18,7 @@ def pieces(readings=200):
     stamp = np.repeat(np.cumsum(RNG.integers(1, 9, readings)) * 10**7, counts)
     seconds = RNG.integers(1, 10**8, len(stamp))
     measured, predicted = RNG.normal(50.0, 20.0, (2, len(stamp)))
-    return Compared(stamp, seconds, measured, predicted)
+    return Compared(stamp, seconds, measured, predicted, predicted)
 
 
 def by_hand(part):
@@ -53,7 +53,7 @@ def test_power_errors_of_two_recordings_are_those_of_all_their_readings():
     sums[0].add(sums[1])
     later = Compared(
         parts[1].stamp_ns + parts[0].stamp_ns[-1] + 1, *(getattr(parts[1], name) for name in
-        ("duration_ns", "measured", "predicted")),
+        ("duration_ns", "measured", "predicted", "drawn")),
     )  # fmt: skip
     assert sums[0].rms == pytest.approx(by_hand(Compared.concatenate([parts[0], later]))[0])
     assert sums[1].rms == alone

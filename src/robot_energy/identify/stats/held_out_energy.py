@@ -281,7 +281,7 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
     measured = recording.torque.motor_torque_measured[rows]
     return HeldOutPrediction(
         compared,
-        float(sum(part.predicted.sum() for part in compared)),
+        float(sum(part.drawn.sum() for part in compared)),
         sums.rms,
         _shaft(recording, predicted, span),
         relative_error(predicted[rows] - measured, measured),
@@ -292,9 +292,7 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
 def _within(part: Compared, span: Span) -> Compared:
     """The readings that lie wholly inside a span."""
     rows = (part.available_ns - part.duration_ns >= span[0]) & (part.available_ns <= span[1])
-    return Compared(
-        part.available_ns[rows], part.duration_ns[rows], part.measured[rows], part.predicted[rows]
-    )
+    return part[rows]
 
 
 def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:

@@ -215,7 +215,7 @@ def _metered(recording: Recording) -> _Metered:
         place = ((part.stamp_ns - 1 - origin) * NANOSECOND // WINDOW).astype(np.int64)
         place = np.clip(place, 0, count - 1)
         measured += np.bincount(place, part.measured, count)
-        predicted += np.bincount(place, part.predicted, count)
+        predicted += np.bincount(place, part.drawn, count)
     return _Metered(
         sums(power.friction_power, step) / WINDOW,
         degc,

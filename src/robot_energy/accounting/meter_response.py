@@ -1,0 +1,322 @@
+"""A predicted power as a meter with a delay and a low pass shows it.
+
+The reading y of a meter with delay d and time constant T follows the power p that is drawn by
+
+    T dy/dt = p(t - d) - y
+
+Between two samples p is straight, ``p = p0 + s (t - t0)``, and with ``b = y - p`` the solution is
+
+    b(t) = b0 exp(-(t - t0) / T) - s T (1 - exp(-(t - t0) / T))
+
+The energy that the meter shows from t1 to t2 follows from the equation itself, without another
+approximation: ``integral of y = integral of p(t - d) - T (y(t2) - y(t1))``. A stretch of known power
+begins settled: before it the power was that of its first sample.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import deque
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Block, Float, Int
+from robot_energy.model import RobotModel
+from robot_energy.timeline.pieces import Compared, closed_sums
+from robot_energy.units import NANOJOULE_PER_JOULE
+
+STRETCH_NS = 5_000_000_000  # whose energies show the lag: about a motion
+READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
+MIN_SHARE = 0.5  # of a stretch that must be compared
+MIN_STRETCHES = 12  # before a lag is found: a minute
+MAX_STRETCHES = 120  # behind it: ten minutes
+MAX_LAG = 1.0  # that is found [s]
+SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
+
+
+@dataclass(frozen=True)
+class MeterResponse:
+    """How late a meter shows what is drawn.
+
+    Attributes:
+        time_constant: Of its low pass. [s]
+        delay: Of its readings behind the power. [s]
+        stated: Whether the model states it; else the monitor finds it from the readings.
+    """
+
+    time_constant: float = 0.0
+    delay: float = 0.0
+    stated: bool = False
+
+    @classmethod
+    def of(cls, model: RobotModel) -> MeterResponse | None:
+        """Return what a model states of its meter; None for nothing.
+
+        Args:
+            model: The model.
+        """
+        if (meter := model.meter) is None:
+            return None
+        values = (0.0 if one is None else one.value for one in (meter.time_constant, meter.delay))
+        return cls(*values, stated=True)
+
+
+@dataclass(frozen=True)
+class _Followed(Block):
+    """Samples that the meter has followed.
+
+    Attributes:
+        stamp_ns: Shape (N,). [ns]
+        power: Drawn, straight until the next one, shape (N,). [W]
+        behind: What the meter shows beyond it, shape (N,). [W]
+        constant: Time constant until the next one, shape (N,). [s]
+        energy: What the meter shows since a time before the first, shape (N,). [J]
+        first_ns: Where the stretch of each begins, shape (N,). [ns]
+        first_power: The power there, shape (N,). [W]
+    """
+
+    power: Float
+    behind: Float
+    constant: Float
+    energy: Float
+    first_ns: Int
+    first_power: Float
+
+
+class ShownPower:
+    """Follows a predicted power as the meter shows it.
+
+    The recursion goes from sample to sample, so the cutting of the input makes no difference.
+
+    Args:
+        delay: Of the meter. [s]
+    """
+
+    def __init__(self, delay: float = 0.0) -> None:
+        self._delay_ns = round(delay / NANOSECOND)
+        self._waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
+        self._rows: _Followed | None = None
+        self._fresh: list[tuple[Int, Float]] = []
+
+    def behind(self) -> tuple[Int, Float]:
+        """Return what the meter shows beyond the power, of the samples followed since the last call.
+
+        Returns:
+            When a reading shows each, shape (N,) [ns], and by how much, shape (N,) [W].
+        """
+        fresh, self._fresh = self._fresh, []
+        if not fresh:
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        stamp, behind = (np.concatenate(each) for each in zip(*fresh, strict=True))
+        return stamp + self._delay_ns, behind
+
+    def take(self, stamp_ns: Int, power: Float, begins: NDArray[np.bool_]) -> None:
+        """Take samples; they are shown with `follow`.
+
+        Args:
+            stamp_ns: In the order of time, shape (N,). [ns]
+            power: Shape (N,). [W]
+            begins: Where nothing is known between a sample and the one before, shape (N,).
+        """
+        self._waiting.append((stamp_ns, power, begins))
+
+    def follow(self, since_ns: list[int], constants: list[float]) -> None:
+        """Let the meter show what was taken.
+
+        Args:
+            since_ns: From when on each time constant counts but the first. [ns]
+            constants: Time constants. [s]
+        """
+        if not self._waiting:
+            return
+        columns = zip(*self._waiting, strict=True)
+        stamp, power, begins = (np.concatenate(each) for each in columns)
+        self._waiting.clear()
+        constant = np.array(constants)[np.searchsorted(since_ns, stamp, side="right")]
+        before = self._rows
+        if before is None:
+            begins[0] = True
+            last = _Followed(
+                stamp[:1], power[:1], np.zeros(1), constant[:1], np.zeros(1), stamp[:1], power[:1]
+            )
+        else:
+            last = before[slice(-1, None)]
+        step_ns = np.diff(np.concatenate([last.stamp_ns, stamp]))
+        low = np.concatenate([last.power, power[:-1]])
+        slow = np.concatenate([last.constant, constant[:-1]])
+        known = ~begins
+        kept, moved = _decay(step_ns * NANOSECOND, slow)
+        kept, moved = np.where(known, kept, 0.0), np.where(known, (power - low) * moved, 0.0)
+        first = float(last.behind[0])
+        behind = np.zeros(len(stamp))
+        if first != 0.0 or moved.any():
+            steps = zip(kept.tolist(), moved.tolist(), strict=True)
+            found = accumulate(steps, lambda b, step: b * step[0] - step[1], initial=first)
+            behind = np.fromiter(found, dtype=np.float64, count=len(stamp) + 1)[1:]
+        self._fresh.append((stamp, behind))
+        lags = slow * (power + behind - (low + np.concatenate([last.behind, behind[:-1]])))
+        energy = np.where(known, 0.5 * (low + power) * (step_ns * NANOSECOND) - lags, 0.0)
+        total = np.add.accumulate(np.concatenate([last.energy, energy]))[1:]
+        place = np.maximum.accumulate(np.where(begins, np.arange(len(stamp)), -1))
+        fresh = place >= 0
+        rows = _Followed(
+            stamp,
+            power,
+            behind,
+            constant,
+            total,
+            np.where(fresh, stamp[place], last.first_ns),
+            np.where(fresh, power[place], last.first_power),
+        )
+        self._rows = rows if before is None else _Followed.concatenate([before, rows])
+
+    def energy(self, drawn: Float, begin_ns: Int, end_ns: Int) -> Float:
+        """Return what the meter shows over intervals without a sample within.
+
+        Args:
+            drawn: Energy that is drawn over each, shape (K,). [J]
+            begin_ns: Shape (K,). [ns]
+            end_ns: Within the samples that were followed, shape (K,). [ns]
+
+        Returns:
+            Shape (K,). [J]
+        """
+        rows = self._rows
+        if rows is None or not len(drawn) or self._same(rows):
+            return drawn
+        own = np.searchsorted(rows.stamp_ns, end_ns, side="left") - 1
+        first_ns, first_power = rows.first_ns[own], rows.first_power[own]
+        begin, end = begin_ns - self._delay_ns, end_ns - self._delay_ns
+        low, high = np.maximum(begin, first_ns), np.maximum(end, first_ns)
+        before_ns = np.maximum(first_ns - begin, 0) - np.maximum(first_ns - end, 0)
+        shown = _energy_at(rows, high, "left") - _energy_at(rows, low, "right")
+        shown = np.where(high > low, shown, 0.0)
+        return np.asarray(shown + first_power * (before_ns * NANOSECOND))
+
+    def _same(self, rows: _Followed) -> bool:
+        """Whether the meter shows what is drawn."""
+        return not (self._delay_ns or rows.behind.any() or rows.constant.any())
+
+    def forget(self, before_ns: int) -> None:
+        """Drop samples that no later interval asks for.
+
+        Args:
+            before_ns: Later intervals begin here at the earliest. [ns]
+        """
+        if self._rows is not None:
+            place = np.searchsorted(self._rows.stamp_ns, before_ns - self._delay_ns, side="left")
+            self._rows = self._rows[slice(max(int(place) - 1, 0), None)]
+
+
+def _decay(seconds: Float, constant: Float) -> tuple[Float, Float]:
+    """Share of b that is left after a time, and what a step of p over it takes from b."""
+    slow = constant > 0.0
+    ratio = np.where(slow, seconds, 0.0) / np.where(slow, constant, 1.0)
+    safe = np.where(ratio > 0.0, ratio, 1.0)
+    kept = np.where(slow, np.exp(-ratio), 0.0)
+    moved = np.where(ratio > 0.0, -np.expm1(-safe) / safe, 1.0)
+    return kept, np.where(slow, moved, 0.0)
+
+
+def _energy_at(rows: _Followed, time_ns: Int, side: str) -> Float:
+    """Energy that the meter has shown by a time, from the piece before ("left") or behind it."""
+    row = np.searchsorted(rows.stamp_ns, time_ns, side="left" if side == "left" else "right") - 1
+    row = np.minimum(np.maximum(row, 0), max(len(rows) - 2, 0))
+    start, then = rows[row], rows[np.minimum(row + 1, len(rows) - 1)]
+    seconds = (time_ns - start.stamp_ns) * NANOSECOND
+    whole = np.maximum(then.stamp_ns - start.stamp_ns, 1)
+    power = start.power + (then.power - start.power) * ((time_ns - start.stamp_ns) / whole)
+    power = np.where(time_ns == start.stamp_ns, start.power, power)
+    kept, moved = _decay(seconds, start.constant)
+    behind = start.behind * kept - (power - start.power) * moved
+    lag = start.constant * (power + behind - (start.power + start.behind))
+    return start.energy + 0.5 * (start.power + power) * seconds - lag
+
+
+class LagEstimate:
+    """How late a meter shows what is drawn, from its readings.
+
+    Over a stretch of 5 s a meter that is late by T shows ``T dy`` less than is drawn, ``dy``
+    the step of the reading from its begin to its end; that is fitted to the newest ten
+    minutes. Sums are integers, so the cutting of the input makes no difference.
+
+    Attributes:
+        since_ns: From when on each lag counts but the first. [ns]
+        lags: That later samples may ask for. [s]
+    """
+
+    def __init__(self, lag: float = 0.0) -> None:
+        self.since_ns: list[int] = []
+        self.lags = [lag]
+        self._windows: deque[tuple[float, float]] = deque(maxlen=MAX_STRETCHES)
+        self.jump()
+
+    def jump(self) -> None:
+        """Forget what is open, as where stamps go back; the newest lag stays."""
+        self.since_ns, self.lags = [], self.lags[-1:]
+        self._stretch = self._reading = np.empty((0, 4), dtype=np.int64)
+        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
+
+    def begin(self, windows: list[tuple[float, float]]) -> None:
+        """Put windows of an earlier run before those of this one.
+
+        Args:
+            windows: Errors [J] and steps [W], in the order of time.
+        """
+        self._windows = deque([*windows, *self._windows], maxlen=MAX_STRETCHES)
+        self.lags[-1] = self._lag()
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable.
+
+        Args:
+            compared: In the order of time.
+        """
+        if not len(compared):
+            return
+        energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
+        table = np.column_stack(
+            [compared.available_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
+        )
+        stretches, known, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
+        readings, _, self._reading = closed_sums(self._reading, table, READING_NS)
+        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
+        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
+        for row, power, since in zip(
+            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
+        ):
+            end_ns, duration_ns, measured, drawn = row
+            number = end_ns // STRETCH_NS
+            before, self._border = self._border, (number, power)
+            if before is None or before[0] != number - 1 or duration_ns < MIN_SHARE * STRETCH_NS:
+                continue
+            self._windows.append(((drawn - measured) / NANOJOULE_PER_JOULE, power - before[1]))
+            self.since_ns.append(since)
+            self.lags.append(self._lag())
+
+    def forget(self, before_ns: int) -> None:
+        """Drop lags that no later sample asks for.
+
+        Args:
+            before_ns: Later samples are newer. [ns]
+        """
+        past = bisect_right(self.since_ns, before_ns)
+        del self.since_ns[:past], self.lags[:past]
+
+    def _lag(self) -> float:
+        """The lag of the windows; 0 where they do not show one."""
+        if len(self._windows) < MIN_STRETCHES:
+            return 0.0
+        windows = np.array(self._windows)
+        error, step = (windows - windows.mean(axis=0)).T
+        squares = float(step @ step)
+        if squares <= 0.0:
+            return 0.0
+        lag = float(error @ step) / squares
+        left = error - lag * step
+        std = math.sqrt(float(left @ left) / (len(left) - 2) / squares)
+        return min(lag, MAX_LAG) if lag > SIGNIFICANT * std else 0.0

@@ -1,0 +1,212 @@
+"""A prediction as a meter shows it: closed forms, another solver, cutting, lags found online."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, lsim
+
+from robot_energy.accounting.comparison import Comparison
+from robot_energy.accounting.meter_response import MAX_LAG, LagEstimate, MeterResponse, ShownPower
+from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.timeline.pieces import Compared
+
+SECOND = 10**9
+MS = 1_000_000
+RATE = 50  # samples a second
+
+
+def followed(stamp_s, power, constant, delay=0.0, begins=()) -> ShownPower:
+    """Samples that a meter follows."""
+    shown = ShownPower(delay)
+    stamp = np.rint(np.asarray(stamp_s) * SECOND).astype(np.int64)
+    first = np.zeros(len(stamp), dtype=bool)
+    first[list(begins)] = True
+    shown.take(stamp, np.asarray(power, dtype=float), first)
+    shown.follow([], [constant])
+    return shown
+
+
+def energy(shown, edges_s, drawn=0.0):
+    """What the meter shows between edges."""
+    edges = np.rint(np.asarray(edges_s) * SECOND).astype(np.int64)
+    return shown.energy(np.full(len(edges) - 1, drawn), edges[:-1], edges[1:])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.13])
+def test_a_ramp_is_shown_as_its_closed_form_says(delay):
+    """y = s (t - T + T exp(-t / T)) for p = s t, from rest; its integral by hand."""
+    slope, slow = 200.0, 0.3
+    shown = followed([0.0, 0.4, 1.0, 2.0], slope * np.array([0.0, 0.4, 1.0, 2.0]), slow, delay)
+    edges = np.array([0.0, 0.05, 0.4, 0.73, 1.0, 1.999, 2.0])
+    since = np.maximum(edges - delay, 0.0)
+    whole = slope * (since**2 / 2 - slow * since - slow**2 * np.expm1(-since / slow))
+    assert energy(shown, edges) == pytest.approx(np.diff(whole), rel=1e-9, abs=1e-6)
+
+
+def test_a_jagged_power_is_shown_as_another_solver_says():
+    random = np.random.default_rng(1)
+    slow, fine = 0.28, np.arange(0.0, 20.0, 1e-4)
+    stamp = np.unique(np.round(np.cumsum(random.uniform(0.002, 0.3, 200)), 3))
+    stamp = np.concatenate([[0.0], stamp[stamp < 19.0], [20.0]])
+    power = random.uniform(-500.0, 3000.0, len(stamp))
+    drawn = np.interp(fine, stamp, power)
+    _, y, _ = lsim(([1.0], [slow, 1.0]), drawn - power[0], fine)
+    shown = y + power[0]
+    whole = np.concatenate([[0.0], np.cumsum((shown[1:] + shown[:-1]) / 2 * 1e-4)])
+    edges = np.arange(0.0, 19.0, 0.1)
+    expected = np.diff(np.interp(edges, fine, whole))
+    assert energy(followed(stamp, power, slow), edges) == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_step_has_an_end_where_two_samples_have_one_stamp():
+    shown = followed([0.0, 1.0, 1.0, 3.0], [100.0, 100.0, 500.0, 500.0], 0.5)
+    missed = 400.0 * 0.5 * (1.0 - np.exp(-2.0 / 0.5))
+    assert energy(shown, [0.0, 1.0, 3.0]) == pytest.approx([100.0, 1000.0 - missed])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4])
+def test_every_stretch_of_known_power_begins_settled(delay):
+    shown = followed([0.0, 1.0, 5.0, 6.0], [0.0, 900.0, 300.0, 300.0], 0.5, delay, begins=[2])
+    assert energy(shown, [5.0, 5.2, 6.0]) == pytest.approx([60.0, 240.0])
+
+
+def test_a_sample_of_no_number_begins_another_stretch():
+    shown = followed(np.arange(6), [9.0, 9.0, np.nan, 5.0, 5.0, 5.0], 0.5, begins=[2, 3])
+    assert energy(shown, [3.0, 4.0, 5.0]) == pytest.approx([5.0, 5.0])
+
+
+def test_without_a_response_the_meter_shows_what_is_drawn():
+    drawn = np.array([1.0, 2.0])
+    shown = followed([0.0, 1.0, 2.0], [0.0, 2.0, 2.0], 0.0)
+    edges = np.arange(3) * SECOND
+    assert shown.energy(drawn, edges[:-1], edges[1:]) is drawn
+
+
+def readings(power, first=0, meaning=MeterMeaning.MEAN_OVER_INTERVAL) -> MeterBlock:
+    """Ten a second, means of samples."""
+    means = power.reshape(-1, RATE // 10).mean(axis=1)
+    stamp = first * SECOND + (np.arange(len(means)) + 1) * 100 * MS
+    counter = meaning is MeterMeaning.CUMULATIVE
+    nothing = np.full(len(means), np.nan)
+    return MeterBlock(
+        stamp,
+        nothing if counter else means,
+        np.cumsum(means * 0.1) if counter else nothing,
+        nothing if counter else np.full(len(means), 0.1),
+        meaning,
+        MeterLocation.GRID,
+    )
+
+
+def work(seconds, seed=3):
+    """A power that steps every second, and what a low pass of 0.3 s shows of it."""
+    power = np.repeat(np.random.default_rng(seed).uniform(100.0, 900.0, seconds), RATE)
+    kept = np.exp(-1.0 / RATE / 0.3)
+    return power, lfilter([1.0 - kept], [1.0, -kept], power, zi=[kept * power[0]])[0]
+
+
+def compared(comparison, power, cuts=(), first=0) -> Compared:
+    """What becomes comparable where power arrives in pieces."""
+    stamp = first * SECOND + np.arange(len(power)) * (SECOND // RATE)
+    bounds = [0, *cuts, len(power)]
+    segment = np.zeros(len(power), dtype=np.int64)
+    return Compared.concatenate(
+        [
+            comparison.predict(stamp[start:stop], segment[start:stop], power[start:stop])
+            for start, stop in pairwise(bounds)
+        ]
+    )
+
+
+def off(found: Compared) -> float:
+    """RMS of the residual. [W]"""
+    seconds = found.duration_ns * 1e-9
+    return float(np.sqrt(np.sum((found.predicted - found.measured) ** 2 / seconds) / seconds.sum()))
+
+
+def test_a_stated_low_pass_takes_the_meter_out_of_the_residual_and_no_energy():
+    power, shown = work(60)
+    plain, stated = Comparison(response=MeterResponse()), Comparison(
+        response=MeterResponse(0.3, stated=True)
+    )  # fmt: skip
+    for each in (plain, stated):
+        each.measure(readings(shown))
+    before, after = compared(plain, power), compared(stated, power)
+    assert off(before) > 100.0
+    assert off(after) < 0.12 * off(before)  # samples of 20 ms are not quite steps
+    assert (after.drawn == before.predicted).all()
+    assert stated.predicted_energy == plain.predicted_energy
+    assert stated.measured_energy == plain.measured_energy
+
+
+@pytest.mark.parametrize("response", [None, MeterResponse(0.3, 0.07, stated=True)])
+def test_how_the_input_is_cut_makes_no_difference(response):
+    random = np.random.default_rng(4)
+    power, shown = work(180)
+    power[random.choice(len(power), 50)] = np.nan
+    found = []
+    for cuts in ((), sorted(random.choice(len(power), 400, replace=False))):
+        comparison = Comparison(response=response)
+        comparison.measure(readings(shown))
+        found.append(compared(comparison, power, cuts))
+        assert comparison.response.stated is (response is not None)
+    assert comparison.response.time_constant > 0.2
+    edges = [np.cumsum(each.duration_ns) for each in found]
+    assert np.isin(edges[0], edges[1]).all()
+    place = np.searchsorted(edges[0], edges[1])
+    for name in ("drawn", "predicted"):
+        joined = np.bincount(place, getattr(found[1], name))
+        np.testing.assert_allclose(joined, getattr(found[0], name), rtol=1e-9, atol=1e-9)
+
+
+def test_a_lag_that_nobody_states_is_found_and_used_from_then_on():
+    power, shown = work(240)
+    comparison = Comparison()
+    comparison.measure(readings(shown))
+    found = compared(comparison, power)
+    late = found.available_ns > 120 * SECOND
+    assert comparison.response.time_constant == pytest.approx(0.3, abs=0.03)
+    early = found.available_ns < 60 * SECOND
+    np.testing.assert_allclose(found.predicted[early], found.drawn[early], rtol=1e-9)
+    assert off(found[late]) < 0.2 * off(found[early])
+
+
+def test_a_meter_without_a_lag_is_given_none():
+    power, _ = work(240)
+    comparison = Comparison()
+    noise = np.random.default_rng(5).normal(0.0, 20.0, len(power))
+    comparison.measure(readings(power + noise))
+    compared(comparison, power)
+    assert comparison.response.time_constant < 0.02
+
+
+def test_a_counter_shows_what_is_drawn():
+    power, _ = work(30)
+    comparison = Comparison(response=MeterResponse(0.3, stated=True))
+    comparison.measure(readings(power, meaning=MeterMeaning.CUMULATIVE))
+    found = compared(comparison, power)
+    assert len(found)
+    assert (found.predicted == found.drawn).all()
+    assert comparison.response == MeterResponse(stated=True)
+
+
+def test_a_jump_back_of_the_clock_keeps_the_lag():
+    power, shown = work(120)
+    comparison = Comparison()
+    for _ in range(2):
+        comparison.measure(readings(shown))
+        found = compared(comparison, power)
+    early = found.available_ns < 30 * SECOND
+    assert off(found[early]) < 50.0
+
+
+def test_a_later_run_begins_with_the_windows_of_an_earlier_one():
+    estimate = LagEstimate()
+    steps = np.random.default_rng(6).normal(0.0, 500.0, 60)
+    estimate.begin([(0.25 * step + 40.0, step) for step in steps.tolist()])
+    assert estimate.lags == [pytest.approx(0.25)]
+    estimate.begin([(5.0 * step, step) for step in steps.tolist()] * 2)
+    assert estimate.lags[-1] <= MAX_LAG
