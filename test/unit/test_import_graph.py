@@ -25,8 +25,7 @@ MODULES = {
     """,
     "robot_energy.accounting": """
         account account_record auxiliary averaging band_calibration comparison energy_calibration
-        energy_curve exact_sum integration job_intervals late_meter load_curve meter_checks
-        meter_response
+        energy_curve exact_sum integration job_intervals load_curve meter_checks meter_response
         plain_text prediction_errors record record_repair registers sample_counts settings
         shaft_comparison totals
     """,

@@ -350,7 +350,7 @@ def energy_source(
             watch.check(found, name)
         time, comparison = account.registers.time, account.comparison
         residual = comparison.predicted_energy - comparison.measured_energy
-        measured = comparison.measured_energy
+        measured, response = comparison.measured_energy, comparison.response
         found.values |= {
             "coverage": time.coverage,
             "observed_time_s": time.observed_ns * 1e-9,
@@ -360,6 +360,9 @@ def energy_source(
             "residual_energy_j": residual if comparison.compared_ns else math.nan,
             "residual_share": residual / abs(measured) if measured else math.nan,
             "residual_share_last_minute": account.judgement.residual_share,
+            "meter_time_constant_s": response.time_constant,
+            "meter_delay_s": response.delay,
+            "meter_response_found_online": bool(response.sentence),
             "meter_counter_resets": comparison.curve.counter.resets,
             "meter_counter_wraps": comparison.curve.counter.wraps,
             **accounting(comparison.curve.rejections, "meter_readings_"),

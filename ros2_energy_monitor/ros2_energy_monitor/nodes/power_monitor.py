@@ -73,9 +73,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
-        self.account = EnergyAccount(
-            len(self.model.joints), settings, MeterResponse.of(self.model)
-        )
+        self.account = EnergyAccount(len(self.model.joints), settings, MeterResponse.of(self.model))
         self._loads = AuxiliaryLoads(self, self.parameters, self.account)
         self._account_publisher = AccountPublisher(self, self.model, self.account, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)

@@ -191,8 +191,7 @@ class EnergyAccount:
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
         self.calibration.meter(self.comparison.location)
-        behind = self.comparison.behind()
-        self.calibration.step(block, held, self.registers.held.open_ns, compared, behind, means)
+        self.calibration.step(block, held, self.registers.held.open_ns, compared, means)
         means = self._with_loads(means)
         if self.auxiliary is not None:
             self.auxiliary.step(block)

@@ -6,9 +6,8 @@ raises it nine times as much as one below lowers it, so that in the long run one
 above, whatever their distribution and their correlation (conformal quantile tracking). Scores
 count from the next whole second on.
 
-Readings are set against the prediction as the meter shows it. A part of what the meter shows late
-(`robot_energy.accounting.late_meter`) is in that standard deviation: its response is not known
-exactly, which shows where motions begin, and how often they begin differs from work to work.
+Readings are set against the prediction as the meter shows it
+(`robot_energy.accounting.meter_response`), so what it shows late is no error.
 
 Windows of 5 s show what the band of an energy must be (`EnergyCalibration`).
 
@@ -26,7 +25,7 @@ import numpy as np
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import EnergyCalibration
 from robot_energy.accounting.integration import HeldEnergies
-from robot_energy.accounting.late_meter import MAX_SLOTS, SLOT_NS, LateMeter
+from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
 from robot_energy.timeline.pieces import Compared, closed_sums, starts_of
@@ -45,29 +44,23 @@ from robot_energy.uncertainty.band import (
 from robot_energy.units import MAX_COUNTER, NANOJOULE_PER_JOULE, SECOND_NS
 
 COVERED = 0.9  # share of the readings that a band holds
-READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
-STRETCH_NS = 5_000_000_000  # whose energies are scored: about a motion
-MIN_SHARE = 0.5  # of a stretch that must be compared
+SLOT_NS = 20_000_000  # of deviations that wait for the meter
+MAX_SLOTS = 20_000  # of them: minutes
 MAX_STRETCHES = 16  # that wait for the meter
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
 MAX_LOG_SCALE = math.log(1e3)
-LATE_SHARE = 0.1  # of what a meter shows late that its response may be off by
 PARTS = [BUS, LOSS_GRID, TEMPERATURE]
 POOLED = Phase.UNKNOWN  # the place of all phases together
 
 
 class _Scored(NamedTuple):
-    """A reading: the whole second from which it counts [ns], its phase, its scores.
-
-    The second score is that without what the meter shows late.
-    """
+    """A reading: the whole second from which it counts [ns], its phase, its score."""
 
     counts_ns: int
     phase: int
     score: float
-    plain: float
 
 
 class BandCalibration:
@@ -98,14 +91,12 @@ class BandCalibration:
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
         self._energies = EnergyCalibration()
-        self._late = LateMeter()
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self.interrupt()
 
     def interrupt(self) -> None:
         """Drop what is not scored yet: nothing is, from the last to the next sample."""
-        self._late.jump()
         self._second: int | None = None  # up to which all is scored
         self._noted: list[HeldEnergies] = []
         self._waiting: list[Compared] = []
@@ -122,7 +113,6 @@ class BandCalibration:
         held: HeldEnergies | None,
         open_ns: int,
         compared: Compared,
-        behind: tuple[Int, Float],
         means: MeanBlock | None,
     ) -> None:
         """Take power samples and what became comparable; set the bands of the means.
@@ -132,7 +122,6 @@ class BandCalibration:
             held: Integrals of deviations that became complete.
             open_ns: Where the next one began. [ns]
             compared: In the order of time.
-            behind: Stamps [ns], and what the meter shows then beyond the power that is drawn [W].
             means: Periods that ended; their bands are written in place.
         """
         if self.location is MeterLocation.UNKNOWN:
@@ -146,7 +135,6 @@ class BandCalibration:
         periods = _between_falls(
             np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
         )
-        late = _between_falls(behind[0], len(jumps))
         begun = np.array([open_ns]) if held is None else np.append(held.stamp_ns, open_ns)
         noted = _between_falls(begun, len(jumps))
         for number, (start, stop) in enumerate(pairwise(bounds)):
@@ -156,8 +144,6 @@ class BandCalibration:
                 if held is not None:
                     self._noted.append(held[noted[number]])
                 self._waiting.append(compared[pieces[number]])
-                if len(behind[0][late[number]]):
-                    self._late.take(*(each[late[number]] for each in behind))
                 self._set(self._scored(int(stamp[stop - 1])), means, periods[number])
 
     def _scored(self, now_ns: int) -> list[_Scored]:
@@ -234,15 +220,11 @@ class BandCalibration:
         rest = np.hypot(bus, grid) if self.location is MeterLocation.GRID else bus
         sound = (held > 0) & (rest > 0) & (duration > 0)
         measured, predicted = readings[:, 2:4].T / np.maximum(duration, 1)
-        late = LATE_SHARE * self._late.of_readings(end, duration)
         error, rest = np.abs(predicted - measured), np.where(sound, rest, 1.0)
-        score, plain = (
-            np.where(sound, scores(error, each, temperature), np.nan)
-            for each in (np.hypot(rest, late), rest)
-        )
+        score = np.where(sound, scores(error, rest, temperature), np.nan)
         keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
         self._slot, self._slots = self._slot[keep:], self._slots[keep:]
-        columns = (each.tolist() for each in (counts, phase, score, plain))
+        columns = (each.tolist() for each in (counts, phase, score))
         return [_Scored(*each) for each in zip(*columns, strict=True)]
 
     def _score_stretch(self, row: list[int], power: float) -> None:
@@ -264,7 +246,6 @@ class BandCalibration:
             self._follow(scored, 0, None)
             return
         done, found, stamps = 0, list[float](), means.stamp_ns[periods]
-        late = LATE_SHARE * self._late.of_periods(stamps, means.period[periods])
         for stamp, phase in zip(stamps.tolist(), means.phase[periods].tolist(), strict=True):
             done = self._follow(scored, done, stamp)
             found.append(self._scale(phase) or 0.0)
@@ -273,7 +254,7 @@ class BandCalibration:
         if (scale > 0.0).any():
             bus, grid, temperature = means.deviation[periods][:, PARTS].T
             same = scale if self.location is MeterLocation.GRID else Z90
-            half = half_width(np.hypot(bus, late), temperature, scale)
+            half = half_width(bus, temperature, scale)
             half = np.hypot(half, same * grid)
             means.band_half[periods] = np.where(scale > 0.0, half, means.band_half[periods])
             means.band[periods][scale > 0.0] = BandKind.CALIBRATED
@@ -282,14 +263,14 @@ class BandCalibration:
         """Take scores up to a stamp; return how many are taken in all."""
         log_scale, count = self._log_scale, self._count
         for place in range(done, len(scored)):
-            counts_ns, phase, score, plain = scored[place]
+            counts_ns, phase, score = scored[place]
             if until_ns is not None and counts_ns > until_ns:
                 return place
             if score != score:
                 continue
             self.readings += 1
             self.inside += score <= (self._scale(phase) or Z90)
-            self.inside_parametric += plain <= Z90
+            self.inside_parametric += score <= Z90
             if not count[phase]:
                 log_scale[phase] = log_scale[POOLED]
             for kept in (POOLED, phase) if phase != POOLED else (POOLED,):

@@ -124,7 +124,6 @@ class Comparison(ExactSum):
         self.compared_ns = 0
         self.idle: Idle | None = None
         self.early_since_ns: int | None = None
-        self._behind: list[tuple[Int, Float]] = []
         self.patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
         self._epochs: dict[int, _Epoch] = {0: self._epoch()}
         self._measured_epoch = 0
@@ -340,18 +339,6 @@ class Comparison(ExactSum):
                 self.lag.forget(self._last[0])
         else:
             shown.follow([], [self._stated.time_constant])
-        self._behind.append(shown.behind())
-
-    def behind(self) -> tuple[Int, Float]:
-        """Return what the meter shows beyond the power, of the samples since the last call.
-
-        Returns:
-            Stamps, shape (N,) [ns], and powers, shape (N,) [W].
-        """
-        behind, self._behind = self._behind, []
-        none = np.empty(0, dtype=np.int64), np.empty(0)
-        stamp, power = (np.concatenate(each) for each in zip(none, *behind, strict=True))
-        return stamp, power
 
     def _integrate(
         self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int

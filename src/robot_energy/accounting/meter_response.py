@@ -9,8 +9,8 @@ Between two samples p is straight, ``p = p0 + s (t - t0)``, and with ``b = y - p
     b(t) = b0 exp(-(t - t0) / T) - s T (1 - exp(-(t - t0) / T))
 
 The energy that the meter shows from t1 to t2 follows from the equation itself, without another
-approximation: ``integral of y = integral of p(t - d) - T (y(t2) - y(t1))``. A stretch of known power
-begins settled: before it the power was that of its first sample.
+approximation: ``integral of y = integral of p(t - d) - T (y(t2) - y(t1))``. A stretch of known
+power begins settled: before it the power was that of its first sample.
 """
 
 from __future__ import annotations
@@ -51,6 +51,17 @@ class MeterResponse:
     time_constant: float = 0.0
     delay: float = 0.0
     stated: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """That the monitor found it; empty where it did not."""
+        if self.stated or not self.time_constant:
+            return ""
+        return (
+            f"the meter shows the power {self.time_constant:.2f} s late, as found from its readings: "
+            "powers are compared with that lag; state meter.time_constant in the model file to "
+            "have it from the beginning"
+        )
 
     @classmethod
     def of(cls, model: RobotModel) -> MeterResponse | None:
@@ -100,19 +111,6 @@ class ShownPower:
         self._delay_ns = round(delay / NANOSECOND)
         self._waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
         self._rows: _Followed | None = None
-        self._fresh: list[tuple[Int, Float]] = []
-
-    def behind(self) -> tuple[Int, Float]:
-        """Return what the meter shows beyond the power, of the samples followed since the last call.
-
-        Returns:
-            When a reading shows each, shape (N,) [ns], and by how much, shape (N,) [W].
-        """
-        fresh, self._fresh = self._fresh, []
-        if not fresh:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        stamp, behind = (np.concatenate(each) for each in zip(*fresh, strict=True))
-        return stamp + self._delay_ns, behind
 
     def take(self, stamp_ns: Int, power: Float, begins: NDArray[np.bool_]) -> None:
         """Take samples; they are shown with `follow`.
@@ -157,7 +155,6 @@ class ShownPower:
             steps = zip(kept.tolist(), moved.tolist(), strict=True)
             found = accumulate(steps, lambda b, step: b * step[0] - step[1], initial=first)
             behind = np.fromiter(found, dtype=np.float64, count=len(stamp) + 1)[1:]
-        self._fresh.append((stamp, behind))
         lags = slow * (power + behind - (low + np.concatenate([last.behind, behind[:-1]])))
         energy = np.where(known, 0.5 * (low + power) * (step_ns * NANOSECOND) - lags, 0.0)
         total = np.add.accumulate(np.concatenate([last.energy, energy]))[1:]

@@ -28,7 +28,7 @@ from robot_energy.identify.cabinet.cabinet import fit_cabinet
 from robot_energy.identify.cabinet.dc_link import Voltages
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.delays import meter_lags
+from robot_energy.identify.drives.delays import meter_lags, with_response
 from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.provenance import identified_from
 from robot_energy.identify.stats.lag import Delay
@@ -130,6 +130,7 @@ def identify_everything(
         if subject in SUPPLY and subject not in skip and not in_time:
             in_time = True
             low_pass, delay = _meter_lags(bags, now)
+            now, base = (with_response(one, low_pass, delay, source) for one in (now, base))
             undone: list[Bag] = [bag.with_meter_undone(low_pass, delay) for bag in bags]
             bags = undone
         if subject in skip:

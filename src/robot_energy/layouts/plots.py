@@ -85,13 +85,11 @@ JOINTS = "joints"
 # The first page: titles, and fields of one topic in each.
 OVERVIEW = (
     (
-        "Power [W]",
+        "Power from the grid [W]",
         "/energy/power",
-        (
-            "predicted_grid_power", "measured_power", "predicted_power_at_meter",
-            "predicted_power_lower", "predicted_power_upper",
-        ),
+        ("predicted_grid_power", "predicted_power_lower", "predicted_power_upper"),
     ),
+    ("Power at the meter [W]", "/energy/power", ("predicted_power_at_meter", "measured_power")),
     (
         "Where it goes [W]",
         "/energy/power",

@@ -62,6 +62,9 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
     for key, name in (("loss_grid", "grid side"), ("loss_dc", "DC side")):
         was, now = getattr(before.cabinet, key), getattr(after.cabinet, key)
         yield Change(f"{name} constant loss", "W", was, now)
+    for key, name in (("time_constant", "low pass of the meter"), ("delay", "delay of the meter")):
+        if (figure := getattr(after.meter, key, None)) is not None:
+            yield Change(name, "s", getattr(before.meter, key, None), figure)
     old_link, new_link = before.cabinet.capacitor, after.cabinet.capacitor
     if new_link is None:
         return

@@ -138,7 +138,7 @@ def _with_band(curve: Series, result: Replay) -> Series:
 def _series(
     label: str, role: Role, rows: EnergyRows, start_ns: int, power: int, energy: int
 ) -> Series:
-    """Power and energy of two columns. Merge neighbours until few enough are left; points stand in their middle."""
+    """Merge neighbours until few enough are left; points stand in their middle."""
     begin_ns, end_ns = rows.begin_ns - start_ns, rows.stamp_ns - start_ns
     every = -(-len(end_ns) // MAX_POINTS)
     firsts = np.arange(0, len(end_ns), every)

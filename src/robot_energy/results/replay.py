@@ -272,6 +272,8 @@ def _notes(result: Replay) -> list[str]:
     elif not account.comparison.compared_ns:
         notes.append("no reading of the power meter covers any of the predicted time")
     notes += account.judgement.findings(account.comparison)
+    lag = account.comparison.response.sentence
+    notes += [lag] if lag else []
     counter = account.comparison.curve.counter
     if counter.resets:
         notes.append(

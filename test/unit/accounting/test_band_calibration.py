@@ -12,6 +12,7 @@ from accounts import IDENTITY, NAMES, SECOND, power_block, restarted, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import BIAS, DISTINCT, EnergyCalibration
+from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.uncertainty.band import FORM, LOSS_GRID, Z90, BandKind
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
@@ -154,7 +155,9 @@ def work(random, moves: int, rest: float):
     power = np.concatenate(parts)
     power = power[: len(power) // RATE * RATE]
     kept = np.exp(-1.0 / RATE / 0.3)
-    return power, lfilter([1.0 - kept], [1.0, -kept], power)
+    part = (1.0 - kept) * RATE * 0.3  # of a step that is straight between two samples
+    shown = lfilter([1.0 - part, part - kept], [1.0, -kept], power)
+    return power, 0.5 * (shown + np.append(shown[1:], shown[-1]))
 
 
 def worked(account, first: int, power, shown, cuts=()):
@@ -168,18 +171,18 @@ def worked(account, first: int, power, shown, cuts=()):
 
 
 def test_the_band_of_power_behind_a_low_pass_holds_for_work_with_shorter_rests():
-    """Once it is found, the low pass is in the prediction, and the noise of the meter is left."""
+    """The low pass is in the prediction, so the noise of the meter is left."""
     random = np.random.default_rng(5)
-    account = EnergyAccount(len(NAMES))
+    account = EnergyAccount(len(NAMES), response=MeterResponse(0.3, stated=True))
 
     def noisy(moves, rest):
         power, shown = work(random, moves, rest)
-        each = random.normal(0.0, 20.0, len(power) * READINGS // RATE)
-        return power, shown + np.repeat(each, RATE // READINGS)
+        each = random.normal(1.0, 0.1, len(power) * READINGS // RATE)
+        return power, shown * np.repeat(each, RATE // READINGS)
 
     first, means = worked(account, 0, *noisy(230, 1.0))
     noise, calibration = np.nanmedian(means.band_half[-RATE * 60 :]), account.calibration
-    assert 0.87 <= calibration.inside / calibration.readings <= 0.93  # a minute without the lag too
+    assert calibration.inside / calibration.readings == pytest.approx(0.9, abs=0.01)
     before = calibration.readings, calibration.inside
     _, means = worked(account, first, *noisy(60, 0.1))
     share = (calibration.inside - before[1]) / (calibration.readings - before[0])
@@ -187,7 +190,7 @@ def test_the_band_of_power_behind_a_low_pass_holds_for_work_with_shorter_rests()
     off = np.abs(means.predicted_power_at_meter - means.measured_power)
     known = np.isfinite(off)
     assert (off <= means.band_half)[known].mean() > 0.75  # each is that of the reading before
-    assert noise < 2.5 * 20.0  # steps have 100 to 800 W
+    assert noise < 120.0  # steps have 100 to 800 W
 
 
 def test_how_the_input_is_cut_makes_no_difference_behind_a_low_pass():

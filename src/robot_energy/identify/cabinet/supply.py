@@ -14,7 +14,11 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.delays import meter_lags, with_meters_earlier
+from robot_energy.identify.drives.delays import (
+    meter_lags,
+    with_meters_earlier,
+    with_response,
+)
 from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.stats.lag import Delay, applied
 from robot_energy.model import RobotModel
@@ -81,6 +85,7 @@ def fit_supply(
                 cabinet, model = again, with_cabinet(given, again, source)
     if link is not None and not reason:
         model, note = with_link(model, link, source, voltages)
+    model = with_response(model, low_pass, delay, source)
     return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.comparison import Comparison
+from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.bag_replay import Progress, Replay, replay
 from robot_energy.blocks import (
     DOUBTFUL,
@@ -123,7 +124,7 @@ class Recording:
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
         meter = undone(self.meter, delay, time_constant)
-        comparison = Comparison(**self.limits.__dict__)
+        comparison = Comparison(**self.limits.__dict__, response=MeterResponse())
         comparison.measure(meter)
         supply = self.power.supply
         compared = comparison.predict(

@@ -11,6 +11,7 @@ from robot_energy.identify.drives.delays import (
     meter_lags,
     with_delay_undone,
     with_meters_earlier,
+    with_response,
 )
 from robot_energy.identify.drives.drive_data import DriveData, location
 from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
@@ -69,6 +70,8 @@ class DrivesFound:
         Raises:
             NotIdentifiableError: If a drive was not identified and the model has none of it.
         """
+        if self.total is not None:
+            model = with_response(model, self.total.low_pass, self.total.delay, source)
         if self.drives is not None:
             changed = with_drives(model, self.drives, source)
             return changed, _unfitted(model, changed.drive)

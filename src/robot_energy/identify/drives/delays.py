@@ -24,6 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
+from robot_energy.identify.bounds import identified
 from robot_energy.identify.data.recordings import undone
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import piece_means
@@ -31,6 +32,8 @@ from robot_energy.identify.stats.cross_validation import contiguous_folds, split
 from robot_energy.identify.stats.lag import Delay, applied, best_delay, held_out_errors
 from robot_energy.identify.stats.regression import qr_r
 from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.model import RobotModel
+from robot_energy.model.schema import Meter
 
 DRIVE_SPAN = 0.1  # s: delays of drives up to this are tried,
 DRIVE_STEPS = 25  # on each side of zero, at most
@@ -123,6 +126,28 @@ def meter_lags(read: Callable[[float], DriveData]) -> tuple[Delay | None, Delay 
         return None, None
     low_pass = estimate_time_constant(data)
     return low_pass, estimate_meter_delay(read(applied(low_pass)))
+
+
+def with_response(
+    model: RobotModel, low_pass: Delay | None, delay: Delay | None, source: str
+) -> RobotModel:
+    """Return a model with what is sure of the response of its meter.
+
+    Args:
+        model: Of the robot.
+        low_pass: Time constant of a low pass; None where it cannot be told.
+        delay: Of the readings; a negative one is a clock and not a meter.
+        source: Where the data come from.
+
+    Returns:
+        The model itself where nothing is sure.
+    """
+    sure = {
+        name: identified(one.applied, one.std, source)
+        for name, one in (("time_constant", low_pass), ("delay", delay))
+        if one is not None and one.applied > 0.0
+    }
+    return model.changed(meter=Meter(**sure)) if sure else model
 
 
 def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.0) -> DriveData:

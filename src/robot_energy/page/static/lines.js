@@ -39,11 +39,26 @@ function niceStep(span, count) {
   return [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((step) => step >= raw);
 }
 
-export function drawLines(host, ring, meter, span, stale) {
+// The ring with prediction and band as the meter shows them: readings are set against nothing else.
+function atMeter(ring) {
+  const shown = { ...ring };
+  for (const key of ["mean", "low", "high"]) {
+    shown[key] = ring[key].map((values, channel) => values.map((power, index) => {
+      const [grid, meter] = [ring[key][GRID][index], ring[key][AT_METER][index]];
+      if (channel === AT_METER) return known(meter) ? meter : grid;
+      return channel >= LOWER && [power, grid, meter].every(known) ? power + meter - grid : power;
+    }));
+  }
+  return shown;
+}
+
+export function drawLines(host, given, meter, span, stale) {
   const width = Math.max(300, host.clientWidth);
   const height = width < 560 ? 220 : 260;
-  const main = meter === "DC_BUS" ? AT_METER : GRID;
-  const banded = main === GRID && Boolean(ring.mean[UPPER]?.some(known));
+  const metered = Boolean(given.mean[MEASURED]?.some(known));
+  const ring = metered && meter !== "DC_BUS" ? atMeter(given) : given;
+  const main = metered || meter === "DC_BUS" ? AT_METER : GRID;
+  const banded = meter !== "DC_BUS" && Boolean(ring.mean[UPPER]?.some(known));
   const lows = [...ring.low[main] ?? [], ...ring.mean[MEASURED] ?? [], ...banded ? ring.mean[LOWER] : []].filter(known);
   const highs = [...ring.high[main] ?? [], ...ring.mean[MEASURED] ?? [], ...banded ? ring.mean[UPPER] : []].filter(known);
   if (!highs.length) {

@@ -30,9 +30,11 @@ export function showPower(power) {
   const pair = known(power.measured_power) && !power.stale;
   const half = (power.predicted_power_upper - power.predicted_power_lower) / 2;
   const sure = known(half) ? ` ± ${watts(half)}` : "";
-  big("power", known(power.predicted_grid_power) ? number(power.predicted_grid_power) : DASH, "W");
+  // A reading is set against the prediction over its own interval, as the meter shows it.
+  const shown = pair ? power.predicted_power_at_meter : power.predicted_grid_power;
+  big("power", known(shown) ? number(shown) : DASH, "W");
   setText(byId("power-note"), power.stale ? "stale: no power state arrives"
-    : pair ? `predicted${sure}; measured ${watts(power.measured_power)}` : `predicted${sure}; no meter`);
+    : pair ? `predicted at the meter${sure}; measured ${watts(power.measured_power)}` : `predicted${sure}; no meter`);
   byId("power").dataset.time = power.time ?? "";
 }
 
@@ -151,7 +153,8 @@ export function showFleet(robots, chosen, choose) {
   byId("fleet").hidden = robots.length < 2;
   const table = byId("robots");
   fillRows(table, robots.map((robot) => [
-    "", robot.power.stale ? "stale" : phaseText(robot.power.phase), n(watts(robot.power.predicted_grid_power)),
+    "", robot.power.stale ? "stale" : phaseText(robot.power.phase),
+    n(watts(known(robot.power.measured_power) ? robot.power.predicted_power_at_meter : robot.power.predicted_grid_power)),
     n(watts(robot.power.measured_power)), n(energy(robot.headline.energy)), n(String(robot.alarms.length)),
   ]));
   robots.forEach((robot, index) => {
