@@ -58,7 +58,7 @@ class MeterResponse:
         if self.stated or not self.time_constant:
             return ""
         return (
-            f"the meter shows the power {self.time_constant:.2f} s late, as found from its readings: "
+            f"the meter shows power {self.time_constant:.2f} s late, as found from its readings: "
             "powers are compared with that lag; state meter.time_constant in the model file to "
             "have it from the beginning"
         )
