@@ -37,7 +37,9 @@ def main():
             rms.append(result.power_error.rms)
             energy.append(result.account.comparison.predicted_energy)
         missed += rms[1] > GOAL or energy[0] != energy[1]
-        print(f"{name}: {rms[0]:.1f} W without the response, {rms[1]:.1f} W with it (at most {GOAL:g})")
+        print(
+            f"{name}: {rms[0]:.1f} W without the response, {rms[1]:.1f} W with it (at most {GOAL:g})"
+        )
     return int(missed > 0)
 
 
