@@ -2,7 +2,8 @@
 
     python test/bench/meter_response.py [--model FILE]
 
-On the drawn test bags. The model is identified from the three drawn training bags (a minute or two), or is FILE. Simulated.
+On the drawn test bags. The model is identified from the three drawn training bags, a minute or
+two, or is FILE. Simulated.
 """
 
 import argparse
