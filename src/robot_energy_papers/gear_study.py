@@ -82,7 +82,7 @@ class WarmPlant:
         folder: For the recordings.
         body: Name of a shipped model.
         seed: Of plant and motions.
-        gears: Factor on the heat capacity of the gears.
+        gears: Factor on the heat capacity of the gears. [-]
     """
 
     def __init__(self, folder: Path, body: str, seed: int, gears: float) -> None:

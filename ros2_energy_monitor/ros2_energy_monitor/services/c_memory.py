@@ -126,7 +126,7 @@ class CMessage:
         return layout(self._kind).from_address(self.address)
 
     def fill(self, message: Any) -> CMessage:
-        """Write a message of rclpy here.
+        """Write a message of rclpy here and return this.
 
         Args:
             message: Of the same class.
@@ -158,7 +158,7 @@ class CMessage:
             rmw.rcutils_uint8_array_fini(ctypes.byref(array))
 
     def deserialise(self, data: bytes) -> CMessage:
-        """Write a serialised message here.
+        """Write a serialised message here and return this.
 
         Args:
             data: From `serialised`.
@@ -254,7 +254,7 @@ def time_of(points: NDArray[np.void]) -> NDArray[np.float64]:
     """Return the times of points, shape (K,). [s]
 
     Args:
-        points: From `points_of`.
+        points: From `points_of`, shape (K,).
     """
     time = points["time_from_start"]
     return time["sec"] + time["nanosec"] / SECOND_NS

@@ -32,6 +32,9 @@ HEADER = 256  # bytes; a `rmw_request_id_t` has 24
 class TakenRequest:
     """A request that waits for its answer.
 
+    Args:
+        kind: Class of the request.
+
     Attributes:
         message: What was asked; `CMessage.free` it when it was read.
     """

@@ -250,6 +250,9 @@ class ComparisonService(PredictionService):
 
         Args:
             fields: Of the request.
+
+        Raises:
+            MotionError: If there are too many.
         """
         if fields.trajectories.size > MAX_CANDIDATES:
             raise MotionError(

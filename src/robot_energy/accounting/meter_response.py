@@ -241,6 +241,9 @@ class LagEstimate:
     the step of the reading from its begin to its end; that is fitted to the newest ten
     minutes. Sums are integers, so the cutting of the input makes no difference.
 
+    Args:
+        lag: That is known from the beginning. [s]
+
     Attributes:
         since_ns: From when on each lag counts but the first. [ns]
         lags: That later samples may ask for. [s]

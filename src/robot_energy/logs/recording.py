@@ -319,6 +319,7 @@ def write_bag(
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)
     counts: Counter[str] = Counter()
+    rows = 0
     inputs = [file.path for file in files]
     with BagWriter(path, overwrite=overwrite, origin=origin, inputs=inputs) as bag:
         for stream in reversed(streams):
@@ -327,6 +328,7 @@ def write_bag(
         for block in blocks:
             if not len(block):
                 continue
+            rows += len(block)
             if report.start_ns is None:
                 report.start_ns = int(block.stamp_ns[0])
             report.end_ns = int(block.stamp_ns[-1])
@@ -334,7 +336,7 @@ def write_bag(
                 found = f"the stamps of {files[0].path} begin at zero"
                 raise LogFormatError(found, "times between 1970 and 2038", NO_TIMES)
             counts.update(_write(bag, streams, block))
-        if sum(file.accepted for file in files) < MIN_ROWS:
+        if rows < MIN_ROWS:
             raise LogFormatError(*nothing_used(files))
     report.joint_states = counts[JOINT_STATES_TOPIC]
     report.temperatures = counts[TEMPERATURES_TOPIC]

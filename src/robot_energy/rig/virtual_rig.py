@@ -64,7 +64,8 @@ class VirtualRig:
         rate_hz: Rate of the joint states. [Hz]
         device_seed: Seed of the constant errors of the sensors; None for ``seed``. Runs with
             the same one have the same sensors, whatever their noise.
-        start_gear_degc: Gears, where they do not start as warm as the motors. [degC]
+        start_gear_degc: Gears, where they do not start as warm as the motors, one value or (n,).
+            [degC]
 
     Attributes:
         joint_names: Names, in the order of every array.
