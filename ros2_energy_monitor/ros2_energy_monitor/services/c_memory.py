@@ -126,10 +126,13 @@ class CMessage:
         return layout(self._kind).from_address(self.address)
 
     def fill(self, message: Any) -> CMessage:
-        """Write a message of rclpy here and return this.
+        """Write a message of rclpy here.
 
         Args:
             message: Of the same class.
+
+        Returns:
+            This memory.
         """
         if not self._fill(message, self.address):
             raise TypeError(f"{message!r} is no {self._kind.__name__}")
@@ -158,10 +161,13 @@ class CMessage:
             rmw.rcutils_uint8_array_fini(ctypes.byref(array))
 
     def deserialise(self, data: bytes) -> CMessage:
-        """Write a serialised message here and return this.
+        """Write a serialised message here.
 
         Args:
             data: From `serialised`.
+
+        Returns:
+            This memory.
 
         Raises:
             ValueError: If the middleware cannot read it.
