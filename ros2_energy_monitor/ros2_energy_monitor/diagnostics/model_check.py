@@ -33,7 +33,6 @@ from robot_energy.blocks import (
     PowerBlock,
     TorqueBlock,
 )
-from robot_energy.check.finding import OF_THE_COMMAND
 from robot_energy.inputs.sources import Inputs
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
@@ -129,7 +128,7 @@ class ModelCheck:
         if self._closed:
             self._process.kill()
         answer, _ = self._process.communicate(pickle.dumps(_blocks(outputs) | settings))
-        return json.loads(OF_THE_COMMAND.sub("", answer.decode()))
+        return json.loads(answer)
 
     def _settings(self) -> dict[str, Any]:
         """What the checks need besides the blocks; read here, as sums change with every tick."""

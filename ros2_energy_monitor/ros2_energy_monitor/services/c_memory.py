@@ -23,15 +23,17 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_energy.errors import MotionError
-from robot_energy.motion.point_columns import KINDS, PointColumns
 from robot_energy.units import SECOND_NS
+
+if TYPE_CHECKING:
+    from robot_energy.motion.point_columns import PointColumns
 
 MAX_NAMES = 1000  # joints of a request
 NUMBERS: dict[str, Any] = {
@@ -267,6 +269,8 @@ def time_of(points: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def _columns(trajectory: Any) -> PointColumns:
+    from robot_energy.motion.point_columns import KINDS, PointColumns  # heavy, for the process
+
     names = _read("sequence<string>", trajectory.joint_names)
     points = points_of(trajectory)
     columns = {kind: _column(points[kind], len(names)) for kind in KINDS}

@@ -32,7 +32,6 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError, RobotEnergyError
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
-from robot_energy.motion.planned import grid_steps
 from robot_energy.process_memory import give_back_freed_memory
 from robot_energy.shown_text import MAX_LINE, shown
 from ros2_energy_monitor.base.guard import Guard
@@ -163,6 +162,8 @@ class PredictionService:
 
     def _checked_size(self, fields: Any) -> int:
         """Samples of a request, at most; it is refused if they are too many."""
+        from robot_energy.motion.planned import grid_steps  # once a client asks
+
         samples, duration = 0, 0.0
         for trajectory in self.trajectories(fields):
             points = points_of(trajectory)

@@ -2,7 +2,7 @@
 
 ``python -m robot_energy.check.process NICENESS`` reads what a monitor saw from its standard input,
 as pickled keyword arguments of `robot_energy.check.evidence.evidence_of`, and writes the findings
-as JSON. Only a parent process on the same machine feeds it.
+as JSON, without the options of the command. Only a parent process on the same machine feeds it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import sys
 from dataclasses import asdict
 
 from robot_energy.check.evidence import Remarks, evidence_of
+from robot_energy.check.finding import OF_THE_COMMAND
 from robot_energy.check.run import findings_of
 
 
@@ -24,10 +25,8 @@ def main() -> None:
     seen = pickle.load(sys.stdin.buffer)
     remarks = Remarks(**seen.pop("remarks"))
     findings, checked, skipped = findings_of(evidence_of(**seen, remarks=remarks))
-    json.dump(
-        {"findings": [asdict(one) for one in findings], "checked": checked, "skipped": skipped},
-        sys.stdout,
-    )
+    found = {"findings": [asdict(one) for one in findings], "checked": checked, "skipped": skipped}
+    sys.stdout.write(OF_THE_COMMAND.sub("", json.dumps(found)))
 
 
 if __name__ == "__main__":
