@@ -10,16 +10,12 @@ out. What the slicer states in the program stands beside it, acceleration includ
 
 from __future__ import annotations
 
+import argparse
 import math
 import re
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
-
-from gcode_lib import parse_lines
-from gcode_lib._state import iter_with_state, linearize_arc_points
-from printrun.gcoder import GCode
 
 from robot_energy.errors import MotionError
 from robot_energy.motion.gcode import GcodeProgram, gcode_text, read_gcode
@@ -68,6 +64,9 @@ def measured(moves: Iterable[Move], printer: bool) -> tuple[float, float]:
 
 def by_gcode_lib(text: str) -> Iterator[Move]:
     """Moves of gcode-lib."""
+    from gcode_lib import parse_lines
+    from gcode_lib._state import iter_with_state, linearize_arc_points
+
     held = list(iter_with_state(parse_lines(f"{text}\n; end")))
     following = [state for _, state in held[1:]]
     for (line, before), after in zip(held, following, strict=False):
@@ -93,6 +92,8 @@ def by_gcode_lib(text: str) -> Iterator[Move]:
 
 def by_printrun(text: str) -> Iterator[Move]:
     """Moves of Printrun; it takes an arc as its chord."""
+    from printrun.gcoder import GCode
+
     feed = None
     for line in GCode(text.splitlines()).lines:
         if line.command == "G4":
@@ -135,9 +136,12 @@ def stated(text: str) -> float:
 
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="of the programs")
+    args = parser.parse_args()
     heads = ("program", "flavour", "way", "gcode-lib", "Printrun", "time", "gcode-lib", "Printrun")
     print("{:34s} {:9s} {:>9s} {:>9s} {:>9s} {:>9s} {:>9s} {:>9s} {:>8s}".format(*heads, "slicer"))
-    for path in sorted(Path(sys.argv[1]).iterdir()):
+    for path in sorted(args.folder.iterdir()):
         try:
             text = gcode_text(path)
             program = read_gcode(text, path.name)
