@@ -224,6 +224,7 @@ def test_every_tool_with_a_row_is_pinned():
     pinned = {
         name.lower() for name in re.findall(r"^([\w.-]+)(?:\[.*\])?==", pins, flags=re.MULTILINE)
     }
-    # Of the platform, of the benchmark, or optional.
-    others = {"figaroh", "pre-commit", "setuptools", "wheel", "ros-jazzy-common-interfaces"}
+    # Of the platform, of benchmarks, or optional.
+    others = {"figaroh", "gcode-lib", "Printrun", "pre-commit", "setuptools", "wheel"}
+    others |= {"ros-jazzy-common-interfaces"}
     assert not {name for name in rows() if "*" not in name} - pinned - others

@@ -24,8 +24,9 @@ TOOL: Options = {
     "corner",
     "--smoothing S": "of the tool's motion, default 0.02 s",
     "--rapid M_PER_S": "speed of G0 where no F counts for it, default 0.25 m/s",
-    "--flavor": (
-        "whose G-code the program is (default: found from it)",
+    "--flavor NAME": (
+        "whose G-code it is: marlin, reprapfirmware, klipper, grbl or linuxcnc; default: found "
+        "from the program",
         {"choices": ("marlin", "reprapfirmware", "klipper", "grbl", "linuxcnc")},
     ),
 }
