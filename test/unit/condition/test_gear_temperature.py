@@ -14,6 +14,8 @@ from robot_energy.blocks import (
 from robot_energy.pipeline import EnergyPipeline, Settings
 from warm_wheel import AIR, COULOMB, MOTOR, SPEED, integrated, readings, turning, viscous, wheel
 
+WORKED = 45.0  # degC of a motor that has worked: its gear may be warmer or colder
+
 
 def played(pipeline, block, temperatures, cut=None, meter=None):
     parts = []
@@ -83,9 +85,9 @@ def test_measured_torque_corrects_a_wrong_start():
 
 
 def test_a_meter_corrects_where_no_torque_is_read():
-    truth = integrated(1200.0, MOTOR, MOTOR + 8.0)
+    truth = integrated(1200.0, WORKED, WORKED + 8.0)
     block = turning(1200.0)
-    power = played(EnergyPipeline(wheel()), block, readings(1200))
+    power = played(EnergyPipeline(wheel()), block, readings(1200, WORKED))
     lost = (viscous(truth)[: len(block)] - power.viscous[:, 0]) * SPEED**2
     stamp = block.stamp_ns[2::2]
     meter = MeterBlock(
@@ -96,10 +98,10 @@ def test_a_meter_corrects_where_no_torque_is_read():
         MeterMeaning.INSTANTANEOUS,
         MeterLocation.GRID,
     )
-    told = played(EnergyPipeline(wheel()), block, readings(1200), meter=meter)
+    told = played(EnergyPipeline(wheel()), block, readings(1200, WORKED), meter=meter)
     true = viscous(truth)[: len(block)]
     off = [abs(one.viscous[1200, 0] / true[1200] - 1.0) for one in (power, told)]
-    assert off[1] < 0.6 * off[0]
+    assert off[1] < 0.7 * off[0]
 
 
 def test_friction_that_stays_high_is_not_taken_for_a_cold_gear():
