@@ -162,7 +162,7 @@ def test_the_example_of_moves_is_complete():
 
 
 LENGTHS = {
-    "dwell": ("G21 G90\nG0 X500 Y500 Z500\nG4 S86400\nG1 X600 F6000\n", []),
+    "dwell": (";FLAVOR:Marlin\nG21 G90\nG0 X500 Y500 Z500\nG4 S86400\nG1 X600 F6000\n", []),
     "slow": ("G21 G90\nG0 X500 Y500 Z500\nG1 X600 F6000\n", ["--tool-acceleration", "0.000001"]),
     "often": ("G21 G90\nG0 X500 Y500 Z500\nG1 X600 F6000\nG1 X500\n", ["--repeat", "100000"]),
 }
