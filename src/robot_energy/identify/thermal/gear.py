@@ -203,9 +203,10 @@ class _Axis:
     def fit_motor(self) -> tuple[float, Float]:
         """The same with the temperature of the motor: its scale [K] and the linear figures."""
         degc = [run.motor_temperature_degc for run in self.runs]
-        scales = np.exp(np.linspace(LOWEST[3], HIGHEST[3], 18))
+        scales: list[float] = np.exp(np.linspace(LOWEST[3], HIGHEST[3], 18)).tolist()
         left = [self.residual(degc, scale)[1] for scale in scales]
-        best = float(scales[int(np.argmin(np.array([each @ each for each in left])))])
+        costs = [float(each @ each) for each in left]
+        best = scales[costs.index(min(costs))]
         return best, self.residual(degc, best)[0]
 
 
