@@ -379,7 +379,7 @@ def _cover_recording(result: Replay) -> None:
     time, ingest = result.account.registers.time, result.joint_states
     if time.start_ns is not None and time.end_ns is not None:
         longest = ingest.order.longest_gap_ns
-        ends = ingest.unused_ns(time.start_ns, time.end_ns)
+        ends = ingest.recorded.unused_ns(time.start_ns, time.end_ns)
         time.surround(*(unused if unused > longest else 0 for unused in ends))
 
 

@@ -250,7 +250,8 @@ def points_of(trajectory: Any) -> NDArray[np.void]:
     Args:
         trajectory: Fields of a ``trajectory_msgs/msg/JointTrajectory``.
     """
-    kind = np.dtype(layout(_class("trajectory_msgs/JointTrajectoryPoint")))
+    point: Any = layout(_class("trajectory_msgs/JointTrajectoryPoint"))
+    kind = np.dtype(point)
     points = trajectory.points
     if not points.size:
         return np.empty(0, dtype=kind)

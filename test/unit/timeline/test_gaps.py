@@ -1,7 +1,5 @@
 """Gaps of the joint states, and the longest one that is bridged."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ import robot_energy as re
 from joint_messages import NAMES, SECOND, message, take
 from logbook import wheel_bag, wheel_model
 from robot_energy.cli.main import main
-from robot_energy.errors import ParameterError
+from robot_energy.errors import BagError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.pipeline import Settings
@@ -83,16 +81,18 @@ def test_joints_of_several_publishers_wait_as_long_as_is_bridged():
     assert found[1] > 90
 
 
-def test_file_option_and_python_bridge_the_same(tmp_path):
+def test_file_option_and_python_bridge_the_same(tmp_path, capsys):
     bag, model = wheel_bag(tmp_path, rate=10.0), wheel_model(tmp_path)
-    file, out = tmp_path / "node.yaml", tmp_path / "r.json"
+    file = tmp_path / "node.yaml"
     file.write_text("/**:\n  ros__parameters:\n    max_gap: 0.05\n")
-    words = ["replay", str(bag), "--model", str(model), "--json", str(out)]
-    observed = []
-    for more in ([], ["--inputs", str(file)], ["--max-gap", "0.05"]):
-        assert main([*words, *more]) == 0
-        observed.append(json.loads(out.read_text())["time"]["observed_time"])
-    assert observed[0] > 0
-    assert observed[1:] == [0, 0]
-    result = re.replay(bag, model=model, max_gap=0.05)
-    assert result.replay.account.registers.time.observed_ns == 0
+    words = ["replay", str(bag), "--model", str(model)]
+    assert main(words) == 0
+    said = []
+    for more in (["--inputs", str(file)], ["--max-gap", "0.05"]):
+        assert main([*words, *more]) == 2
+        said.append(capsys.readouterr().err)
+    assert "nothing is predicted; expected steps of at most 0.05 s" in said[0]
+    assert said[0] == said[1]
+    assert re.replay(bag, model=model).replay.account.registers.time.observed_ns > 0
+    with pytest.raises(BagError, match=r"at most 0\.05 s"):
+        re.replay(bag, model=model, max_gap=0.05)

@@ -191,7 +191,7 @@ class _Axis:
 
         free = np.full(len(self.runs), MAX_START)
         bounds = np.append(LOWEST, -free), np.append(HIGHEST, free)
-        x, jacobian = np.append(START, 0.0 * free), np.zeros((0, 0))
+        x, jacobian = np.append(START, np.zeros(len(free))), np.zeros((0, 0))
         for _ in range(3):  # the noise is that of the fit before
             left = self.residual(self.degc(x[:4], x[4:]), np.exp(x[3]))[1]
             noise = max(float(np.sqrt(CORRELATED * (left @ left) / (3 * count))), 1e-12)
@@ -203,7 +203,7 @@ class _Axis:
     def fit_motor(self) -> tuple[float, Float]:
         """The same with the temperature of the motor: its scale [K] and the linear figures."""
         degc = [run.motor_temperature_degc for run in self.runs]
-        scales: list[float] = np.exp(np.linspace(LOWEST[3], HIGHEST[3], 18)).tolist()
+        scales: list[float] = np.exp(np.linspace(float(LOWEST[3]), float(HIGHEST[3]), 18)).tolist()
         left = [self.residual(degc, scale)[1] for scale in scales]
         costs = [float(each @ each) for each in left]
         best = scales[costs.index(min(costs))]

@@ -68,7 +68,7 @@ class _Robot:
 
     def change(self, values: Float) -> list[Float]:
         """Energy of each window that gears add to friction at motor temperature. [J]"""
-        time, rise = np.exp(values).tolist()
+        time, rise = np.exp(values[:2]).tolist()  # the third is an offset
         found: list[Float] = []
         for part in self.parts:
             degc, more = part.motor_temperature_degc, np.zeros_like(part.squares)

@@ -72,21 +72,20 @@ _Rows = tuple[Int | Float, ...]
 class RecordedTime:
     """When messages came, used or not.
 
+    A stray stamp at either end says nothing about when its message came: times of receipt do.
+
     Attributes:
-        first_ns: Time of receipt of the first one of all. [ns]
+        first_ns: Time of receipt of the first one. [ns]
         last_ns: That of the last one. [ns]
-        first_dated_ns: Time of receipt of the first one that can be read and has a stamp. [ns]
-        last_dated_ns: That of the last one. [ns]
-        first_stamp_ns: Stamp of the first one. [ns]
-        last_stamp_ns: Stamp of the last one. [ns]
+        ahead_ns: Stamp less time of receipt of the first one and of the last one that can be read
+            and has a stamp; empty before the first one. [ns]
+        ordered: Whether no time of receipt was before one that the file holds earlier.
     """
 
     first_ns: int = 0
     last_ns: int = 0
-    first_dated_ns: int = 0
-    last_dated_ns: int = 0
-    first_stamp_ns: int = 0
-    last_stamp_ns: int = 0
+    ahead_ns: tuple[int, ...] = ()
+    ordered: bool = True
 
     def note(self, received_ns: Int, dated_ns: Int, stamp_ns: Int) -> None:
         """Take messages.
@@ -97,12 +96,24 @@ class RecordedTime:
             stamp_ns: Their stamps, shape (N,). [ns]
         """
         self.first_ns = self.first_ns or int(received_ns[0])
+        self.ordered &= self.last_ns <= received_ns[0] and bool((np.diff(received_ns) >= 0).all())
         self.last_ns = int(received_ns[-1])
-        if not len(dated_ns):
-            return
-        if not self.first_dated_ns:
-            self.first_dated_ns, self.first_stamp_ns = int(dated_ns[0]), int(stamp_ns[0])
-        self.last_dated_ns, self.last_stamp_ns = int(dated_ns[-1]), int(stamp_ns[-1])
+        if len(dated_ns):
+            first, last = (int(stamp_ns[row] - dated_ns[row]) for row in (0, -1))
+            self.ahead_ns = (self.ahead_ns or (first,))[0], last
+
+    def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
+        """Return how long messages came before the first sample and after the last one. [ns]
+
+        Args:
+            start_ns: Stamp of the first sample. [ns]
+            end_ns: Stamp of the last one. [ns]
+        """
+        if not self.ordered or not self.ahead_ns:
+            return 0, 0
+        before = min(start_ns - self.first_ns - ahead for ahead in self.ahead_ns)
+        after = min(self.last_ns + ahead - end_ns for ahead in self.ahead_ns)
+        return max(before, 0), max(after, 0)
 
 
 class JointStateReader:

@@ -9,7 +9,12 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointStateReader, Mask
+from robot_energy.inputs.joint_states.decode import (
+    JOINT_STATE,
+    JointStateReader,
+    Mask,
+    RecordedTime,
+)
 from robot_energy.inputs.joint_states.partial_states import (
     BROKEN,
     SAME_STAMP,
@@ -137,17 +142,10 @@ class JointStateIngest:
         """How long each joint is behind the newest of all; inf where never seen. [s]"""
         return dict(zip(self._names, self._merger.ages.tolist(), strict=True))
 
-    def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
-        """Return how long messages came before the first sample and after the last one. [ns]
-
-        Args:
-            start_ns: Stamp of the first sample. [ns]
-            end_ns: Stamp of the last one. [ns]
-        """
-        read = self._reader.recorded
-        before = start_ns - read.first_stamp_ns + read.first_dated_ns - read.first_ns
-        after = read.last_stamp_ns - end_ns + read.last_ns - read.last_dated_ns
-        return max(before, 0), max(after, 0)
+    @property
+    def recorded(self) -> RecordedTime:
+        """When messages came, used or not."""
+        return self._reader.recorded
 
     @property
     def repeating(self) -> bool:
