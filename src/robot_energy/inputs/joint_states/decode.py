@@ -99,7 +99,7 @@ class RecordedTime:
         self.ordered &= self.last_ns <= received_ns[0] and bool((np.diff(received_ns) >= 0).all())
         self.last_ns = int(received_ns[-1])
         if len(dated_ns):
-            first, last = (int(stamp_ns[row] - dated_ns[row]) for row in (0, -1))
+            first, last = (int(stamp_ns[row]) - int(dated_ns[row]) for row in (0, -1))
             self.ahead_ns = (self.ahead_ns or (first,))[0], last
 
     def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
