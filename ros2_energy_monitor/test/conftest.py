@@ -33,7 +33,7 @@ from ros2_energy_msgs.srv import SetPayload
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.rig.record import RigEncoder
 from robot_energy.store import slot_store
-from ros2_energy_monitor.base import monitor_node, publishers
+from ros2_energy_monitor.base import checkpoints, monitor_node, publishers
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.node_parameters import RobotParameters
@@ -193,6 +193,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setattr(monitor_node, "REPORT_PERIOD", 0.2)  # nobody waits a second for each
     # A busy disk is not what is tested.
     monkeypatch.setattr(slot_store, "wait", lambda jobs, _: wait(jobs, PATIENCE))
+    monkeypatch.setattr(checkpoints, "ANSWERING", PATIENCE)
     monkeypatch.setattr(publishers, "MAX_FINISH", PATIENCE)  # nor is a busy processor
     bench = Bench()
     yield bench

@@ -41,7 +41,10 @@ PATHS = {  # of the energy monitor: where a defect is put, and which topic loses
     "meter.books": (lambda node: (node.account, "measure"), "/power_meter"),
     "publish.power": (lambda node: (node._account_publisher._power_writer, "encode"), ""),
     "publish.joint_friction": (lambda node: (node._friction_writer, "encode"), ""),
-    "registers": (lambda node: (node._account_publisher.checkpoints.store, "poll"), ""),
+    "timer.Checkpoints._poll": (
+        lambda node: (node._account_publisher.checkpoints.store, "poll"),
+        "",
+    ),
     "diagnostics": (lambda node: (node.sources, 1), ""),
 }
 
@@ -109,7 +112,7 @@ def test_a_defect_in_one_path_leaves_the_others_and_is_counted_once(bench, messa
     for part in range(2, 5):
         feed(bench, node, publishers, messages, part)
     node.close()
-    name = path.split(".")[0] if path.split(".")[0] != "publish" else path
+    name = path if path.startswith(("publish", "timer")) else path.split(".")[0]
     assert dict(node.guard.errors) == {name: defect.calls}
     for topic, earlier in before.items():
         now = account(node, topic)

@@ -13,10 +13,11 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message
-from ros2_energy_msgs.msg import EnergyRegisters
+from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 from ros2_energy_msgs.srv import (
     CloseInterval,
     ListIntervals,
@@ -38,8 +39,9 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.errors import StateFileError
 from robot_energy.model import load
-from robot_energy.store import load_account
+from robot_energy.store import load_account, slot_store
 from robot_energy.store.envelope import unwrap
+from ros2_energy_monitor.base import checkpoints
 from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
@@ -93,13 +95,20 @@ def values(status: DiagnosticStatus) -> dict[str, float]:
     return {pair.key: float(pair.value) for pair in status.values}
 
 
-def call(bench, node, kind: Any, service: str, /, **fields: Any) -> Any:
+def asked(bench, node, kind: Any, service: str, /, **fields: Any) -> Any:
+    """Call a service, and return the future of its answer."""
     client = bench.tester.create_client(kind, f"{node.get_name()}/{service}")
     bench.spin_until(client.service_is_ready, service)
-    future = client.call_async(kind.Request(**fields))
-    bench.spin_until(future.done, f"the answer of {service}")
-    bench.tester.destroy_client(client)
+    return client.call_async(kind.Request(**fields))
+
+
+def answer(bench, future: Any) -> Any:
+    bench.spin_until(future.done, "the answer of a service")
     return future.result()
+
+
+def call(bench, node, kind: Any, service: str, /, **fields: Any) -> Any:
+    return answer(bench, asked(bench, node, kind, service, **fields))
 
 
 def feed(bench, node, publisher, rows) -> None:
@@ -110,13 +119,17 @@ def feed(bench, node, publisher, rows) -> None:
     bench.spin_until(lambda: node.joint_states.received >= before + len(rows), "joint states")
 
 
-def newest(folder: Path) -> AccountRecord:
-    """The newest state; one of the two slots may be half written just now."""
-    states = []
+def states(folder: Path) -> list[AccountRecord]:
+    """The states on disk, oldest first; one of the two slots may be half written just now."""
+    found = []
     for path in folder.glob("*.state"):
         with suppress(StateFileError):
-            states.append(unwrap(FORMAT_VERSION, path.read_bytes()))
-    return AccountRecord.from_json(max(states)[1])
+            found.append(unwrap(FORMAT_VERSION, path.read_bytes()))
+    return [AccountRecord.from_json(payload) for _, payload in sorted(found)]
+
+
+def newest(folder: Path) -> AccountRecord:
+    return states(folder)[-1]
 
 
 def counted(row: EnergyRegisters) -> bool:
@@ -341,6 +354,65 @@ def test_ticks_go_on_while_the_disk_hangs(bench, messages, tmp_path):
     observer.wait(persisted=True)
     energies = [row.predicted_import_energy for row in observer.rows]
     assert energies == sorted(energies)
+
+
+@pytest.fixture
+def card(bench, messages, tmp_path) -> Iterator[Any]:
+    """A monitor that has counted, and whose disk does not answer until `release` is called."""
+    node, released = start(bench, tmp_path, checkpoint_period=3600.0), threading.Event()
+    publisher = bench.publisher(JointState, "joint_states")
+    feed(bench, node, publisher, messages["/joint_states"][:200])
+    node._account_publisher.checkpoints._thread.submit(released.wait)
+    yield SimpleNamespace(node=node, publisher=publisher, release=released.set)
+    released.set()
+
+
+def test_services_wait_for_the_disk_beside_the_ticks(bench, messages, tmp_path, card):
+    """Power goes on while their answers wait; they come once the change is on disk."""
+    node, powers = card.node, []
+    opened = asked(bench, node, OpenInterval, "open_interval", name="job")
+    bench.spin_until(lambda: node.account.intervals.open_count, "the interval")
+    reset = asked(bench, node, ResetRegisters, "reset_registers", reason="new shift")
+    before = node.account.start_ns
+    bench.spin_until(lambda: node.account.start_ns != before, "the reset")
+    bench.tester.create_subscription(PowerState, "energy/power", powers.append, 99)
+    rows = messages["/joint_states"]
+    for begin in range(200, 700, 100):
+        feed(bench, node, card.publisher, rows[begin : begin + 100])
+    bench.spin_until(lambda: len(powers) > 10, "powers")
+    assert not opened.done()
+    assert not reset.done()
+    assert not any(one.open_intervals for one in states(tmp_path))
+    card.release()
+    assert answer(bench, opened).persisted
+    assert [one.name for one in newest(tmp_path).open_intervals] == ["job"]
+    assert answer(bench, reset).persisted
+    assert newest(tmp_path).trace[-1].text == "new shift"
+
+
+def test_a_disk_that_takes_too_long_is_said(bench, tmp_path, card, monkeypatch):
+    monkeypatch.setattr(checkpoints, "ANSWERING", 0.05)
+    late = call(bench, card.node, OpenInterval, "open_interval", name="job")
+    assert (late.success, late.persisted) == (True, False)
+    assert late.message.endswith("it is in memory only so far: the disk is at work")
+    card.release()
+    bench.spin_until(lambda: any(one.open_intervals for one in states(tmp_path)), "the interval")
+
+
+def test_who_waits_is_answered_when_the_node_stops(bench, card, monkeypatch):
+    opened = asked(bench, card.node, OpenInterval, "open_interval", name="job")
+    bench.spin_until(lambda: card.node.account.intervals.open_count, "the interval")
+    monkeypatch.setattr(slot_store, "wait", lambda jobs, _: None)  # the disk is not waited for
+    card.node.trigger_deactivate()
+    late = answer(bench, opened)
+    assert (late.success, late.persisted) == (True, False)
+
+
+def test_an_inactive_monitor_answers(bench, tmp_path, card):
+    card.release()
+    card.node.trigger_deactivate()
+    assert call(bench, card.node, OpenInterval, "open_interval", name="job").persisted
+    assert [one.name for one in newest(tmp_path).open_intervals] == ["job"]
 
 
 def test_files_that_cannot_be_used_are_told(bench, tmp_path):

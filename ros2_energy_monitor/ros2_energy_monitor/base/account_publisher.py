@@ -18,7 +18,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.model import RobotModel
-from ros2_energy_monitor.base.checkpoints import CLOSING, Checkpoints, folder_of
+from ros2_energy_monitor.base.checkpoints import Checkpoints, folder_of
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
 from ros2_energy_monitor.base.publishers import (
@@ -95,7 +95,7 @@ class AccountPublisher:
         """Publish what waits, keep the registers once more, and then no longer."""
         if self._power is not None:
             self._power.flush()
-        self.checkpoints.now(CLOSING)
+        self.checkpoints.now()
         self.checkpoints.running = False
 
     def power(self, means: MeanBlock | None) -> None:

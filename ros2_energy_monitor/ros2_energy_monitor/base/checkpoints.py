@@ -30,7 +30,8 @@ from robot_energy.store import Submit, load_account
 from ros2_energy_monitor.diagnostics.reporter import ERROR, OK, WARN, StatusBuilder
 
 OPENING = 2.0  # how long configure waits for the disk [s]
-ANSWERING = 0.5  # how long a service does; joint states wait for it meanwhile [s]
+ANSWERING = 3.0  # how long the answer of a service does; the page gives up after 5 s [s]
+POLLED_EVERY = 0.02  # while the disk is at work [s]
 CLOSING = 5.0  # how long deactivate does [s]
 LATE_PERIODS = 3  # a checkpoint that takes longer than this is in trouble
 ROS_HOME = "$ROS_HOME"
@@ -90,6 +91,8 @@ class Checkpoints:
         self._begun: float | None = None  # when the checkpoint under way was begun
         self._done: float | None = None  # when the latest one was finished
         self._row: Any = None  # what is published once it is
+        self._waiting: deque[tuple[float, Callable[[bool], None]]] = deque()  # with their limits
+        self._covered = 0  # the first of them, whose registers the checkpoint under way holds
         self._warning = ""
         self._adopted = ""
         self._trouble = ""
@@ -110,6 +113,7 @@ class Checkpoints:
         self._log_news()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self._node.create_timer(self._period, self._begin, clock=steady)
+        self._poller = self._node.create_timer(POLLED_EVERY, self._poll, clock=steady)
 
     def change_period(self, period: float) -> None:
         """Change how often the registers are kept.
@@ -120,44 +124,42 @@ class Checkpoints:
         self._period = period
         self._timer.timer_period_ns = round(period * 1e9)
 
-    def poll(self) -> None:
-        """Publish the registers of a checkpoint that has been finished; call every tick."""
-        if not self.store.busy:
-            return
-        outcome = self.store.poll()
-        if outcome is None and self.store.busy:
-            return
-        self._begun = None
-        if outcome:
-            self._done = time.monotonic()
-            self._publish(self._row)
-        elif outcome is not None and self.running:
-            self._publish(self._encode(False))
-        self._row = None
-        self._log_news()
-
-    def now(self, patience: float = ANSWERING) -> bool:
-        """Bring the registers to disk as they stand, and publish them.
+    def when_kept(self, answer: Callable[[bool], None]) -> None:
+        """Call back once the registers as they stand now are on disk, without waiting here.
 
         Args:
-            patience: How long to wait for the disk, twice at most. [s]
+            answer: Told whether they are, after `ANSWERING` at the latest.
+        """
+        if not self.store.keeps:
+            self._publish(self._encode(False))
+            answer(False)
+            return
+        self._waiting.append((time.monotonic() + ANSWERING, answer))
+        if not self.store.busy:
+            self._start()
+
+    def now(self) -> bool:
+        """Bring the registers to disk as they stand, waiting for it, and publish them.
 
         Returns:
             Whether they are on disk.
         """
         self._row = None  # of a checkpoint that is overtaken
-        kept = self.store.checkpoint(patience)
+        kept = self.store.checkpoint(CLOSING)
         if kept:
             self._begun, self._done = None, time.monotonic()
         self._publish(self._encode(kept))
         self._log_news()
+        self._poller.reset()
+        self._answer(len(self._waiting), kept)
         return kept
 
     def close(self) -> None:
         """Release the folder, so that another monitor can write."""
         if hasattr(self, "store"):
-            self.store.close(CLOSING)
+            kept = self.store.close(CLOSING)
             self._log_news()
+            self._answer(len(self._waiting), kept)
         if self._thread is not None:
             self._thread.shutdown(wait=False)
 
@@ -204,9 +206,42 @@ class Checkpoints:
             self._row = None
             self._publish(self._encode(False))
             return
+        self._start()
+
+    def _start(self) -> None:
+        """Begin a checkpoint of the registers as they stand; the next is due a period later."""
         row = self._encode(True)
         self._begun = time.monotonic()
         self._row = row if self.store.begin() else None
+        self._covered = 0 if self._row is None else len(self._waiting)
+        self._timer.reset()
+        self._poller.reset()
+
+    def _poll(self) -> None:
+        """Publish the registers of a checkpoint that has been finished, and answer for it."""
+        outcome = self.store.poll()
+        if self.store.busy:
+            now = time.monotonic()
+            self._answer(sum(limit <= now for limit, _ in self._waiting), kept=False)
+            return
+        self._poller.cancel()
+        self._begun = None
+        if outcome:
+            self._done = time.monotonic()
+            self._publish(self._row)
+        elif outcome is not None and self.running:
+            self._publish(self._encode(False))
+        self._row = None
+        self._log_news()
+        self._answer(len(self._waiting) if outcome is False else self._covered, bool(outcome))
+        if self._waiting:
+            self._start()
+
+    def _answer(self, count: int, kept: bool) -> None:
+        """Answer the first that wait."""
+        self._covered = max(0, self._covered - count)
+        for answer in [self._waiting.popleft()[1] for _ in range(count)]:
+            answer(kept)
 
     def _log_news(self) -> None:
         """Log what is new."""

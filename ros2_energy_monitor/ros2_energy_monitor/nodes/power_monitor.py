@@ -170,9 +170,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self._publish(mean)
 
     def tick(self) -> None:
-        """Publish the next power state, and keep registers and learned figures."""
+        """Publish the next power state, and keep learned figures."""
         self.guard.run("publish.power", self._account_publisher.tick)
-        self.guard.run("registers", self._account_publisher.checkpoints.poll)
         self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:

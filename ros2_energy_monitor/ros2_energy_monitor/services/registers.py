@@ -11,10 +11,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
+from weakref import proxy
 
 from builtin_interfaces.msg import Time
-from rclpy.node import Node
+from rclpy.service import Service
 from ros2_energy_msgs.msg import EnergyInterval, JointEnergy, LoadEnergy
 from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
 
@@ -25,12 +27,13 @@ from robot_energy.messages import interval_fields
 from robot_energy.shown_text import MAX_LINE, shown
 from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.checkpoints import Checkpoints
-
-R = TypeVar("R")
+from ros2_energy_monitor.base.lifecycle import ManagedNode
 
 
 class RegisterServices:
     """Answers the services of one energy account; what they change is on disk before they answer.
+
+    The thread of the ticks changes the account and goes on; it never waits for the disk.
 
     Args:
         node: The node that serves.
@@ -42,7 +45,7 @@ class RegisterServices:
 
     def __init__(
         self,
-        node: Node,
+        node: ManagedNode,
         account: EnergyAccount,
         checkpoints: Checkpoints,
         joint_names: Sequence[str],
@@ -53,13 +56,18 @@ class RegisterServices:
 
     def open(self) -> None:
         """Create the services."""
+        self._node.create_service(ListIntervals, "~/list_intervals", self._list)
         for kind, name, answer in (
             (ResetRegisters, "reset_registers", self._reset),
             (OpenInterval, "open_interval", self._open),
             (CloseInterval, "close_interval", self._close),
-            (ListIntervals, "list_intervals", self._list),
         ):
-            self._node.create_service(kind, f"~/{name}", answer)
+            service = self._node.create_service(kind, f"~/{name}", answer)
+            # The executor sends what a callback returns through this method. A proxy, as a service
+            # that refers to itself would outlive its node until garbage is collected.
+            itself: Any = proxy(service)
+            send = partial(Service.send_response, itself)
+            service.send_response = partial(self._send, send, name)
 
     def _reset(self, request: Any, response: Any) -> Any:
         def change() -> str:
@@ -91,7 +99,7 @@ class RegisterServices:
         return response
 
     def _change(self, response: Any, change: Callable[[], str]) -> Any:
-        """Change the account and bring them to disk before the answer."""
+        """Change the account; `_send` waits for the disk."""
         try:
             self._checkpoints.store.require()
             self._take()
@@ -101,12 +109,27 @@ class RegisterServices:
             self._node.get_logger().warning(f"refused: {error}")
             return response
         response.success = True
-        response.persisted = self._checkpoints.now()
-        if not response.persisted:
-            response.message += "; it is in memory only"
-        response.message = shown(response.message, MAX_LINE)
-        self._node.get_logger().info(response.message)
         return response
+
+    def _send(
+        self, send: Callable[[Any, Any], None], name: str, response: Any, header: Any
+    ) -> None:
+        """Send a refusal at once, and the answer to a change when it is on disk."""
+        if not response.success:
+            send(response, header)
+            return
+
+        def finish(kept: bool) -> None:
+            response.persisted = kept
+            if not kept:
+                late = self._checkpoints.store.busy
+                why = "in memory only so far: the disk is at work" if late else "in memory only"
+                response.message += f"; it is {why}"
+            response.message = shown(response.message, MAX_LINE)
+            self._node.get_logger().info(response.message)
+            send(response, header)
+
+        self._checkpoints.when_kept(self._node.guard.callback(f"service.{name}", finish))
 
     def _message(self, interval: record.EnergyInterval) -> EnergyInterval:
         fields = interval_fields(interval, self._names, self._account.calibration)
