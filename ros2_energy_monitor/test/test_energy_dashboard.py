@@ -59,6 +59,7 @@ RESTARTS = (
 def token_file(tmp_path: Path) -> str:
     path = tmp_path / "token"
     path.write_text(TOKEN)
+    path.chmod(0o600)
     return str(path)
 
 

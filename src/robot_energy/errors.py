@@ -114,7 +114,7 @@ class ParameterError(RobotEnergyError, ValueError):
 
 
 class CredentialsError(RobotEnergyError, ValueError):
-    """A file of credentials is missing, readable by others, or malformed."""
+    """A file of secrets is missing, open to others than its owner, or malformed."""
 
 
 class MeterProfileError(RobotEnergyError, ValueError):

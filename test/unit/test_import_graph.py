@@ -58,8 +58,8 @@ MODULES = {
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
-        first_bytes output_files output_folder output_streams placement regular_file
-        temporary_folder xml_encoding
+        first_bytes output_files output_folder output_streams placement private_file
+        regular_file temporary_folder xml_encoding
     """,
     "robot_energy.fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings

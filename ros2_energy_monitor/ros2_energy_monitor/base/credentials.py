@@ -10,15 +10,13 @@
 
 from __future__ import annotations
 
-import os
-import stat
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, SecretStr
 
 from robot_energy.config_file import load
 from robot_energy.errors import CredentialsError
+from robot_energy.files.private_file import require_private
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -60,39 +58,3 @@ def read_credentials(path: str) -> Credentials | None:
     full = require_private(path, "file of credentials")
     found = load(full, _File, CredentialsError, "file of credentials")
     return Credentials(found.username, found.password.get_secret_value())
-
-
-def require_private(path: str, what: str) -> Path:
-    """Refuse a file of secrets that others can read or write.
-
-    Args:
-        path: The file; ``~`` is the home folder.
-        what: What it is, for messages.
-
-    Returns:
-        Its path.
-
-    Raises:
-        CredentialsError: If it is missing, belongs to another user, or its group or others have
-            any permission.
-    """
-    full = Path(path).expanduser()
-    try:
-        status = full.stat()
-    except OSError as error:
-        raise CredentialsError(
-            f"the {what} {full} cannot be read ({error.strerror})", "a file of this user"
-        ) from error
-    mode = stat.S_IMODE(status.st_mode)
-    if mode & 0o077:
-        raise CredentialsError(
-            f"the {what} {full} has the permissions {mode:04o}",
-            "0600: nobody but its owner reads it",
-            f"chmod 600 {full}",
-        )
-    if status.st_uid not in (os.getuid(), 0):
-        raise CredentialsError(
-            f"the {what} {full} belongs to the user {status.st_uid}",
-            f"the user of this process, {os.getuid()}",
-        )
-    return full

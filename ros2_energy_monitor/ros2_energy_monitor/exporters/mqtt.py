@@ -25,9 +25,10 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.errors import ExporterError
+from robot_energy.files.private_file import require_private
 from robot_energy.inputs.parameters import parameter
 from ros2_energy_monitor.base.connection_failure import reason_of
-from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials, require_private
+from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder

@@ -33,9 +33,10 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.errors import ExporterError
+from robot_energy.files.private_file import require_private
 from robot_energy.inputs.parameters import parameter
 from robot_energy.model.auxiliary import MAX_LOADS
-from ros2_energy_monitor.base.credentials import read_credentials, require_private
+from ros2_energy_monitor.base.credentials import read_credentials
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
 from ros2_energy_monitor.exporters.exporter import Exporter, Newest

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
-import os
-import shlex
-import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from robot_energy.errors import PageError
+from robot_energy.files.private_file import require_private
 from robot_energy.files.regular_file import read_regular_text, why_unreadable
 
 LOOPBACK = "127.0.0.1"
@@ -30,7 +27,6 @@ class PageAccess:
         token: What readers of another address, and writers of any, must state; empty for none.
         allow_control: Whether buttons and their routes exist.
         hosts: Names in the Host header that are served, without the port.
-        open_file: File with the token where other users of this computer can read it; else empty.
     """
 
     address: str
@@ -38,7 +34,6 @@ class PageAccess:
     token: str
     allow_control: bool
     hosts: frozenset[str]
-    open_file: str = ""
 
     @property
     def loopback(self) -> bool:
@@ -58,11 +53,6 @@ class PageAccess:
             lines.append(
                 f"whoever reaches {self.address} and has the token can read {READABLE}; the token "
                 "and all figures travel unencrypted: use a network you trust, or a proxy with TLS"
-            )
-        if self.open_file:
-            lines.append(
-                f"every user of this computer can read the token in '{self.open_file}'; mend it "
-                f"with: chmod 600 {shlex.quote(self.open_file)}"
             )
         if self.allow_control:
             lines.append(
@@ -121,6 +111,7 @@ def page_access(
 
     Raises:
         PageError: If the address is none, or a token is needed and missing or too weak.
+        CredentialsError: If others than its owner may read or write the file of the token.
     """
     try:
         found = ipaddress.ip_address(address)
@@ -147,13 +138,13 @@ def page_access(
         names |= {LOOPBACK, "[::1]", *_own_names()}
     else:
         names |= {f"[{found.compressed}]" if found.version == 6 else found.compressed}
-    shown = token_file if token and os.stat(token_file).st_mode & stat.S_IROTH else ""
-    return PageAccess(str(found), port, token, allow_control, frozenset(names), shown)
+    return PageAccess(str(found), port, token, allow_control, frozenset(names))
 
 
 def _token(path: str) -> str:
+    full = require_private(path, "token file", MAKE_TOKEN)
     try:
-        token = read_regular_text(Path(path), 4096).strip()
+        token = read_regular_text(full, 4096).strip()
     except (OSError, UnicodeDecodeError) as error:
         raise PageError(
             f"the token file '{path}' cannot be read ({why_unreadable(error)})",
