@@ -70,6 +70,7 @@ def registers(energy, stamp=10.0, start=0.0, names=JOINTS, **values):
         **stamp_columns(np.array([START_NS + round(stamp * 1e9)])),
         **stamp_columns(np.array([START_NS + round(start * 1e9)]), "energy_start"),
         "persisted": True,
+        "observed_time": stamp - start,
         "band": np.uint8(0),
         "gap_count": np.uint64(0),
         "predicted_import_energy": energy,

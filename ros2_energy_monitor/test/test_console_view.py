@@ -115,6 +115,7 @@ def test_before_the_first_power_a_healthy_start_is_no_trouble():
 def test_what_was_counted_is_shown_while_the_robot_is_off(board):
     off = ConsoleView()
     off.registers = board.registers
+    off.registers.observed_time = 60.0
     off.registers.predicted_import_energy = 7.5 * 3600.0
     off.registers.predicted_return_energy = 0.5 * 3600.0
     totals = (
@@ -127,6 +128,12 @@ def test_what_was_counted_is_shown_while_the_robot_is_off(board):
     assert totals in " ".join(word for row in words(off, 200) for word in row)
     off.registers.measured_energy = math.nan
     assert off.line(106.0) == "no power state yet; counted 7.00 Wh from the grid; all is well"
+
+
+def test_registers_that_observed_no_time_are_no_result(board):
+    board = ConsoleView()
+    board.registers = EnergyRegisters(measured_energy=math.nan)
+    assert board.line(0.0) == "waiting for the first power state; nothing counted yet"
 
 
 def test_no_figure_is_cut_at_any_width(board):

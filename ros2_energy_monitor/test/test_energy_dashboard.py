@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import socket
@@ -30,6 +31,7 @@ from robot_energy.errors import PageError, ParameterError
 from robot_energy.page import web_app
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.nodes.console import Console
 from ros2_energy_monitor.nodes.energy_dashboard import EnergyDashboard
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
@@ -129,6 +131,54 @@ def test_figures_job_intervals_and_reset(
     assert answer["done"], answer
     bench.spin_until(lambda: ask.robot()["registers"]["energy_start"] > start, "the reset")
     assert "robot_energy_joules_total{part=" in ask("metrics")
+
+
+def not_finite(number: int) -> JointState:
+    return joint_state(number, math.nan)
+
+
+def one_stamp(number: int) -> JointState:
+    return joint_state(0, 0.001 * number)
+
+
+def joint_state(number: int, position: float) -> JointState:
+    message = JointState(name=[f"joint_a{axis}" for axis in range(1, 7)])
+    message.header.stamp.sec = 1_700_000_000 + number // 100
+    message.header.stamp.nanosec = number % 100 * 10_000_000
+    message.position, message.velocity = [position] * 6, [0.1] * 6
+    return message
+
+
+@pytest.mark.parametrize(
+    ("sample", "reason"),
+    [(not_finite, "as not_finite"), (one_stamp, "the stamp of the one before")],
+)
+def test_joint_states_without_a_usable_sample_are_dashes_with_the_reason(
+    bench: Any, sample: Callable[[int], JointState], reason: str
+) -> None:
+    """No figure is shown as zero, by page, metrics and console."""
+    bench.add(EnergyMonitor, model="kr16")
+    page, console = bench.add(EnergyDashboard, port=0), bench.add(Console)
+    publisher = bench.publisher(JointState, "joint_states")
+    numbers = itertools.count()
+    ask = Answers(bench, page.server.url)
+
+    def alarms() -> str:
+        for _ in range(20):
+            publisher.publish(sample(next(numbers)))
+        return " ".join(one["message"] for one in ask.robot().get("alarms", ()))
+
+    bench.spin_until(lambda: reason in alarms(), reason)
+    robot = ask.robot()
+    assert robot["headline"]["energy"] is None
+    assert robot["power"]["stale"]
+    assert robot["power"].get("predicted_grid_power") is None
+    for part in ("energy_flow", "flow", "means", "phases"):
+        assert not robot[part], part
+    assert "robot_energy_joules_total{" not in ask("metrics")
+    bench.spin_until(lambda: reason in console.board.line(math.inf), "the reason on the console")
+    assert " 0 W" not in console.board.line(math.inf)
+    assert " 0.00 Wh" not in console.board.line(math.inf)
 
 
 def test_robots_of_several_namespaces_share_a_page(bench: Any) -> None:

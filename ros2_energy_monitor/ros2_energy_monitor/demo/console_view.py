@@ -239,6 +239,8 @@ def _powers(message: PowerState) -> Iterator[tuple[str, float]]:
 
 def _totals(registers: EnergyRegisters) -> str:
     """What was counted so far, as a robot that is switched off leaves it."""
+    if not registers.observed_time > 0.0:
+        return "nothing counted yet"
     net = registers.predicted_import_energy - registers.predicted_return_energy
     text = f"counted {_wh(net)} Wh from the grid"
     if math.isnan(registers.measured_energy):

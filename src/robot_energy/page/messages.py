@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -86,13 +87,15 @@ class PageReaders:
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:
         """Return the fields of the newest usable register message, or None.
 
+        Energies of the robot are NaN while no time was observed: 0 J would be a result.
+
         Argument as in `PageReaders.power`.
         """
         runs = _usable(self._registers, batch, "joints.name")
         if not runs:
             return None
         run = runs[-1]
-        return {
+        found = {
             "stamp_ns": int(stamp_ns(run)[-1]),
             "start_ns": int(stamp_ns(run, "energy_start")[-1]),
             "persisted": bool(run.array("persisted")[-1]),
@@ -101,6 +104,11 @@ class PageReaders:
             "joints": _newest_rows(run, "joints", JOINT_ENERGIES),
             "auxiliary": _newest_rows(run, "auxiliary", LOAD_ENERGIES),
         }
+        if not found["observed_time"] > 0.0:
+            found |= dict.fromkeys(ENERGIES, math.nan)
+            for joint in found["joints"]:
+                joint |= dict.fromkeys(JOINT_ENERGIES, math.nan)
+        return found
 
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
         """Return the newest friction of each joint by its name, or None.

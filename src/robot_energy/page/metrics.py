@@ -142,7 +142,9 @@ class _Robots(Collector):
             registers = robot["registers"]
             if registers is not None:
                 counters = _counters(registers, robot["auxiliary"])
-                for name, labels, value in _first_of_each(counters):
+                nothing = registers["observed_time"] == 0.0  # counted: where a counter begins
+                for name, labels, found in _first_of_each(counters):
+                    value = 0.0 if found is None and nothing else found
                     if value is not None and value >= 0:  # else it is not known: no sample
                         families[name].add_metric(
                             (robot["name"], *labels), value, created=registers["energy_start"]

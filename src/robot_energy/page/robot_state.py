@@ -81,6 +81,7 @@ class RobotState:
         self._recent: _Recent | None = None
         self._received: float | None = None
         self._phase_time = np.zeros(len(Phase))
+        self._phase_known = np.zeros(len(Phase))  # of it, with a known power
         self._phase_energy = np.zeros(len(Phase))
         self._friction: dict[str, dict[str, Any]] = {}
         self._registers: dict[str, Any] | None = None
@@ -203,7 +204,7 @@ class RobotState:
                 {
                     "name": phase.name,
                     "seconds": round(float(self._phase_time[phase]), 3),
-                    "energy": round(float(self._phase_energy[phase]), 3),
+                    **self._phase_values(phase),
                 }
                 for phase in Phase
                 if self._phase_time[phase] > 0
@@ -245,9 +246,10 @@ class RobotState:
         for ring in self.rings.values():
             ring.add(stamp, powers, covered)
         phase = np.minimum(run.array("phase"), len(Phase) - 1)
-        known = np.isfinite(powers[:, 0])
-        energy = np.where(known, powers[:, 0], 0.0) * covered
+        known = np.where(np.isfinite(powers[:, 0]), covered, 0.0)
+        energy = np.nan_to_num(powers[:, 0], posinf=0.0, neginf=0.0) * known
         self._phase_time += np.bincount(phase, weights=covered, minlength=len(Phase))
+        self._phase_known += np.bincount(phase, weights=known, minlength=len(Phase))
         self._phase_energy += np.bincount(phase, weights=energy, minlength=len(Phase))
         location = int(run.array("meter_location")[-1])
         self._newest = {
@@ -265,6 +267,13 @@ class RobotState:
                 for name in JOINT_STATE
             },
         }
+
+    def _phase_values(self, phase: Phase) -> dict[str, float | None]:
+        """Energy and mean power of a phase over the time in which its power was known."""
+        energy, known = float(self._phase_energy[phase]), float(self._phase_known[phase])
+        if known == 0.0:
+            return {"energy": None, "mean": None}
+        return {"energy": round(energy, 3), "mean": json_number(energy / known, 5)}
 
     def _mean(self) -> Float | None:
         """Means of all parts over the last second; NaN where one is unknown."""

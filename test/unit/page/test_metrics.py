@@ -64,6 +64,9 @@ def test_counters_are_the_registers_since_they_began():
 
 def test_a_reset_begins_a_new_counter(hub):
     before = samples(families(hub)["robot_energy_joules"], "_created")
+    hub.robot("r").take_registers(registers(0.0, stamp=19.0, start=19.0))
+    empty = samples(families(hub)["robot_energy_joules"], "_total")
+    assert empty[("part", "predicted_import"), ("robot", "r")] == 0.0
     hub.robot("r").take_registers(registers(5.0, stamp=20.0, start=19.0))
     after = families(hub)["robot_energy_joules"]
     assert set(samples(after, "_created").values()) != set(before.values())

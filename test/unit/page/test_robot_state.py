@@ -90,6 +90,19 @@ def test_headline_and_registers(state):
     assert flow["net"] * flow["unit"] == pytest.approx(1000.0)  # Wh
 
 
+def test_registers_that_observed_no_time_show_no_energy(state):
+    """Joint states of which no sample was usable, or one: 0 J would be a result."""
+    state.take_registers(registers(0.0, observed_time=0.0))
+    found = state.snapshot(0.0)
+    assert found["registers"]["observed_time"] == 0.0
+    assert found["registers"]["predicted_import_energy"] is None
+    assert found["registers"]["joints"][0]["friction_energy"] is None
+    assert found["headline"]["energy"] is None
+    assert found["headline"]["cost"] is None
+    assert found["headline"]["co2"] is None
+    assert found["energy_flow"] is None
+
+
 def test_quality_bits_become_alarms_with_a_remedy(state):
     bits = np.uint32(Quality.TEMPERATURE_STALE | Quality.EXTRAPOLATED)
     state.take_power(power_states([1.0], [100.0], quality=bits), 5.0)
@@ -119,6 +132,16 @@ def test_phases_gather_time_and_energy(state):
     found = {row["name"]: row for row in state.snapshot(0.0)["phases"]}
     assert found["HOLD"]["seconds"] == pytest.approx(0.2)
     assert found["GENERATING"]["energy"] == pytest.approx(20.0)
+    assert found["HOLD"]["mean"] == pytest.approx(100.0)
+
+
+def test_a_phase_has_the_energy_of_the_time_in_which_its_power_was_known(state):
+    phase = np.array([1, 1, 2, 2], dtype=np.uint8)
+    power = [math.nan, math.nan, 100.0, math.inf]
+    state.take_power(power_states([0.1, 0.2, 0.3, 0.4], power, phase=phase), 0.0)
+    found = {row["name"]: row for row in state.snapshot(0.0)["phases"]}
+    assert (found["HOLD"]["energy"], found["HOLD"]["mean"]) == (None, None)
+    assert found["MOTION"]["mean"] == pytest.approx(100.0)
 
 
 def test_malformed_and_huge_messages_change_nothing(state):

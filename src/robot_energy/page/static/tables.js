@@ -99,7 +99,7 @@ export function showTables(robot) {
   const total = robot.phases.reduce((sum, phase) => sum + phase.seconds, 0);
   fillRows(byId("phases"), robot.phases.map((phase) => [
     phaseText(phase.name), n(duration(phase.seconds)), n(percent(phase.seconds / total)),
-    n(energy(phase.energy)), n(watts(phase.energy / phase.seconds)),
+    n(energy(phase.energy)), n(watts(phase.mean)),
   ]));
   showIntervals(robot);
 }
