@@ -29,6 +29,7 @@ from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, 
 from robot_energy.identify.dynamics.dynamics_model import SOURCE, to_model
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit, fit_axes, with_friction
+from robot_energy.identify.friction.hold import HoldFit, fit_hold
 from robot_energy.identify.friction.samples import friction_data
 from robot_energy.identify.friction.shape import share_shape
 from robot_energy.identify.plausibility import (
@@ -90,11 +91,13 @@ class FrictionFound:
         fits: One per axis that could be identified.
         refused: Why the others could not, one sentence each.
         gears: Temperatures of gears, which the friction of their axes follows.
+        hold: What motors hold at rest; None where too few rests show it.
     """
 
     fits: tuple[FrictionFit, ...]
     refused: tuple[str, ...]
     gears: GearsFound = field(default_factory=GearsFound)
+    hold: HoldFit | None = None
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with this friction, which follows gears where they were found.
@@ -104,7 +107,8 @@ class FrictionFound:
             source: Where the data come from.
         """
         names = [fit.name for fit in self.fits]
-        return self.gears.write(with_friction(model, self.fits, source), names)
+        written = self.gears.write(with_friction(model, self.fits, source), names)
+        return written if self.hold is None else self.hold.write(written, source)
 
 
 def find_friction(
@@ -129,7 +133,8 @@ def find_friction(
     if share:
         fits = share_shape(fits, axes, source)
     check_friction(fits)
-    return FrictionFound(tuple(fits), tuple(refused), gears)
+    hold = fit_hold(recordings, with_friction(model, fits, source))
+    return FrictionFound(tuple(fits), tuple(refused), gears, hold)
 
 
 @dataclass(frozen=True)

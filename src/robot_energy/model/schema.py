@@ -112,6 +112,32 @@ class Meter(ModelEntry):
     delay: PositiveFigure | None = None
 
 
+class Hold(ModelEntry):
+    """What the motors hold at rest beside the load, as shares of the Coulomb torque of each.
+
+    ``tau = tau_r - carried sgn(tau_r) min(fc, |tau_r|) + kept fc d`` with the rigid torque tau_r
+    and the direction d of the last motion, motor side.
+
+    Attributes:
+        kept: Share that stays in the direction of the last motion, -1 to 1. [-]
+        carried: Share by which friction carries the load; less than 0 where motors hold more
+            than it, -1 to 1. [-]
+        std: Standard deviation of the torque at one place, over the Coulomb torque. [-]
+    """
+
+    kept: Figure
+    carried: Figure
+    std: Annotated[float, Field(ge=0)]
+
+    @model_validator(mode="after")
+    def _check(self) -> Hold:
+        for key in ("kept", "carried"):
+            value = getattr(self, key).value
+            if not abs(value) <= 1.0:
+                raise ValueError(f"{key} must lie between -1 and 1, found {value}")
+        return self
+
+
 class TemperatureSettings(ModelEntry):
     """What to assume where no temperature is known.
 
@@ -212,6 +238,7 @@ class RobotModel(ModelEntry):
         auxiliary: Loads at the outlet, outside of the cabinet, such as a pump; a replay and a
             prediction count them.
         meter: How late the power meter shows what is drawn; absent: the monitor finds it.
+        hold: What the motors hold at rest beside the load; absent: the load alone.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
         gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
@@ -231,6 +258,7 @@ class RobotModel(ModelEntry):
     provenance: Provenance = Provenance()
     auxiliary: Annotated[tuple[AuxiliaryLoad, ...], Field(max_length=MAX_LOADS)] | None = None
     meter: Meter | None = None
+    hold: Hold | None = None
 
     _urdf_xml: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="<memory>")
@@ -271,7 +299,7 @@ class RobotModel(ModelEntry):
     @property
     def model_id(self) -> str:
         """Short hash over every figure and the URDF: equal ids give equal watts."""
-        late = {name for name in ("auxiliary", "meter") if getattr(self, name) is None}
+        late = {name for name in ("auxiliary", "meter", "hold") if getattr(self, name) is None}
         digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"} | late).encode())
         digest.update(self._urdf_xml.encode())
         return digest.hexdigest()[:12]

@@ -21,6 +21,7 @@ from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
 
 TORQUE_SHARE = 0.95
@@ -75,6 +76,7 @@ class PowerChain:
         self.friction = FrictionModel.from_model(model)
         self.drive = drive_from_model(model)
         self._deviations = EnergyDeviations(model)
+        self._hold = HoldTorque(model)
         self._standstill = motor_standstill(model)
 
     def moves(
@@ -124,6 +126,8 @@ class PowerChain:
         rigid = rigid * holding
         standing = np.abs(speed) <= self._standstill
         moving = np.where(standing, 0.0, speed)
+        held = self._hold.typical(rigid) if holding else rigid
+        held_std = np.where(standing & holding, self._hold.std, 0.0)
         weight, place = _weights(motion, len(speed))
         shape, first = speed.shape, motion.first
 
@@ -132,12 +136,11 @@ class PowerChain:
             coulomb = np.broadcast_to(self.friction.coulomb, shape)
             viscous = np.broadcast_to(self.friction.viscous(degc), shape)
             friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
-            torque = rigid + friction
+            torque = np.where(standing, held, rigid + friction)
             rigid_power, friction_power = rigid * speed, friction * speed
             shaft = rigid_power + friction_power
-            electrical, _ = self.drive.input_power(
-                shaft, speed, torque, np.broadcast_to(degc, shape).copy()
-            )
+            winding = np.broadcast_to(degc, shape).copy()
+            electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
             balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
             returned = self.model.cabinet.regeneration_efficiency
@@ -151,6 +154,7 @@ class PowerChain:
                 rigid_power,
                 friction_power,
                 electrical - shaft,
+                self._hold.loss_std(self.drive, torque, held_std, winding),
                 degc,
                 np.where(excess > 0, share, 1.0),
                 excess,

@@ -25,7 +25,9 @@ from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Tag, least_known, tag_of
+from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
+from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
@@ -82,6 +84,7 @@ class EnergyDeviations:
         rigid_power: Float,
         friction_power: Float,
         drive_loss: Float,
+        held: Float,
         motor_temperature_degc: Float,
         reaches: Float,
         fed_back: Float,
@@ -94,6 +97,7 @@ class EnergyDeviations:
             rigid_power: Shape (N, n). [W]
             friction_power: Shape (N, n). [W]
             drive_loss: Shape (N, n). [W]
+            held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             motor_temperature_degc: Shape (n,). [degC]
             reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
@@ -109,6 +113,7 @@ class EnergyDeviations:
             (square * shared).sum(axis=1)[:, None],
             speed * self._coulomb,
             square * own,
+            held,
         ]
         if self._drive is not None:
             at_bus += list(self._drive(speed, motor_torque))
@@ -147,6 +152,8 @@ class DeviationSums:
         returned = model.cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
         self._standstill = motor_standstill(model)
+        self._hold, self._drive = HoldTorque(model), drive_from_model(model)
+        self._fallback_degc = model.temperature.fallback_degc
         self._blocks = ConsecutiveBlocks()
         self._sum: Float | None = None
         self._brake: Float | None = None
@@ -177,13 +184,21 @@ class DeviationSums:
         speed = np.where(
             np.abs(block.motor_velocity) <= self._standstill, 0.0, block.motor_velocity
         )
+        degc = block.motor_temperature_degc
+        held = self._hold.loss_std(
+            self._drive,
+            block.motor_torque,
+            np.where(speed == 0.0, self._hold.std, 0.0),
+            np.where(np.isnan(degc), self._fallback_degc, degc),
+        )
         rows = self._deviations.columns(
             speed,
             block.motor_torque,
             block.rigid_power,
             block.friction_power,
             block.drive_loss,
-            _mean_known(block.motor_temperature_degc),
+            held,
+            _mean_known(degc),
             np.ones(len(block)),
             fed_back,
         )

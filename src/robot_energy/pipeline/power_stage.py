@@ -31,6 +31,7 @@ from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.pipeline.friction_stage import FrictionStage
@@ -70,6 +71,7 @@ class PowerStage:
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
         settings = settings or Settings()
         self._friction = FrictionModel.from_model(model)
+        self._hold = HoldTorque(model, settings.effort)
         self._drive = drive_from_model(model)
         self._cabinet = CabinetStage(model.cabinet)
         self._deviation = PowerDeviation(model)
@@ -193,10 +195,15 @@ class PowerStage:
         if learned is not None:
             coulomb, viscous, friction = coulomb * learned, viscous * learned, friction * learned
         torque = rigid + friction
+        direction = self._hold.follow(speed)
+        wound, held_std = torque, None
+        if standing.any():
+            torque = np.where(standing, self._hold.torque(rigid, direction), torque)
+            wound, held_std = self._hold.in_winding(torque, block.motor_torque_measured, standing)
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
         winding = np.where(np.isnan(degc), self._fallback_degc, degc)
-        electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
+        electrical, extrapolated = self._drive.input_power(shaft, speed, wound, winding)
         if extrapolated is not None:
             mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
         drive_loss = electrical - shaft
@@ -221,8 +228,11 @@ class PowerStage:
         phase[bus + balance.loss_dc < 0] = Phase.GENERATING
         phase[~finite] = Phase.UNKNOWN
         turning = np.where(standing, 0.0, speed)
-        of_motors = (turning, torque, rigid_power, friction_power, drive_loss, viscous, *deviations)
-        deviation = self._deviations(block, of_motors, balance, finite)
+        of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
+        held = np.zeros_like(torque)
+        if held_std is not None:
+            held = self._hold.loss_std(self._drive, wound, held_std, winding)
+        deviation = self._deviations(block, (*of_motors, held), balance, finite)
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,

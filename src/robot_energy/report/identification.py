@@ -9,6 +9,7 @@ import numpy as np
 from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.friction.friction import FrictionFit
+from robot_energy.identify.friction.hold import HoldFit
 from robot_energy.identify.friction.laws import fitted_laws
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.thermal.gear import GearsFound
@@ -92,6 +93,22 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
     )
     page.notes(grouped([*(text for fit in report.axes for text in fit.warnings), *report.refused]))
     gear_tables(report.gears, page)
+    if report.hold is not None:
+        page.notes([hold_words(report.hold)])
+
+
+def hold_words(hold: HoldFit) -> str:
+    """Return what motors hold at rest, in one sentence.
+
+    Args:
+        hold: What was found.
+    """
+    kept, carried = uncertain(*hold.kept), uncertain(*hold.carried)
+    return (
+        f"at rest motors hold the load within {hold.std:.2f} of the Coulomb torque "
+        f"({hold.load_std:.2f} for the load alone): {kept} of it stays in the direction of the "
+        f"last motion, {carried} carries the load; {hold.rests} rests"
+    )
 
 
 def gear_tables(gears: GearsFound, page: Document) -> None:

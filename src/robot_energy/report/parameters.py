@@ -65,6 +65,10 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
     for key, name in (("time_constant", "low pass of the meter"), ("delay", "delay of the meter")):
         if (figure := getattr(after.meter, key, None)) is not None:
             yield Change(name, "s", getattr(before.meter, key, None), figure)
+    for key, name in (("kept", "kept at rest from the last motion"), ("carried", "load carried")):
+        if (figure := getattr(after.hold, key, None)) is not None:
+            unit = "of Coulomb"
+            yield Change(f"torque {name}", unit, getattr(before.hold, key, None), figure)
     old_link, new_link = before.cabinet.capacitor, after.cabinet.capacitor
     if new_link is None:
         return

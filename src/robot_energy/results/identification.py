@@ -14,6 +14,7 @@ from robot_energy.identify.cabinet.supply import SupplyFound
 from robot_energy.identify.data.bags import BagFacts
 from robot_energy.identify.drives.all_drives import DrivesFound
 from robot_energy.identify.friction.friction import FrictionFit
+from robot_energy.identify.friction.hold import HoldFit
 from robot_energy.identify.friction.temperature_study import Study
 from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
@@ -74,6 +75,9 @@ class FrictionReport(Result, name="friction"):
     gears: Annotated[
         GearsFound, "Temperatures of gears, which the friction of their axes follows."
     ] = field(default_factory=GearsFound)
+    hold: Annotated[
+        HoldFit | None, "What motors hold at rest; None where too few rests show it."
+    ] = None
 
     @property
     def torque_unit(self) -> str:
@@ -88,7 +92,7 @@ def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
         found: By the identification.
         effort: What the torque was measured as.
     """
-    return FrictionReport(effort, found.fits, found.refused, found.gears)
+    return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold)
 
 
 class AxisStudy(Result):

@@ -128,6 +128,7 @@ class PowerDeviation:
         viscous: Float,
         viscous_std: Float,
         shared_std: Float,
+        held: Float,
         payload_mass: Float,
         balance: Balance,
         stamp_ns: Int,
@@ -136,13 +137,14 @@ class PowerDeviation:
 
         Args:
             motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
-            motor_torque: Rigid plus friction, shape (N, n). [N m]
+            motor_torque: That heats the windings, shape (N, n). [N m]
             rigid_power: Shape (N, n). [W]
             friction_power: Shape (N, n). [W]
             drive_loss: Shape (N, n). [W]
             viscous: Coefficient in use, shape (N, n). [N m s/rad]
             viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
             shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
+            held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             payload_mass: In force, shape (N,). [kg]
             balance: Of the bus.
             stamp_ns: Shape (N,). [ns]
@@ -173,6 +175,8 @@ class PowerDeviation:
             np.multiply(self._drive_share, shaft, out=drive)
         else:
             drive[:] = self._drive(speed, motor_torque, drive_loss)
+        if held.any():
+            np.hypot(drive, held, out=drive)
         carried = self._payload_share
         if self._payload_mass > 0:
             carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]

@@ -55,6 +55,7 @@ def certain(found: dict[str, Any]) -> dict[str, Any]:
             figure["std"] = 0.0
     for name in ("loss_grid", "loss_dc"):
         found["cabinet"][name]["std"] = 0.0
+    found["hold"] = {"kept": robots.figure(0.0), "carried": robots.figure(0.0), "std": 0.0}
     return found
 
 

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.blocks import (
+    NANOSECOND,
+    EffortMeaning,
+    Float,
+    Int,
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+)
 from robot_energy.errors import LogFormatError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
@@ -21,6 +29,8 @@ from robot_energy.identify.stats.cross_validation import contiguous_blocks
 from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.physics.drive import Drive
+from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.hold_torque import HoldTorque
 
 if TYPE_CHECKING:
     from robot_energy.logs.recording import LogBlock, RecordingContents
@@ -163,6 +173,15 @@ class DriveData:
         return len(self.meters)
 
 
+def _of_model(recording: Recording) -> Float:
+    """Motor torque of the model, at rest the measured one where it is known, shape (N, n)."""
+    power, model = recording.power, recording.model
+    standing = np.abs(power.motor_velocity) <= motor_standstill(model)
+    measured = recording.torque.motor_torque_measured
+    effort = EffortMeaning.NONE if recording.replay is None else recording.replay.effort
+    return HoldTorque(model, effort).in_winding(power.motor_torque, measured, standing)[0]
+
+
 def drive_data(
     recordings: Sequence[Recording],
     powers: Sequence[MeasuredDrivePower | None],
@@ -174,7 +193,7 @@ def drive_data(
         recordings: Run with one model.
         powers: Measured power of the drives of each recording, None without.
         measured_torque: Whether to use the measured torque; else that of the model, rigid
-            bodies and friction.
+            bodies and friction, but at rest the measured one where it is known.
     """
     names = recordings[0].model.joint_names
     stamp = np.concatenate([part.torque.stamp_ns for part in recordings])
@@ -184,7 +203,7 @@ def drive_data(
         [
             np.where(
                 part.sound[:, None],
-                part.torque.motor_torque_measured if measured_torque else part.power.motor_torque,
+                part.torque.motor_torque_measured if measured_torque else _of_model(part),
                 np.nan,
             )
             for part in recordings

@@ -1,0 +1,46 @@
+"""What motors hold at rest, found in measured torque of the virtual rig."""
+
+import pytest
+
+import robots
+from plants import LIMITS, PROGRAM, two_link_profile
+from robot_energy.blocks import EffortMeaning
+from robot_energy.identify.data.recordings import read_recording
+from robot_energy.identify.friction.friction import fit_axes, with_friction
+from robot_energy.identify.friction.hold import fit_hold
+from robot_energy.identify.friction.samples import friction_data
+from robot_energy.motion import Program
+from robot_energy.rig import RigConfig, VirtualRig
+from robot_energy.rig.record import record
+
+MODEL = robots.two_link()
+RESTING = Program(PROGRAM.via, LIMITS, dwell=1.0)
+EFFECTS = ("presliding", "velocity_noise", "torque_noise")
+
+
+@pytest.mark.parametrize("presliding", [True, False])
+def test_a_spring_before_sliding_keeps_the_torque_of_the_motion(tmp_path, presliding):
+    profile = two_link_profile(tmp_path)
+    effects = EFFECTS if presliding else EFFECTS[1:]
+    rig = VirtualRig(profile, RESTING, RigConfig.plain().having(*effects), 3, 30.0, 30.0)
+    bag = record(rig, 120.0, tmp_path / "bag")
+    recording = read_recording(bag.path, MODEL, EffortMeaning.MOTOR_TORQUE)
+    fits, _ = fit_axes([friction_data([recording], joint) for joint in (0, 1)])
+    model = with_friction(MODEL, fits, "bag")
+    found = fit_hold([recording], model)
+    assert found is not None
+    assert found.kept[0] == pytest.approx(float(presliding), abs=0.2)
+    assert found.carried[0] == pytest.approx(0.0, abs=0.1)
+    assert found.std < 0.2
+    assert (found.load_std > 0.5) == presliding
+    written = found.write(model, "bag")
+    assert written.hold is not None
+    assert written.hold.kept.value == pytest.approx(min(found.kept[0], 1.0))
+
+
+def test_too_few_rests_show_nothing(tmp_path):
+    profile = two_link_profile(tmp_path)
+    rig = VirtualRig(profile, RESTING, RigConfig.plain(), 3, 30.0, 30.0)
+    bag = record(rig, 10.0, tmp_path / "bag")
+    recording = read_recording(bag.path, MODEL, EffortMeaning.MOTOR_TORQUE)
+    assert fit_hold([recording], MODEL) is None

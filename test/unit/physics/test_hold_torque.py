@@ -1,0 +1,107 @@
+"""What motors hold at rest, by hand and in the pipeline."""
+
+import numpy as np
+import pytest
+
+import robots
+from robot_energy.blocks import EffortMeaning, PowerBlock
+from robot_energy.model import validate
+from robot_energy.physics.hold_torque import UNKNOWN, HoldTorque
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robots import figure
+
+RATE = 0.01  # s between samples
+
+
+def arm(kept=0.0, carried=0.0, std=0.0, constant=None, copper=0.5):
+    """The two-link arm with copper losses."""
+    data = robots.two_link_data()
+    data["drive"] = "loss_model"
+    for joint in data["joints"]:
+        joint["friction"]["coulomb"] = figure(0.2)
+        joint["losses"] = {name: figure(0.0) for name in ("constant", "linear", "quadratic")}
+        joint["losses"]["copper"] = figure(copper)
+        joint["losses"]["copper_temperature_coefficient"] = figure(0.0)
+        if constant:
+            joint["torque_constant"] = {**figure(1.0), "tag": constant}
+    if std is not None:
+        data["hold"] = {"kept": figure(kept), "carried": figure(carried), "std": std}
+    return validate(data, "test").with_urdf(robots.TWO_LINK_URDF, "test")
+
+
+def moved_and_stopped(direction=1.0, effort=None):
+    """One second of motion of both joints, then one of rest at the same place."""
+    time = np.arange(0.0, 2.0, RATE)
+    left = np.minimum(time - 1.0, 0.0)
+    position = 0.8 + direction * np.repeat((left**3)[:, None], 2, axis=1)
+    velocity = direction * np.repeat((3.0 * left**2)[:, None], 2, axis=1)
+    velocity[time >= 1.0] = 0.0
+    block = robots.joint_block(100.0 + time, position, velocity)
+    if effort is not None:
+        block.joint_effort[:] = effort
+    return block
+
+
+def power_of(model, block, cut=None, effort=EffortMeaning.NONE):
+    pipeline = EnergyPipeline(model, Settings(temperature_wait=0.0, effort=effort))
+    size = cut or len(block)
+    parts = [pipeline.step(block[slice(at, at + size)]) for at in range(0, len(block), size)]
+    parts.append(pipeline.flush())
+    return PowerBlock.concatenate([part.power for part in parts if part.power is not None])
+
+
+def test_by_hand():
+    hold = HoldTorque(arm(kept=0.5, carried=0.25, std=0.1))
+    rigid = np.array([[10.0, -0.1]])
+    # 10 - 0.25 * 0.2 + 0.5 * 0.2; of a load below the Coulomb torque a share is carried
+    assert hold.torque(rigid, np.array([[1.0, -1.0]])) == pytest.approx(np.array([[10.05, -0.175]]))
+    assert hold.typical(rigid) == pytest.approx(np.hypot([[9.95, -0.075]], 0.1))
+    assert hold.std == pytest.approx([0.02, 0.02])
+    assert HoldTorque(arm(std=None)).std == pytest.approx([UNKNOWN * 0.2] * 2)
+
+
+def test_the_direction_is_that_of_the_last_motion_however_it_is_cut():
+    model = arm(kept=0.6)
+    for direction in (1.0, -1.0):
+        block = moved_and_stopped(direction)
+        whole = power_of(model, block)
+        load = power_of(arm(), block).motor_torque[-1]
+        turned = np.sign(whole.motor_velocity[50])
+        assert whole.motor_torque[-1] == pytest.approx(load + turned * 0.6 * 0.2)
+        for cut in (1, 7, 100):
+            assert np.array_equal(power_of(model, block, cut).drive_loss, whole.drive_loss)
+
+
+def test_copper_at_rest_follows_measured_torque():
+    block = moved_and_stopped(effort=1.5)
+    model = arm(constant="identified")
+    power = power_of(model, block, effort=EffortMeaning.MOTOR_TORQUE)
+    assert power.drive_loss[-1] == pytest.approx([0.5 * 1.5**2] * 2)
+    # what the model says of the torque stays beside it
+    load = power_of(model, moved_and_stopped()).motor_torque[-1]
+    assert power.motor_torque[-1] == pytest.approx(load)
+    assert power.drive_loss[0] != pytest.approx([0.5 * 1.5**2] * 2)
+
+
+def test_a_current_times_an_assumed_constant_is_no_measured_torque():
+    block = moved_and_stopped(effort=1.5)
+    model = arm(constant="assumed")
+    by_current = power_of(model, block, effort=EffortMeaning.MOTOR_CURRENT)
+    assert by_current.drive_loss[-1] == pytest.approx(
+        power_of(model, moved_and_stopped()).drive_loss[-1]
+    )
+    by_torque = power_of(model, block, effort=EffortMeaning.MOTOR_TORQUE)
+    assert by_torque.drive_loss[-1] == pytest.approx([0.5 * 1.5**2] * 2)
+
+
+def test_an_unknown_torque_at_rest_widens_the_band():
+    block = moved_and_stopped()
+    known, unknown = power_of(arm(), block), power_of(arm(std=None), block)
+    torque = np.abs(unknown.motor_torque[-1])
+    off = 0.5 * ((torque + UNKNOWN * 0.2) ** 2 - torque**2)
+
+    def last(power):
+        return power.deviation.values[power.deviation.row[-1], -2:]
+
+    assert last(unknown) == pytest.approx(np.hypot(last(known), off))
+    assert (off > 1e-4).all()
