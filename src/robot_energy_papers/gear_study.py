@@ -83,13 +83,17 @@ class WarmPlant:
         body: Name of a shipped model.
         seed: Of plant and motions.
         gears: Factor on the heat capacity of the gears. [-]
+        effects: Of the rig, besides those of `RigConfig.hard`.
     """
 
-    def __init__(self, folder: Path, body: str, seed: int, gears: float) -> None:
+    def __init__(
+        self, folder: Path, body: str, seed: int, gears: float, effects: Sequence[str] = ()
+    ) -> None:
         drawn = random_profile(body, seed)
         self.profile: PlantProfile = replace(drawn, gear_capacity=gears * drawn.gear_capacity)
         self.name = f"{body} {seed}, gears x{gears:g}"
-        self._folder, self._seed, self._body = folder / f"{body}_{seed}", seed, body
+        self._folder, self._seed, self.body = folder / f"{body}_{seed}", seed, body
+        self._config = RigConfig.hard().having(*effects)
         robot, _ = self.profile.mechanics()
         self._limits = self.profile.motion_limits(robot)
         self._accept = tool_above(robot, "tool0", 0.0) if robot.n_joints == 6 else None
@@ -118,7 +122,7 @@ class WarmPlant:
             gear_degc: Of the gears where they are not as warm as the motors. [degC]
         """
         return VirtualRig(
-            self.profile, motion, RigConfig.hard(), 10 * self._seed + number, degc, AMBIENT,
+            self.profile, motion, self._config, 10 * self._seed + number, degc, AMBIENT,
             rate_hz=RATE, device_seed=self._seed, start_gear_degc=gear_degc,
         )  # fmt: skip
 
@@ -140,7 +144,7 @@ class WarmPlant:
             ).path
             for number, degc in enumerate(SOAKED, 2)
         ]  # fmt: skip
-        motor = identify_all(bags, self._body, "motor_torque", held_out=False, skip=["thermal"])
+        motor = identify_all(bags, self.body, "motor_torque", held_out=False, skip=["thermal"])
         rig = self.rig(0, self.program(0, 1.0, self.override), AMBIENT)
         warm_up = record(rig, WARM_UP, self._folder / "warm_up").path
         gear = identify_friction([*bags, warm_up], motor.model, "motor_torque")

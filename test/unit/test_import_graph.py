@@ -90,7 +90,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy.identify.friction": """
-        friction laws samples shape temperature_study
+        friction hold laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
         autocorrelation cross_validation held_out_energy lag regression systematic
@@ -141,7 +141,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet collision derivative drive drivetrain effort effort_check electrical_power equations
-        friction limit_utilisation motor_heat plausibility rigid_body torque
+        friction hold_torque limit_utilisation motor_heat plausibility rigid_body torque
         torque_limits transmission
     """,
     "robot_energy.physics.urdf": """

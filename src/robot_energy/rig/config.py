@@ -107,6 +107,7 @@ class RigConfig:
         elastic_joints: Gears are springs; encoders and drives see the motors.
         presliding: Coulomb friction reverses over a distance, as a spring that slides
             (Dahl); at rest it holds.
+        creep: With presliding: at rest friction takes over of the load what it can carry, slowly.
         coulomb_temperature: Coulomb friction falls with the temperature of the gear.
         viscous_exponent: Viscous friction grows with less than the first power of speed.
         fan: A fan of the cabinet switches with the warmest motor.
@@ -138,6 +139,7 @@ class RigConfig:
     drive_power_error: bool = True
     elastic_joints: bool = False
     presliding: bool = False
+    creep: bool = False
     coulomb_temperature: bool = False
     viscous_exponent: bool = False
     fan: bool = False

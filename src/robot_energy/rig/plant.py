@@ -21,7 +21,9 @@ from robot_energy.rig.profile import PlantProfile
 REFERENCE_DEGC = 20.0  # of resistances and torque constants
 OIL_DEGC = 60.0  # of the oil while its temperature is switched off
 COULOMB_DEGC = 40.0  # of the gear, at which the Coulomb friction of the profile holds
+SMALLEST = 1e-12  # N m, of a Coulomb torque
 MAX_SHARE = 0.1  # of the fastest thermal time constant in one step
+CREEP_TIME = 0.4  # s in which friction at rest takes over what it carries
 MIN_COULOMB_SHARE = 0.4  # of it, however warm the gear is
 
 
@@ -65,6 +67,7 @@ class PlantFriction:
         self._fall = hard.coulomb_fall * config.coulomb_temperature
         self._exponent = hard.viscous_exponent if config.viscous_exponent else 1.0
         self._slides = period / hard.presliding_angle if config.presliding else None
+        self._creeps = -np.expm1(-period / CREEP_TIME) if config.creep else 0.0
         self._sign: Float = np.zeros(profile.n_joints)
         self._load = profile.load_coulomb * config.load_friction
         self._stribeck = profile.stribeck * config.stribeck
@@ -107,16 +110,22 @@ class PlantFriction:
         else:
             turning = motor_velocity
         viscous = self.viscous(gear_temperature_degc) * turning
-        return (self._direction(motor_velocity) * dry + viscous) * self.wear
+        carried = -np.clip(motor_torque_rigid / np.maximum(dry, SMALLEST), -1.0, 1.0)
+        return (self._direction(motor_velocity, carried) * dry + viscous) * self.wear
 
-    def _direction(self, motor_velocity: Float) -> Float:
-        """Return the sign of the velocity, or what presliding makes of it, shape (N, n)."""
+    def _direction(self, motor_velocity: Float, carried: Float) -> Float:
+        """Return the sign of the velocity, or what presliding makes of it, shape (N, n).
+
+        At rest it creeps towards ``carried``, the share of the Coulomb torque that holds the load.
+        """
         sign = np.sign(motor_velocity)
         if self._slides is None:
             return sign
         kept = np.exp(-np.abs(motor_velocity) * self._slides)
         state = self._sign
         for row in range(len(sign)):
+            if self._creeps:
+                state = state + (carried[row] - state) * self._creeps * (sign[row] == 0.0)
             state = sign[row] + (state - sign[row]) * kept[row]
             sign[row] = state
         self._sign = state

@@ -15,24 +15,29 @@ from robot_energy.rig.record import record
 
 MODEL = robots.two_link()
 RESTING = Program(PROGRAM.via, LIMITS, dwell=1.0)
-EFFECTS = ("presliding", "velocity_noise", "torque_noise")
+NOISE = ("velocity_noise", "torque_noise")
 
 
-@pytest.mark.parametrize("presliding", [True, False])
-def test_a_spring_before_sliding_keeps_the_torque_of_the_motion(tmp_path, presliding):
+@pytest.mark.parametrize(
+    ("effects", "kept", "carried"),
+    [((), 0.0, 0.0), (("presliding",), 1.0, 0.0), (("presliding", "creep"), 0.1, 0.9)],
+)
+def test_a_spring_keeps_the_torque_of_the_motion_until_it_carries_the_load(
+    tmp_path, effects, kept, carried
+):
     profile = two_link_profile(tmp_path)
-    effects = EFFECTS if presliding else EFFECTS[1:]
-    rig = VirtualRig(profile, RESTING, RigConfig.plain().having(*effects), 3, 30.0, 30.0)
+    config = RigConfig.plain().having(*NOISE, *effects)
+    rig = VirtualRig(profile, RESTING, config, 3, 30.0, 30.0)
     bag = record(rig, 120.0, tmp_path / "bag")
     recording = read_recording(bag.path, MODEL, EffortMeaning.MOTOR_TORQUE)
     fits, _ = fit_axes([friction_data([recording], joint) for joint in (0, 1)])
     model = with_friction(MODEL, fits, "bag")
     found = fit_hold([recording], model)
     assert found is not None
-    assert found.kept[0] == pytest.approx(float(presliding), abs=0.2)
-    assert found.carried[0] == pytest.approx(0.0, abs=0.1)
+    assert found.kept[0] == pytest.approx(kept, abs=0.2)
+    assert found.carried[0] == pytest.approx(carried, abs=0.2)
     assert found.std < 0.2
-    assert (found.load_std > 0.5) == presliding
+    assert (found.load_std > 0.5) == bool(effects)
     written = found.write(model, "bag")
     assert written.hold is not None
     assert written.hold.kept.value == pytest.approx(min(found.kept[0], 1.0))

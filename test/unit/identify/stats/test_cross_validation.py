@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_energy.identify.stats.cross_validation import (
+    EnergyScore,
     contiguous_blocks,
     contiguous_folds,
     folds_by_value,
@@ -57,3 +58,15 @@ def test_held_out_samples_are_never_in_their_own_training():
     assert result.folds == 2
     assert result.rms == pytest.approx(2.0)
     assert result.relative == pytest.approx(4.0 / np.sqrt(8.0))
+
+
+def test_a_better_power_may_cost_what_the_folds_cannot_tell_of_the_energy():
+    def score(rms, *shares):
+        return EnergyScore(rms, float(np.abs(shares).mean()), max(shares, key=abs), shares)
+
+    given = score(100.0, 0.010, -0.012, 0.011)
+    assert score(60.0, 0.012, -0.014, 0.013).beats(given)  # 0.2 points of energy
+    assert not score(60.0, 0.015, -0.017, 0.016).beats(given)  # 0.5 points, alike in every fold
+    # 0.5 points in the mean, but 2 points apart from fold to fold
+    assert score(60.0, 0.030, -0.008, 0.010).beats(given)
+    assert not score(99.0, 0.001, -0.001, 0.001).beats(given)
