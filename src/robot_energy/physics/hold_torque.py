@@ -1,7 +1,7 @@
 """What a motor holds at rest, where friction may carry a part of the load or add to it.
 
 ``tau = tau_r - carried sgn(tau_r) min(fc, |tau_r|) + kept fc d`` with the rigid motor torque tau_r,
-the Coulomb torque fc and the direction d of the last motion. A joint that was stopped by its
+the Coulomb torque fc and the direction d of the last motion: ours, beside paper A, eq. 3. A joint that was stopped by its
 controller keeps some of the torque that moved it, as friction is a spring before it slides
 (P. Dahl, A solid friction model, 1968); where it creeps back, friction carries part of the load.
 """
@@ -72,7 +72,7 @@ class HoldTorque:
 
         Args:
             motor_torque_rigid: Shape (N, n). [N m]
-            direction: Of the last motion, same shape.
+            direction: Of the last motion, -1, 0 or 1, same shape. [-]
         """
         return self._loaded(motor_torque_rigid) + self.kept * self.coulomb * direction
 
@@ -128,7 +128,7 @@ def last_direction(motor_velocity: Float, least: Float, before: Float) -> Float:
     Args:
         motor_velocity: Shape (N, n). [rad/s]
         least: Speed from which on it is a motion, shape (n,). [rad/s]
-        before: Direction before the first sample, shape (n,).
+        before: Direction before the first sample, shape (n,). [-]
     """
     row = np.arange(len(motor_velocity))[:, None]
     last = np.maximum.accumulate(np.where(np.abs(motor_velocity) > least, row, -1), axis=0)
