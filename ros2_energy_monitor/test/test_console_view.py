@@ -72,6 +72,16 @@ def test_the_parts_shown_sum_to_the_power_shown(rigid):
     assert parts[3] == 400
 
 
+def test_a_part_that_is_not_modelled_is_a_dash_and_no_term_of_the_sum():
+    board = ConsoleView()
+    whole = state(drive_loss=0.0, capacitor_power=0.0)
+    whole.drive_loss = whole.capacitor_power = math.nan
+    board.take_power(whole, 0.0)
+    predicted, *parts = words(board)[5][2:]
+    assert [parts[PARTS.index(name)] for name in ("drives", "capacitor")] == ["-", "-"]
+    assert sum(int(part) for part in parts if part != "-") == int(predicted)
+
+
 def test_parts_and_whole_are_of_the_same_instant_whatever_the_smoothing(board):
     for number in range(20):
         message = state(rigid_power=1000.0 * math.sin(number))

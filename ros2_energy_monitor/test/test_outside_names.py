@@ -100,7 +100,11 @@ def test_an_interval_name_forges_no_line_of_the_log(bench, capfd):
     checkpoints = SimpleNamespace(store=store, now=lambda: True)
     account = SimpleNamespace()
     services = RegisterServices(
-        bench.tester, cast("Any", account), cast("Any", checkpoints), (), lambda: None
+        bench.tester,
+        cast("Any", account),
+        cast("Any", checkpoints),
+        cast("Any", None),
+        lambda: None,
     )
     response = OpenInterval.Response()
     services._change(response, lambda: f"interval 1 '{NASTY}' is open")

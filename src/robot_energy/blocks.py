@@ -12,7 +12,7 @@ integrated or differentiated across a change of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
 from typing import Any, Self
@@ -361,6 +361,19 @@ class PowerBlock(Block):
     def supply(self) -> SupplyBlock:
         """What a meter can see."""
         return SupplyBlock(self.stamp_ns, self.segment, self.grid_power, self.loss_grid)
+
+
+def known_part(name: str, values: Any, unmodelled: Collection[str]) -> Float:
+    """Return a part of power or energy as it is shown: NaN for 0 where the model lacks it.
+
+    Args:
+        name: Of its register.
+        values: Of any shape, or a number. [W] or [J]
+        unmodelled: Registers of the parts that the model lacks, as `RobotModel.unmodelled`. One
+            that counted under an earlier model keeps its figure.
+    """
+    found: Float = np.asarray(values, dtype=float)
+    return np.where(found == 0.0, np.nan, found) if name in unmodelled else found
 
 
 def sum_over_joints(values: Float) -> Float:

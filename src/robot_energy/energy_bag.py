@@ -52,9 +52,9 @@ class EnergyBagWriter:
     ) -> None:
         self._torque = TorqueWriter(model.joint_names, model.model_id)
         self._friction = FrictionWriter(model)
-        loads = model.auxiliary or ()
-        self._power = PowerStateWriter(model.joint_names, model.model_id, loads)
-        self._registers = RegistersWriter(model.joint_names, model.model_id, loads)
+        identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
+        self._power = PowerStateWriter(*identity)
+        self._registers = RegistersWriter(*identity)
         self._payload = PayloadWriter(model.model_id)
         self._payloads = 0  # changes written
         self._counted_ns: int | None = None

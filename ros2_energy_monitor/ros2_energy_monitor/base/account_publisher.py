@@ -51,10 +51,10 @@ class AccountPublisher:
         account: EnergyAccount,
         parameters: AccountParameters,
     ) -> None:
-        self._node, self._account, self._joint_names = node, account, model.joint_names
-        loads = model.auxiliary or ()
-        self._power_writer = PowerStateWriter(model.joint_names, model.model_id, loads)
-        self._registers_writer = RegistersWriter(model.joint_names, model.model_id, loads)
+        self._node, self._account, self._model = node, account, model
+        identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
+        self._power_writer = PowerStateWriter(*identity)
+        self._registers_writer = RegistersWriter(*identity)
         self._power: PacedPublisher | None = None
         self._ticks = round(parameters.tick_rate / parameters.power_rate)
         self._registers: RowPublisher | None = None
@@ -79,8 +79,8 @@ class AccountPublisher:
         self._power = PacedPublisher(power, self._ticks, max_waiting=burst + 1)
         self._registers = RowPublisher(self._node, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
         self.checkpoints.open()
-        names, take = self._joint_names, self._node.take_now
-        RegisterServices(self._node, self._account, self.checkpoints, names, take).open()
+        take = self._node.take_now
+        RegisterServices(self._node, self._account, self.checkpoints, self._model, take).open()
 
     def close(self) -> None:
         """End the work on the disk; safe also after an `open` that failed."""

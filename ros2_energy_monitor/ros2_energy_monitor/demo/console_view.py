@@ -257,10 +257,8 @@ def _compared(registers: EnergyRegisters) -> str:
 
 
 def _rounded(parts: Sequence[float]) -> list[str]:
-    """Round parts to whole watts that sum to the rounded sum, each off by less than 1 W."""
-    if not all(math.isfinite(part) for part in parts):
-        return [_number(part, 0) for part in parts]
-    return summing(parts, 0)
+    """Parts in whole watts that sum to the rounded sum; a dash for one that is not modelled."""
+    return summing([None if math.isnan(part) else part for part in parts], 0)
 
 
 def _number(value: float, digits: int) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import Registers
-from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.blocks import NANOSECOND, Float, known_part
 from robot_energy.errors import MotionError
 from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
 from robot_energy.model import RobotModel
@@ -90,15 +90,18 @@ def predicted(
         "brake_energy": energy.cabinet("brake"),
         "predicted_peak_power": account.counts.peak_power,
         "predicted_mean_power": (imported - returned) / observed if observed else math.nan,
-        "joints": _joints(energy, model.joint_names),
+        "joints": _joints(energy, model),
         "motor_temperature_degc": degc.tolist(),
         "extrapolated": bool(result.extrapolated),
     }
 
 
-def _joints(registers: Registers, joint_names: Sequence[str]) -> list[dict[str, Any]]:
+def _joints(registers: Registers, model: RobotModel) -> list[dict[str, Any]]:
     """Energies of every joint; nothing is measured."""
-    columns = {field: registers.joints(name) for name, field in JOINT_FIELDS.items()}
+    columns = {
+        field: known_part(name, registers.joints(name), model.unmodelled)
+        for name, field in JOINT_FIELDS.items()
+    }
     unmeasured = dict.fromkeys(SHAFT_FIELDS.values(), math.nan)
     return [
         {
@@ -106,7 +109,7 @@ def _joints(registers: Registers, joint_names: Sequence[str]) -> list[dict[str, 
             **{field: float(values[index]) for field, values in columns.items()},
             **unmeasured,
         }
-        for index, name in enumerate(joint_names)
+        for index, name in enumerate(model.joint_names)
     ]
 
 

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 from weakref import proxy
@@ -24,6 +24,7 @@ from robot_energy.accounting import record
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.errors import RegisterError
 from robot_energy.messages import interval_fields
+from robot_energy.model import RobotModel
 from robot_energy.shown_text import MAX_LINE, shown
 from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.checkpoints import Checkpoints
@@ -39,7 +40,7 @@ class RegisterServices:
         node: The node that serves.
         account: The energy account.
         checkpoints: Bring them to disk.
-        joint_names: Joints in model order.
+        model: Of the robot.
         take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 
@@ -48,11 +49,11 @@ class RegisterServices:
         node: ManagedNode,
         account: EnergyAccount,
         checkpoints: Checkpoints,
-        joint_names: Sequence[str],
+        model: RobotModel,
         take: Callable[[], None],
     ) -> None:
         self._node, self._account, self._checkpoints = node, account, checkpoints
-        self._names, self._take = joint_names, take
+        self._model, self._take = model, take
 
     def open(self) -> None:
         """Create the services."""
@@ -132,7 +133,10 @@ class RegisterServices:
         self._checkpoints.when_kept(self._node.guard.callback(f"service.{name}", finish))
 
     def _message(self, interval: record.EnergyInterval) -> EnergyInterval:
-        fields = interval_fields(interval, self._names, self._account.calibration)
+        model = self._model
+        fields = interval_fields(
+            interval, model.joint_names, self._account.calibration, model.unmodelled
+        )
         joints = [JointEnergy(**joint) for joint in fields.pop("joints")]
         loads = [LoadEnergy(**load) for load in fields.pop("auxiliary")]
         start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))

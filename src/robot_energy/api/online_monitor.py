@@ -194,7 +194,7 @@ class OnlineMonitor:
     @property
     def energy(self) -> EnergyBreakdown:
         """Where the energy went so far."""
-        return energy_of(self.account.registers)
+        return energy_of(self.account.registers, self.model.unmodelled)
 
     @property
     def rejected(self) -> dict[str, dict[str, int]]:
@@ -223,7 +223,11 @@ class OnlineMonitor:
         blocks = [output.power for output in outputs if output.power is not None]
         if not blocks:
             return empty_table(self.model.joint_names)
-        return sample_table(type(blocks[0]).concatenate(blocks), self.model.joint_names)
+        return sample_table(
+            type(blocks[0]).concatenate(blocks),
+            self.model.joint_names,
+            unmodelled=self.model.unmodelled,
+        )
 
     def _joint_states(self, velocity: bool, effort: bool) -> Encoder:
         if (velocity, effort) not in self._encoders:

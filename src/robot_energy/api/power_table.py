@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, sum_over_joints
+from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, known_part, sum_over_joints
 from robot_energy.time_series import TimeSeries
 from robot_energy.timeline.pieces import Compared
 from robot_energy.uncertainty.band import power_std
@@ -46,7 +46,10 @@ ALL_ROWS = 2**62  # a table keeps every interval of the comparison
 
 
 def sample_table(
-    block: PowerBlock, joint_names: Sequence[str], compared: Sequence[Compared] | None = None
+    block: PowerBlock,
+    joint_names: Sequence[str],
+    compared: Sequence[Compared] | None = None,
+    unmodelled: Collection[str] = (),
 ) -> TimeSeries:
     """Return every sample.
 
@@ -54,6 +57,7 @@ def sample_table(
         block: Power samples in time order.
         joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
+        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
 
     Returns:
         One row per sample. The measured power is the mean over the interval between two
@@ -63,6 +67,7 @@ def sample_table(
         block,
         joint_names,
         compared,
+        unmodelled,
         (block.rigid_power, block.friction_power, block.drive_loss, block.shaft_power),
         {
             "predicted_grid_power": block.grid_power,
@@ -76,7 +81,10 @@ def sample_table(
 
 
 def period_table(
-    block: MeanBlock, joint_names: Sequence[str], compared: Sequence[Compared] | None = None
+    block: MeanBlock,
+    joint_names: Sequence[str],
+    compared: Sequence[Compared] | None = None,
+    unmodelled: Collection[str] = (),
 ) -> TimeSeries:
     """Return means over averaging periods; the stamp is that of the last sample of a period.
 
@@ -84,6 +92,7 @@ def period_table(
         block: The means.
         joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
+        unmodelled: As of `sample_table`.
 
     Returns:
         One row per period, with the columns of `sample_table`; motor quantities are those of
@@ -95,6 +104,7 @@ def period_table(
         block,
         joint_names,
         compared,
+        unmodelled,
         (rigid, friction, loss, rigid + friction),
         {
             "predicted_grid_power": block.predicted_power,
@@ -129,13 +139,16 @@ def _table(
     block: PowerBlock | MeanBlock,
     joint_names: Sequence[str],
     compared: Sequence[Compared] | None,
+    unmodelled: Collection[str],
     joints: tuple[Float, Float, Float, Float],
     cabinet: dict[str, Float],
 ) -> TimeSeries:
     """Columns in the order of ``UNITS``; `joints` are rigid, friction, drive loss and shaft."""
     rigid, friction, loss, shaft = joints
+    loss = known_part("drive_loss", loss, unmodelled)
     known: dict[str, Any] = {
         **cabinet,
+        "capacitor_power": known_part("capacitor", cabinet["capacitor_power"], unmodelled),
         "predicted_power_std": power_std(np.asarray(block.deviation)),
         **({} if compared is None else _measured(block.stamp_ns, compared)),
         "rigid_power": sum_over_joints(rigid),

@@ -113,11 +113,16 @@ def predict(
     )
     report = prediction_report(result, motion)
     names = used.joint_names
+    power = (
+        empty_table(names)
+        if result.means is None
+        else period_table(result.means, names, unmodelled=used.unmodelled)
+    )
     return PredictionResult(
         program=result.program,
         model=used,
         duration=result.duration,
-        power=empty_table(names) if result.means is None else period_table(result.means, names),
+        power=power,
         energy=report.energy,
         joints=report.joints,
         phases=report.phases,

@@ -197,9 +197,9 @@ def replay(
     )
     compared, names = result.compared if result.topics.meter else None, used.joint_names
     if blocks:
-        power = sample_table(PowerBlock.concatenate(blocks), names, compared)
+        power = sample_table(PowerBlock.concatenate(blocks), names, compared, used.unmodelled)
     elif means:
-        power = period_table(MeanBlock.concatenate(means), names, compared)
+        power = period_table(MeanBlock.concatenate(means), names, compared, used.unmodelled)
     else:
         power = empty_table(names)
     report = replay_report(result, change)

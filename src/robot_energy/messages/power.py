@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.load_curve import COLUMNS
-from robot_energy.blocks import MeterLocation, sum_over_joints
+from robot_energy.blocks import MeterLocation, known_part, sum_over_joints
 from robot_energy.cdr.decode import Encoder, stamp_columns
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.uncertainty.band import power_std
@@ -25,11 +25,17 @@ class PowerStateWriter:
         joint_names: Joints in model order.
         model_id: Identity of the model file.
         loads: Auxiliary loads in model order.
+        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
     """
 
     def __init__(
-        self, joint_names: Sequence[str], model_id: str, loads: Sequence[AuxiliaryLoad] = ()
+        self,
+        joint_names: Sequence[str],
+        model_id: str,
+        loads: Sequence[AuxiliaryLoad] = (),
+        unmodelled: Collection[str] = (),
     ) -> None:
+        self._unmodelled = unmodelled
         self._encoder = Encoder(
             POWER_STATE,
             {
@@ -49,7 +55,8 @@ class PowerStateWriter:
         """
         rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
         loss = block.joint_mean("drive_loss")
-        shaft = rigid + friction
+        shaft, lacking = rigid + friction, self._unmodelled
+        shown_loss = known_part("drive_loss", loss, lacking)
         predicted = block.predicted_power
         return self._encoder.encode(
             {
@@ -72,11 +79,11 @@ class PowerStateWriter:
                 "bus_power": sum_over_joints(shaft + loss),
                 "rigid_power": sum_over_joints(rigid),
                 "friction_power": sum_over_joints(friction),
-                "drive_loss": sum_over_joints(loss),
+                "drive_loss": sum_over_joints(shown_loss),
                 "loss_dc": block.mean("loss_dc"),
                 "loss_grid": block.mean("loss_grid"),
                 "brake_power": block.mean("brake"),
-                "capacitor_power": block.mean("capacitor"),
+                "capacitor_power": known_part("capacitor", block.mean("capacitor"), lacking),
                 "returned_power": block.mean("grid_return"),
                 "payload_mass": block.payload_mass,
                 "outlet_power": predicted + block.loads[:, :, COLUMNS.index("power")].sum(axis=1),
@@ -87,7 +94,7 @@ class PowerStateWriter:
                 "joints.shaft_power_measured": block.shaft_power_measured,
                 "joints.rigid_power": rigid,
                 "joints.friction_power": friction,
-                "joints.drive_loss": loss,
+                "joints.drive_loss": shown_loss,
                 "joints.drive_power": shaft + loss,
                 "joints.motor_temperature_degc": block.motor_temperature_degc,
                 "joints.coulomb": block.coulomb,

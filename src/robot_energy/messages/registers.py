@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.record import EnergyInterval
 from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.accounting.totals import Totals
-from robot_energy.blocks import NANOSECOND
+from robot_energy.blocks import NANOSECOND, known_part
 from robot_energy.cdr.decode import Encoder, stamp_columns
 from robot_energy.model.auxiliary import AuxiliaryLoad
 
@@ -43,11 +43,17 @@ class RegistersWriter:
         joint_names: Joints in model order.
         model_id: Identity of the model file.
         loads: Auxiliary loads in model order, those of the accounts that are encoded.
+        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; NaN while they are 0.
     """
 
     def __init__(
-        self, joint_names: Sequence[str], model_id: str, loads: Sequence[AuxiliaryLoad] = ()
+        self,
+        joint_names: Sequence[str],
+        model_id: str,
+        loads: Sequence[AuxiliaryLoad] = (),
+        unmodelled: Collection[str] = (),
     ) -> None:
+        self._unmodelled = unmodelled
         states = [(load.name, state) for load in loads for state in load.state_names]
         self._encoder = Encoder(
             ENERGY_REGISTERS,
@@ -87,14 +93,18 @@ class RegistersWriter:
                 "brake_energy": registers.cabinet("brake"),
                 "loss_dc_energy": registers.cabinet("loss_dc"),
                 "loss_grid_energy": registers.cabinet("loss_grid"),
-                "capacitor_energy": registers.cabinet("capacitor"),
+                "capacitor_energy": known_part(
+                    "capacitor", registers.cabinet("capacitor"), self._unmodelled
+                ),
                 "observed_time": time.observed_ns * NANOSECOND,
                 "gap_time": time.gap_ns * NANOSECOND,
                 "comparison_time": comparison.compared_ns * NANOSECOND,
                 "predicted_energy_learned": float(account.counts.learned_energy_sum.joule[0]),
                 "gap_count": np.uint64(time.gap_count),
                 **{
-                    f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]
+                    f"joints.{JOINT_FIELDS[name]}": known_part(
+                        name, registers.joints(name), self._unmodelled
+                    )[None, :]
                     for name in JOINT_REGISTERS
                 },
                 **{
@@ -142,7 +152,10 @@ def outlet_fields(counted: Totals) -> dict[str, float]:
 
 
 def interval_fields(
-    interval: EnergyInterval, joint_names: Sequence[str], calibration: BandCalibration
+    interval: EnergyInterval,
+    joint_names: Sequence[str],
+    calibration: BandCalibration,
+    unmodelled: Collection[str] = (),
 ) -> dict[str, Any]:
     """Return the plain fields of the message; ``start_ns`` and ``end_ns`` stay integers.
 
@@ -150,6 +163,7 @@ def interval_fields(
         interval: What was counted.
         joint_names: Joints in model order.
         calibration: Of the bands of the account.
+        unmodelled: As of `RegistersWriter`.
 
     Returns:
         Fields by name; ``joints`` is a list of the fields of `JointEnergy`, ``auxiliary`` one of
@@ -192,7 +206,13 @@ def interval_fields(
             {
                 "name": name,
                 **{
-                    field: counted.joint_energy_microjoule[register][index] / PER_JOULE
+                    field: float(
+                        known_part(
+                            register,
+                            counted.joint_energy_microjoule[register][index] / PER_JOULE,
+                            unmodelled,
+                        )
+                    )
                     for register, field in JOINT_FIELDS.items()
                 },
                 **{

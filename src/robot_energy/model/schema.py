@@ -292,6 +292,15 @@ class RobotModel(ModelEntry):
         return tuple(joint.name for joint in self.joints)
 
     @property
+    def unmodelled(self) -> frozenset[str]:
+        """Registers of the parts that the model lacks: ``drive_loss``, ``capacitor``, or none."""
+        lacking = {
+            "drive_loss": DRIVE_MODELS[self.drive].lossless,
+            "capacitor": self.cabinet.capacitor is None,
+        }
+        return frozenset(name for name, lacks in lacking.items() if lacks)
+
+    @property
     def urdf_xml(self) -> str:
         """Text of the URDF."""
         return self._urdf_xml

@@ -33,11 +33,11 @@ class FlowParts:
         joint_names: The axes.
         rigid: Into motion and height of each axis; negative while it comes back.
         friction: Into friction of each axis, >= 0.
-        drive_loss: Into motor and drive of each axis, >= 0.
+        drive_loss: Into motor and drive of each axis, >= 0; NaN: not modelled, no flow.
         loss_dc: Constant loss on the DC bus, >= 0.
         loss_grid: Constant loss on the grid side, >= 0.
         brake: Into the brake resistor, >= 0.
-        capacitor: Into the capacitor; negative while it gives back.
+        capacitor: Into the capacitor; negative while it gives back; NaN: not modelled, no flow.
         returned: Fed back into the grid, >= 0; already subtracted from the grid's sum.
         auxiliary: Name and size of each load outside of the cabinet, >= 0.
     """
@@ -59,11 +59,11 @@ class FlowParts:
         return [
             *self.rigid,
             *self.friction,
-            *self.drive_loss,
+            *(0.0 if math.isnan(loss) else loss for loss in self.drive_loss),
             self.loss_dc,
             self.loss_grid,
             self.brake,
-            self.capacitor,
+            0.0 if math.isnan(self.capacitor) else self.capacitor,
             *(size for _, size in self.auxiliary),
         ]
 

@@ -50,9 +50,10 @@ class RecordedPage:
         self.hub = PageHub(title, settings, live=False)
         self._robot = self.hub.robots[title] = RobotState(title, settings, live=False)
         self._names = model.joint_names
-        loads = model.auxiliary or ()
-        self._power = PowerStateWriter(model.joint_names, model.model_id, loads)
-        self._registers = RegistersWriter(model.joint_names, model.model_id, loads)
+        self._unmodelled = model.unmodelled
+        identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
+        self._power = PowerStateWriter(*identity)
+        self._registers = RegistersWriter(*identity)
         self._friction = FrictionWriter(model)
         self._location = MeterLocation.UNKNOWN
 
@@ -84,7 +85,7 @@ class RecordedPage:
             self._robot.take_registers(_batch(ENERGY_REGISTERS, rows))
         self._robot.take_intervals(
             [
-                interval_fields(one, self._names, account.calibration)
+                interval_fields(one, self._names, account.calibration, self._unmodelled)
                 for one in account.list_intervals()
             ]
         )

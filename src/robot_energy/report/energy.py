@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from robot_energy.blocks import NANOSECOND
@@ -80,12 +80,16 @@ def add_flow(
         auxiliary: Name and energy of each load outside of the cabinet. [J]
     """
 
+    def known_sum(energies: Iterable[float | None]) -> float:
+        total = sum_of_known(energies)
+        return math.nan if total is None else total
+
     def total(name: str) -> float:
-        return math.fsum(getattr(one.energy, name) for one in reports)
+        return known_sum(getattr(one.energy, name) for one in reports)
 
     def of_joints(name: str) -> list[float]:
         rows = zip(*(one.joints for one in reports), strict=True)
-        return [math.fsum(getattr(joint, name) for joint in row) for row in rows]
+        return [known_sum(getattr(joint, name) for joint in row) for row in rows]
 
     parts = FlowParts(
         [shown(joint.name) for joint in reports[0].joints],
@@ -102,6 +106,20 @@ def add_flow(
     picture = flow_picture(parts, JOULE_PER_WH)
     if picture is not None and picture.flows:
         page.add(FlowDiagram(picture, caption))
+
+
+def sum_of_known(energies: Iterable[float | None]) -> float | None:
+    """Return the sum of the energies that are modelled; None where none is.
+
+    Args:
+        energies: Parts of an energy. [J]
+    """
+    known = [energy for energy in energies if energy is not None]
+    return math.fsum(known) if known else None
+
+
+def _share(part: float | None, whole: float) -> float | None:
+    return part / whole if part is not None and whole > 0 else None
 
 
 class EnergySections:
@@ -126,7 +144,7 @@ class EnergySections:
         energy, scale = self._report.energy, self._scale
         net = energy.net
         columns = ["", f"energy [{scale.unit}]", "", "share"]
-        second: dict[str, float] = {}
+        second: dict[str, float | None] = {}
         if other is not None:
             change = other[0].replace("friction ", "friction\n")
             columns.append(f"{change}\n[{scale.unit}]")
@@ -143,7 +161,7 @@ class EnergySections:
         for texts, whole in (
             (scale.parts(values), scale.joule(net)),
             (scale.watt_hour_parts(values), scale.watt_hour(net)),
-            ([percent(value / net if net > 0 else None) for value in values], percent(one)),
+            ([percent(_share(value, net)) for value in values], percent(one)),
         ):
             cells.append([*texts, whole])
         if other is not None:

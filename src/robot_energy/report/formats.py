@@ -62,14 +62,14 @@ class EnergyFormat:
         """
         return NOTHING if energy is None else number(energy / self.factor, self.digits)
 
-    def parts(self, energies: Sequence[float], whole: str | None = None) -> list[str]:
+    def parts(self, energies: Sequence[float | None], whole: str | None = None) -> list[str]:
         """Return parts of an energy in the report's unit; as shown they sum to the whole.
 
         Args:
-            energies: The parts. [J]
+            energies: The parts; None where one is not modelled. [J]
             whole: As it is shown; None: the rounded sum of the parts.
         """
-        return summing([energy / self.factor for energy in energies], self.digits, whole)
+        return summing(energies, self.digits, whole, self.factor)
 
     def watt_hour(self, energy: float | None) -> str:
         """Return an energy in Wh, as precise as the others; argument as in `EnergyFormat.joule`."""
@@ -77,14 +77,14 @@ class EnergyFormat:
             return NOTHING
         return f"{number(energy / JOULE_PER_WH, self.watt_hour_digits)} Wh"
 
-    def watt_hour_parts(self, energies: Sequence[float]) -> list[str]:
+    def watt_hour_parts(self, energies: Sequence[float | None]) -> list[str]:
         """Return parts of an energy in Wh; as shown they sum to the whole.
 
         Args:
-            energies: The parts. [J]
+            energies: The parts; None where one is not modelled. [J]
         """
-        texts = summing([energy / JOULE_PER_WH for energy in energies], self.watt_hour_digits)
-        return [f"{text} Wh" for text in texts]
+        texts = summing(energies, self.watt_hour_digits, unit=JOULE_PER_WH)
+        return [text if text == NOTHING else f"{text} Wh" for text in texts]
 
 
 def fixed(digits: int) -> Callable[[float | None], str]:
@@ -143,19 +143,26 @@ def number(value: float, digits: int) -> str:
     return text.removeprefix("-") if float(text) == 0 else text
 
 
-def summing(values: Sequence[float], digits: int, total: str | None = None) -> list[str]:
+def summing(
+    values: Sequence[float | None], digits: int, total: str | None = None, unit: float = 1.0
+) -> list[str]:
     """Return numbers with fixed digits whose sum, as shown, is the rounded sum of the values.
 
     The numbers that lie nearest to the next digit are rounded to it, so none is off by one or more.
 
     Args:
-        values: Parts of a whole, in one unit. [-]
+        values: Parts of a whole, in one unit; None for a part that is not known: a dash. [-]
         digits: After the point.
         total: What they sum to, as it is shown; None: the rounded sum of the values.
+        unit: Of the numbers, in that of the values. [-]
     """
     aim = None if total is None else round(float(total) * 10.0**digits)
-    whole = rounded_parts(values, 10.0**-digits, aim)
-    return [number(value * 10.0**-digits, digits) for value in whole]
+    known = [value / unit for value in values if value is not None]
+    whole = iter(rounded_parts(known, 10.0**-digits, aim))
+    return [
+        NOTHING if value is None else number(next(whole) * 10.0**-digits, digits)
+        for value in values
+    ]
 
 
 def _digits(lead: float) -> int:

@@ -13,6 +13,7 @@ from robot_energy.report.energy import (
     auxiliary_section,
     flow_labels,
     scale_of,
+    sum_of_known,
 )
 from robot_energy.report.formats import (
     energy_text,
@@ -94,7 +95,9 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
 
     def energy(heading: str, *parts: str) -> Column:
         return Column(
-            heading, lambda run: sum(getattr(run.energy, part) for part in parts), scale.joule
+            heading,
+            lambda run: sum_of_known(getattr(run.energy, part) for part in parts),
+            scale.joule,
         )
 
     page.rows(

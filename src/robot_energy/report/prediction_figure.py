@@ -77,7 +77,7 @@ def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]
     place = np.arange(count)[::-1]
     right, left = np.zeros(count), np.zeros(count)
     for name, (keys, kind) in PARTS.items():
-        width = np.array([sum(getattr(one, key) for key in keys) for one in energies])
+        width = np.array([sum(getattr(one, key) or 0.0 for key in keys) for one in energies])
         width = width / scale.factor
         if not width.any():
             continue

@@ -1,14 +1,14 @@
 """Where the energy of a robot went: in all, per joint, per phase, and against the meter."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Annotated, Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
+from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality, known_part
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
@@ -30,10 +30,12 @@ class EnergyBreakdown(Result):
     brake: Annotated[float, "Into the brake resistor."]
     loss_dc: Annotated[float, "Constant loss on the DC side."]
     loss_grid: Annotated[float, "Loss on the grid side."]
-    capacitor: Annotated[float, "Into the DC-link capacitor, signed."]
+    capacitor: Annotated[Number, "Into the DC-link capacitor, signed; None if not modelled."]
     rigid: Annotated[float, "Moving the bodies, all joints."]
     friction: Annotated[float, "All joints."]
-    drive_loss: Annotated[float, "Drive input less shaft energy, all joints."]
+    drive_loss: Annotated[
+        Number, "Drive input less shaft energy, all joints; None if not modelled."
+    ]
     sum_of_parts: Annotated[float, "Of all parts."]
     balance_residual: Annotated[
         float, "What the grid gave less the sum of the parts; rounding only."
@@ -54,7 +56,7 @@ class JointEnergy(Result):
     shaft_energy_negative: Annotated[float, "Taken back by the motor, >= 0."]
     rigid_energy: Annotated[float, "Moving the bodies."]
     friction_energy: Annotated[float, "Lost in friction."]
-    drive_loss_energy: Annotated[float, "Drive input less shaft energy."]
+    drive_loss_energy: Annotated[Number, "Drive input less shaft energy; None if not modelled."]
     drive_input_energy: Annotated[float, "Sum of the three."]
     share_of_grid: Annotated[Number, "Of the energy from the grid. [-]"]
     last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
@@ -208,7 +210,7 @@ def common_figures(
     """
     registers, counts = account.registers, account.counts
     seconds = registers.time.observed_ns * NANOSECOND
-    energy = energy_of(registers)
+    energy = energy_of(registers, model.unmodelled)
     return {
         "model": model_used(model, change),
         "energy": energy,
@@ -217,7 +219,7 @@ def common_figures(
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
-        "joints": _joints_of(registers, model.joint_names, temperature_degc),
+        "joints": _joints_of(registers, model, temperature_degc),
         "quality": SampleQuality(
             counts.samples,
             {str(Quality(b).name).lower(): counts.quality[b] for b in sorted(counts.quality)},
@@ -226,11 +228,12 @@ def common_figures(
     }
 
 
-def energy_of(registers: Registers) -> EnergyBreakdown:
+def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakdown:
     """Return where the energy went, and whether the parts sum to what the grid gave.
 
     Args:
         registers: Energy registers of one robot.
+        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`.
     """
     cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
     joints = {
@@ -244,8 +247,10 @@ def energy_of(registers: Registers) -> EnergyBreakdown:
     rounding = (len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * registers.n_joints) / PER_JOULE
     turnover = math.fsum(abs(part) for part in parts)
     return EnergyBreakdown(
-        **cabinet,
-        **joints,
+        **{
+            name: float(known_part(name, energy, unmodelled))
+            for name, energy in (cabinet | joints).items()
+        },
         sum_of_parts=total,
         balance_residual=residual,
         balanced=abs(residual) <= rounding + BALANCE_RELATIVE * turnover,
@@ -253,18 +258,19 @@ def energy_of(registers: Registers) -> EnergyBreakdown:
 
 
 def _joints_of(
-    registers: Registers, names: Sequence[str], temperature_degc: Sequence[float]
+    registers: Registers, model: RobotModel, temperature_degc: Sequence[float]
 ) -> tuple[JointEnergy, ...]:
     """Return where each joint's energy went."""
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
     rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)
     found: list[JointEnergy] = []
-    for name, row, degc in zip(names, rows, temperature_degc, strict=True):
+    for name, row, degc in zip(model.joint_names, rows, temperature_degc, strict=True):
         out, back, rigid, friction, loss = row
         drawn = rigid + friction + loss
+        shown = float(known_part("drive_loss", loss, model.unmodelled))
         share = drawn / net if net > 0 else None
-        found.append(JointEnergy(name, out, back, rigid, friction, loss, drawn, share, degc))
+        found.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, degc))
     return tuple(found)
 
 

@@ -71,11 +71,23 @@ def test_the_power_integrates_to_the_energy(replayed):
 
 def test_every_row_balances(replayed):
     power = replayed.power
-    parts = ("rigid_power", "friction_power", "drive_loss", "loss_dc", "loss_grid")
-    parts += ("brake_power", "capacitor_power")
-    total = sum(power[name] for name in parts)
+    parts = ("rigid_power", "friction_power", "loss_dc", "loss_grid")
+    total = sum(power[name] for name in (*parts, "brake_power"))
     assert total == pytest.approx(power["predicted_grid_power"], rel=1e-9)
     assert set(power.units) == {*power.columns, *power.joint_columns}
+
+
+def test_what_is_not_modelled_is_not_zero(replayed):
+    """kr16 has neither drive losses nor a capacitor."""
+    power, energy = replayed.power, replayed.energy
+    for name in ("drive_loss", "capacitor_power", "joint_drive_loss"):
+        assert np.isnan(power[name]).all(), name
+    assert (energy.drive_loss, energy.capacitor) == (None, None)
+    assert [joint.drive_loss_energy for joint in replayed.joints] == [None] * 6
+    assert energy.balanced
+    head, *rows = power.to_csv().splitlines()
+    place = [name.startswith("drive_loss") for name in head.split(",")].index(True)
+    assert {row.split(",")[place] for row in rows} <= {"", "nan"}
 
 
 def test_measured_power_is_that_of_the_meter(replayed):

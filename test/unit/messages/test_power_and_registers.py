@@ -100,6 +100,26 @@ def test_energy_registers(run):
     assert elbow.shaft_compared_time == 0.0
 
 
+def test_a_part_that_is_not_modelled_is_not_a_number(run):
+    pipeline, means = run
+    model, account = pipeline.model, pipeline.account
+    identity = (model.joint_names, model.model_id, (), {"drive_loss", "capacitor"})
+    state = decode(PowerStateWriter(*identity).encode(means, MeterLocation.GRID), "PowerState")
+    assert np.isnan([state.drive_loss, *(joint.drive_loss for joint in state.joints)]).all()
+    assert state.bus_power == pytest.approx(state.rigid_power + state.friction_power)
+    found = decode(RegistersWriter(*identity).encode(account), "EnergyRegisters")
+    for register, shown in (
+        ("drive_loss", [joint.drive_loss_energy for joint in found.joints]),
+        ("capacitor", [found.capacitor_energy]),
+    ):
+        counted = (
+            account.registers.joints(register)
+            if register == "drive_loss"
+            else np.array([account.registers.cabinet(register)])
+        )
+        assert np.array_equal(np.isnan(shown), counted == 0.0)  # what was counted stays
+
+
 def test_no_registers_before_the_first_sample():
     model = robots.two_link()
     writer = RegistersWriter(model.joint_names, model.model_id)

@@ -52,6 +52,13 @@ def test_every_inner_node_gives_what_it_takes(
     }
 
 
+def test_what_is_not_modelled_has_no_flow():
+    known = flow_picture(parts([5.0], [100.0], [math.nan], loss_grid=250.0, capacitor=math.nan))
+    assert not {"drives", "capacitor", "capacitor_in"} & {*known.labels}
+    assert known.net * known.unit == pytest.approx(355.0)
+    assert flow_picture(parts([5.0], [math.nan], [1.0])) is None  # friction is unknown
+
+
 def test_the_outlet_feeds_cabinet_and_loads():
     loads = [("pump", 800.0), ("panel", 35.0), ("idle", 0.0)]
     picture = flow_picture(parts([0.0], [100.0], [20.0], loss_grid=250.0, auxiliary=loads))
