@@ -45,6 +45,7 @@ class HistoryRing:
         self._number = np.full(MAX_BUCKETS, -1, dtype=np.int64)
         self._energy, self._time = np.zeros(shape), np.zeros(shape)
         self._low, self._high = np.full(shape, np.inf), np.full(shape, -np.inf)
+        self._edges = np.zeros((MAX_BUCKETS, 2), dtype=np.int64)  # begin and end of what is in it
 
     def add(self, stamp_ns: Int, power: Float, period: Float) -> None:
         """Take means over periods, in order of their stamps.
@@ -83,6 +84,15 @@ class HistoryRing:
             np.add.reduceat(seconds, starts),
             np.minimum.reduceat(np.where(known, power, np.inf), starts),
             np.maximum.reduceat(np.where(known, power, -np.inf), starts),
+            np.stack(
+                [
+                    np.minimum.reduceat(
+                        stamp_ns - np.rint(period * SECOND_NS).astype(np.int64), starts
+                    ),
+                    np.maximum.reduceat(stamp_ns, starts),
+                ],
+                axis=1,
+            ),
         )
         keep = slice(max(0, len(starts) - MAX_BUCKETS), None)
         for one, *values in zip(
@@ -92,30 +102,35 @@ class HistoryRing:
         self.newest = newest_ns // self.width_ns
 
     def _merge_into(
-        self, number: int, energy: Float, seconds: Float, low: Float, high: Float
+        self, number: int, energy: Float, seconds: Float, low: Float, high: Float, edges: Int
     ) -> None:
         slot = number % MAX_BUCKETS
         if self._number[slot] != number:
             self._number[slot] = number
             self._energy[slot], self._time[slot] = 0.0, 0.0
             self._low[slot], self._high[slot] = np.inf, -np.inf
+            self._edges[slot] = edges
         self._energy[slot] += energy
         self._time[slot] += seconds
         self._low[slot] = np.minimum(self._low[slot], low)
         self._high[slot] = np.maximum(self._high[slot], high)
+        self._edges[slot, 0] = min(self._edges[slot, 0], edges[0])
+        self._edges[slot, 1] = max(self._edges[slot, 1], edges[1])
 
     def _merge(self) -> None:
         """Double the length of the buckets."""
         rows = self._rows(MAX_BUCKETS)
         old = self._number[rows], self._energy[rows], self._time[rows]
         numbers, energy, seconds = (column.copy() for column in old)
-        low, high = self._low[rows].copy(), self._high[rows].copy()
+        low, high, edges = self._low[rows].copy(), self._high[rows].copy(), self._edges[rows].copy()
         width_ns, first, newest = 2 * self.width_ns, self._first, self.newest
         self._begin()
         self.width_ns, self._first = width_ns, first // 2
         self.newest = None if newest is None else newest // 2
         for row, number in enumerate(numbers.tolist()):
-            self._merge_into(number // 2, energy[row], seconds[row], low[row], high[row])
+            self._merge_into(
+                number // 2, energy[row], seconds[row], low[row], high[row], edges[row]
+            )
 
     def _rows(self, count: int) -> NDArray[np.int64]:
         """Slots of the newest buckets that hold something, in order of time."""
@@ -133,6 +148,12 @@ class HistoryRing:
     def seconds(self) -> Float:
         """Time over which each channel was known, shape (channels,). [s]"""
         return np.asarray(self._time[self._rows(MAX_BUCKETS)].sum(axis=0))
+
+    @property
+    def length(self) -> float:
+        """Time from the begin of the first period in it to the end of the last. [s]"""
+        edges = self._edges[self._rows(MAX_BUCKETS)]
+        return float(edges[-1, 1] - edges[0, 0]) / SECOND_NS if len(edges) else 0.0
 
     def table(self, count: int = MAX_BUCKETS) -> dict[str, Any]:
         """Return the newest buckets as plain values.

@@ -26,10 +26,11 @@ from robot_energy.page.messages import (
     TOTALS,
     PageReaders,
 )
+from robot_energy.page.phase_totals import PhaseTotals
 from robot_energy.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
 from robot_energy.page.settings import CostCounter, PageSettings
 from robot_energy.shown_text import shown
-from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH
+from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH, SECOND_NS
 
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
 STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]
@@ -80,11 +81,10 @@ class RobotState:
         self._joint_names: tuple[str, ...] = ()
         self._recent: _Recent | None = None
         self._received: float | None = None
-        self._phase_time = np.zeros(len(Phase))
-        self._phase_known = np.zeros(len(Phase))  # of it, with a known power
-        self._phase_energy = np.zeros(len(Phase))
+        self._phases = PhaseTotals()
         self._friction: dict[str, dict[str, Any]] = {}
         self._registers: dict[str, Any] | None = None
+        self._coming: dict[str, Any] | None = None  # until the power states have reached them
         self._findings: dict[str, PageFinding] = {}
         self._intervals: list[dict[str, Any]] | None = None
         self._cost = CostCounter(settings)
@@ -107,9 +107,20 @@ class RobotState:
             batch: The messages.
         """
         found = self._readers.registers(batch)
-        if found is not None:
-            self._registers = found
-            self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
+        if found is None:
+            return
+        newest_ns = found["stamp_ns"] if self._newest is None else self._newest["stamp_ns"]
+        if self._coming is None and 0 < found["stamp_ns"] - newest_ns < SECOND_NS:
+            self._coming = found
+        else:
+            self._use(found)
+
+    def _use(self, found: dict[str, Any]) -> None:
+        """Show registers, and all totals as of their instant."""
+        self._registers, self._coming = found, None
+        self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
+        start_ns, seconds = found["start_ns"], found["observed_time"]
+        self._phases.settle(found["stamp_ns"], start_ns, seconds, _net(found))
 
     def take_friction(self, batch: RawBatch) -> None:
         """Take friction coefficients; the newest count.
@@ -200,24 +211,10 @@ class RobotState:
             "outlet_power": json_number(newest["outlet_power"], 5) if newest and seen else None,
             "flow": self._power_flow() if seen else None,
             "energy_flow": flow and flow.plain(JOULE_PER_WH),
-            "phases": [
-                {
-                    "name": phase.name,
-                    "seconds": round(float(self._phase_time[phase]), 3),
-                    **self._phase_values(phase),
-                }
-                for phase in Phase
-                if self._phase_time[phase] > 0
-            ],
+            "phases": self._phases.rows(),
             "registers": self._register_values(),
             "headline": self._headline(),
-            "spans": {
-                name: {
-                    "energy": json_number(float(ring.energy()[0])),
-                    "seconds": json_number(float(ring.seconds()[0])),
-                }
-                for name, ring in self.rings.items()
-            },
+            "spans": {name: self._span(ring) for name, ring in self.rings.items()},
             "buckets": {name: ring.table(2) for name, ring in self.rings.items() if name != "live"},
             "alarms": self._alarms(seen),
             "findings": [finding.plain() for finding in self._findings.values()],
@@ -248,9 +245,7 @@ class RobotState:
         phase = np.minimum(run.array("phase"), len(Phase) - 1)
         known = np.where(np.isfinite(powers[:, 0]), covered, 0.0)
         energy = np.nan_to_num(powers[:, 0], posinf=0.0, neginf=0.0) * known
-        self._phase_time += np.bincount(phase, weights=covered, minlength=len(Phase))
-        self._phase_known += np.bincount(phase, weights=known, minlength=len(Phase))
-        self._phase_energy += np.bincount(phase, weights=energy, minlength=len(Phase))
+        self._phases.add(stamp, covered, energy, known, phase)
         location = int(run.array("meter_location")[-1])
         self._newest = {
             "stamp_ns": int(stamp[-1]),
@@ -267,13 +262,18 @@ class RobotState:
                 for name in JOINT_STATE
             },
         }
+        if self._coming is not None and self._coming["stamp_ns"] <= stamp[-1]:
+            self._use(self._coming)
 
-    def _phase_values(self, phase: Phase) -> dict[str, float | None]:
-        """Energy and mean power of a phase over the time in which its power was known."""
-        energy, known = float(self._phase_energy[phase]), float(self._phase_known[phase])
-        if known == 0.0:
-            return {"energy": None, "mean": None}
-        return {"energy": round(energy, 3), "mean": json_number(energy / known, 5)}
+    def _span(self, ring: HistoryRing) -> dict[str, Any]:
+        """Energy and covered time of a ring up to the newest registers, and its covered share."""
+        seconds, joule = float(ring.seconds()[0]), float(ring.energy()[0])
+        later, energy_later = self._phases.waiting
+        return {
+            "energy": json_number(joule - energy_later),
+            "seconds": json_number(seconds - later),
+            "coverage": json_number(min(1.0, seconds / ring.length) if ring.length else None),
+        }
 
     def _mean(self) -> Float | None:
         """Means of all parts over the last second; NaN where one is unknown."""
@@ -371,7 +371,7 @@ class RobotState:
     def _headline(self) -> dict[str, Any]:
         """Energy, cost and emission since the registers were set to zero."""
         found = self._registers
-        energy = math.nan if found is None else found["predicted_import_energy"]
+        energy = math.nan if found is None else _net(found)
         factor = self._settings.co2_kg_per_kwh
         since = self._cost.since_ns
         return {
@@ -397,3 +397,8 @@ class RobotState:
                 alarms.append(PageFinding("WARN", bit.name or "", message, remedy).plain())
         loads = self._newest["auxiliary"] if seen and self._newest else ()
         return [*alarms, *(one.plain() for one in load_alarms(loads))]
+
+
+def _net(registers: dict[str, Any]) -> float:
+    """Energy from the grid less what was fed back. [J]"""
+    return float(registers["predicted_import_energy"] - registers["predicted_return_energy"])

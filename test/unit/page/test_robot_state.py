@@ -103,6 +103,40 @@ def test_registers_that_observed_no_time_show_no_energy(state):
     assert found["energy_flow"] is None
 
 
+def test_all_totals_are_those_of_the_instant_of_the_registers(state):
+    """The registers divide the second state of the five: 10 J, and 2 J of its 25 J."""
+    ends, power = [0.1, 0.2, 0.3, 0.4, 0.5], [100.0, 250.0, 200.0, 200.0, 200.0]
+    net = {"observed_time": 0.12, "energy": 12.0, "stamp": 0.12}
+    state.take_power(power_states(ends[:1], power[:1]), 5.0)
+    state.take_registers(registers(**net))
+    assert state.snapshot(5.0)["registers"] is None  # until the power states have reached them
+    state.take_power(power_states(ends[1:], power[1:]), 5.0)
+    found = state.snapshot(5.0)
+    assert found["headline"]["energy"] == 12.0
+    for span in found["spans"].values():
+        assert span["energy"] == pytest.approx(12.0)
+        assert span["seconds"] == pytest.approx(0.12)
+        assert span["coverage"] == pytest.approx(1.0)
+    assert sum(phase["energy"] for phase in found["phases"]) == pytest.approx(12.0)
+    state.take_registers(registers(95.0, stamp=0.5, observed_time=0.5))
+    assert sum(phase["energy"] for phase in state.snapshot(5.0)["phases"]) == pytest.approx(95.0)
+
+
+def test_a_gap_is_not_covered_and_edges_are(state):
+    state.take_power(power_states([0.07, 0.17], [100.0, 100.0]), 5.0)
+    assert state.snapshot(5.0)["spans"]["live"]["coverage"] == pytest.approx(1.0)
+    state.take_power(power_states([0.37], [100.0]), 5.0)
+    assert state.snapshot(5.0)["spans"]["live"]["coverage"] == pytest.approx(0.75)
+
+
+def test_states_are_counted_though_registers_cease(state):
+    state.take_registers(registers(0.0, stamp=0.0))
+    for second in range(1, 20):
+        state.take_power(power_states([float(second)], [100.0], period=1.0), 5.0)
+    total = sum(phase["energy"] for phase in state.snapshot(5.0)["phases"])
+    assert total == pytest.approx(1900.0)
+
+
 def test_quality_bits_become_alarms_with_a_remedy(state):
     bits = np.uint32(Quality.TEMPERATURE_STALE | Quality.EXTRAPOLATED)
     state.take_power(power_states([1.0], [100.0], quality=bits), 5.0)

@@ -95,9 +95,8 @@ export function drawLines(host, given, meter, span, stale) {
   const focused = host.contains(document.activeElement);
   host.replaceChildren(svg);
   if (focused) svg.focus({ preventScroll: true });
-  const seconds = span ? span.seconds : null;
-  const covered = known(seconds) ? seconds / ((last - first + 1) * ring.width) : null;
-  setText(byId("lines-note"), `In this span ${energy(span?.energy)} from the grid, predicted; ${percent(Math.min(1, covered), 0)} of it covered.${stale ? " No new figures arrive." : ""}`);
+  const covered = span?.coverage;
+  setText(byId("lines-note"), `In this span ${energy(span?.energy)} from the grid, predicted; ${percent(covered, covered < 1 ? 1 : 0)} of it covered.${stale ? " No new figures arrive." : ""}`);
   attachCursor(svg, ring, main, x, { first, last, left, right, bottom: height - BOTTOM });
 }
 
