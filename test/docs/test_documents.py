@@ -40,11 +40,11 @@ def test_readme_command_runs(command, tmp_path, monkeypatch, capsys):
         build_parser().parse_args(words)
         return
     steps = [words]
-    if words[:2] == ["fleet", "report"]:  # of what the command above it made
-        (before,) = (
-            text for text in readme_commands() if text.startswith("robot-energy fleet run")
-        )
-        steps.insert(0, shlex.split(before)[1:])
+    made_by = {"build/fleet": "fleet run", "build/at_work": "simulate --plant-seed"}
+    if words[0] in ("fleet", "replay"):  # of what the command before it made
+        maker = next((made_by[word] for word in words[1:3] if word in made_by), None)
+        begin = f"robot-energy {maker}"
+        steps = [*(shlex.split(c)[1:] for c in readme_commands() if c.startswith(begin)), words]
     for step in steps:
         places = [str(tmp_path / word[6:]) if word.startswith("build/") else word for word in step]
         assert main(places) == 0, capsys.readouterr().err

@@ -137,7 +137,7 @@ MODULES = {
     """,
     "robot_energy.page": """
         access alarms energy_flow headless_browser history hub json_numbers messages metrics
-        monitoring recording robot_state rows saved_page settings web_app web_server
+        monitoring phase_totals recording robot_state rows saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet collision derivative drive drivetrain effort effort_check electrical_power equations

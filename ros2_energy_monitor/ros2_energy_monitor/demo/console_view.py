@@ -117,6 +117,14 @@ class ConsoleView:
         trouble = self._trouble()
         return ", ".join(parts) + (f"; {trouble}" if trouble else "")
 
+    def energy_error(self) -> str:
+        """Return predicted and measured energy of all that was compared, in one line."""
+        registers = self.registers
+        if registers is None or math.isnan(registers.measured_energy):
+            return "no energy was compared with a meter"
+        seconds = registers.comparison_time
+        return f"Live part, at the meter over {seconds:.0f} s: {_compared(registers)}"
+
     def table(self, now: float, width: int) -> Group:
         """Return the whole state as tables for the terminal; one line where they do not fit.
 

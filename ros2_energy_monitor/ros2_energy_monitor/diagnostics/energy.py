@@ -24,6 +24,7 @@ from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
+from robot_energy.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
 from robot_energy.pipeline import FrictionStage, TorqueStage
 from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.timeline.epochs import EpochSplitter
@@ -42,6 +43,7 @@ from ros2_energy_monitor.diagnostics.time import TimeWatch
 
 NO_STATES = "start the driver or set joint_states.topics"
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
+WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
 APART = 5.0  # stamps that far from the clock are another clock's [s]
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
@@ -232,11 +234,14 @@ def temperature_source(
             )
         if absent and not unknown:
             found.notes.append(f"no publisher on {', '.join(inbox.topic for inbox in absent)}")
-        quality = Quality(int(latest.quality[0]))
-        if quality & Quality.TEMPERATURE_IMPLAUSIBLE:
+        if int(latest.quality[0]) & Quality.TEMPERATURE_IMPLAUSIBLE:
             found.add(WARN, "the last reading of a motor temperature is implausible")
-        if quality & Quality.EXTRAPOLATED:
-            found.add(WARN, "a motor temperature lies outside the range its friction was fitted in")
+        if outside := stage.outside():
+            motors = "; ".join(
+                f"the motor of {name} is at {text}" for name, text in outside.items()
+            )
+            found.add(WARN, motors, WARM_UP)
+            found.values |= {f"{OUTSIDE_FIT}{name}": text for name, text in outside.items()}
         return found
 
     return findings

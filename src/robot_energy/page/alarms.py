@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -58,6 +59,7 @@ QUALITY_REMEDIES: dict[Quality, tuple[str, str]] = {
         "check its sensor, if it has one",
     ),
 }
+OUTSIDE_FIT = "outside_fit."  # keys of a status that names motors outside their friction law
 SUBJECT_REMEDIES = {
     "joint states": "check the driver, its topic and its rate (ros2 topic hz); a lost message "
     "asks for a larger joint_state_depth",
@@ -101,6 +103,10 @@ class PageFinding:
         word = LEVELS[level] if 0 <= level < len(LEVELS) else "ERROR"
         subject = name.rpartition(": ")[2]
         remedy = "" if word == "OK" else SUBJECT_REMEDIES.get(subject, "read the log of the node")
+        if any(key.startswith(OUTSIDE_FIT) for key in values):
+            warm_up = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
+            message = message.replace(f"{warm_up}: ", "")
+            remedy = warm_up if values.get("findings") == "1" else f"{remedy}; {warm_up}"
         few = list(values.items())[:MAX_VALUES]
         return cls(
             word,
@@ -124,6 +130,27 @@ class PageFinding:
             "check that a monitor runs, is active, and receives joint states",
         )
 
+    @property
+    def names_outside_fit(self) -> bool:
+        """Whether it names the motors of `Quality.EXTRAPOLATED`."""
+        return self.level != "OK" and any(key.startswith(OUTSIDE_FIT) for key in self.values)
+
     def plain(self) -> dict[str, Any]:
         """Return it as plain values."""
         return asdict(self)
+
+
+def quality_alarms(quality: Quality, findings: Iterable[PageFinding]) -> list[PageFinding]:
+    """Return an alarm for each quality bit, but for what a finding names with its motors.
+
+    Args:
+        quality: Bits in force.
+        findings: Diagnostic statuses.
+    """
+    if any(one.names_outside_fit for one in findings):
+        quality &= ~Quality.EXTRAPOLATED
+    return [
+        PageFinding("WARN", bit.name or "", message, remedy)
+        for bit, (message, remedy) in QUALITY_REMEDIES.items()
+        if bit in quality
+    ]

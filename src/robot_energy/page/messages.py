@@ -135,6 +135,15 @@ class PageReaders:
         }
 
 
+def net_energy(registers: dict[str, Any]) -> float:
+    """Return the energy from the grid less what was fed back. [J]
+
+    Args:
+        registers: As `PageReaders.registers` returns them.
+    """
+    return float(registers["predicted_import_energy"] - registers["predicted_return_energy"])
+
+
 def _newest_rows(run: Run, entries: str, fields: Sequence[str]) -> list[dict[str, Any]]:
     """Name and fields of each joint or load in the newest message of a run."""
     newest = {field: run.array(f"{entries}.{field}")[-1] for field in fields}

@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
 from robot_energy.cdr import RawBatch, Run, stamp_ns
-from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
+from robot_energy.page.alarms import PageFinding, quality_alarms
 from robot_energy.page.energy_flow import FlowParts, flow_picture, registers_picture
 from robot_energy.page.history import HistoryRing
 from robot_energy.page.json_numbers import json_number
@@ -25,6 +25,7 @@ from robot_energy.page.messages import (
     TIMES,
     TOTALS,
     PageReaders,
+    net_energy,
 )
 from robot_energy.page.phase_totals import PhaseTotals
 from robot_energy.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
@@ -120,7 +121,7 @@ class RobotState:
         self._registers, self._coming = found, None
         self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
         start_ns, seconds = found["start_ns"], found["observed_time"]
-        self._phases.settle(found["stamp_ns"], start_ns, seconds, _net(found))
+        self._phases.settle(found["stamp_ns"], start_ns, seconds, net_energy(found))
 
     def take_friction(self, batch: RawBatch) -> None:
         """Take friction coefficients; the newest count.
@@ -371,7 +372,7 @@ class RobotState:
     def _headline(self) -> dict[str, Any]:
         """Energy, cost and emission since the registers were set to zero."""
         found = self._registers
-        energy = math.nan if found is None else _net(found)
+        energy = math.nan if found is None else net_energy(found)
         factor = self._settings.co2_kg_per_kwh
         since = self._cost.since_ns
         return {
@@ -392,13 +393,6 @@ class RobotState:
         if not seen and self._live and self._received is not None:
             alarms.insert(0, PageFinding.no_power(self.name).plain())
         quality = Quality(self._newest["quality"]) if seen and self._newest else Quality.OK
-        for bit, (message, remedy) in QUALITY_REMEDIES.items():
-            if bit in quality:
-                alarms.append(PageFinding("WARN", bit.name or "", message, remedy).plain())
+        alarms += [one.plain() for one in quality_alarms(quality, self._findings.values())]
         loads = self._newest["auxiliary"] if seen and self._newest else ()
         return [*alarms, *(one.plain() for one in load_alarms(loads))]
-
-
-def _net(registers: dict[str, Any]) -> float:
-    """Energy from the grid less what was fed back. [J]"""
-    return float(registers["predicted_import_energy"] - registers["predicted_return_energy"])

@@ -51,6 +51,7 @@ class FrictionStage:
     """
 
     def __init__(self, model: RobotModel) -> None:
+        self._names = model.joint_names
         self._friction = FrictionModel.from_model(model)
         self._certainty = FrictionCertainty(model)
         n_joints = len(model.joints)
@@ -69,6 +70,19 @@ class FrictionStage:
     def latest(self) -> FrictionBlock:
         """Return the friction as of the newest temperature, one row."""
         return self._rows([self._state()])
+
+    def outside(self) -> dict[str, str]:
+        """Return the motors outside the temperatures of their friction law, and by how much."""
+        degc = self._judge.temperature_degc
+        beyond = self._motors & ~np.isnan(degc) & self._friction.extrapolated(degc)
+        laws = self._friction.laws
+        return {
+            self._names[
+                place
+            ]: f"{degc[place]:.1f} degC, fitted from {laws[place].lower_degc:g} to "
+            f"{laws[place].upper_degc:g} degC"
+            for place in np.flatnonzero(beyond).tolist()
+        }
 
     def step(self, block: TemperatureBlock) -> FrictionBlock | None:
         """Take temperatures and return the friction from each of them onward.

@@ -36,21 +36,17 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
         return "the energy of the model was not tested, as asked (--no-test)", False
     if not test.metered:
         return _torque_verdict(test)
+    if not test.within:
+        return "the energy of the new model was not judged: no recording tests it", False
     last = test.stages[-1]
     kind = "test recordings" if test.kind == "test" else f"held-out {test.kind}"
-    parts: list[str] = []
-    for entries, where in (
-        (test.within, "at temperatures of their fit" if test.beyond else ""),
-        (test.beyond, "colder or warmer than their fit"),
-    ):
-        if entries:
-            given, new = (percent(test.mean_error(stage, entries)) for stage in (GIVEN, last))
-            what = f"{len(entries)} {kind if len(entries) > 1 else kind.removesuffix('s')}"
-            parts.append(f"{' '.join((what, where)).strip()}: {given} as given, {new} new")
-    given, new = (test.mean_rms(stage, test.judged) for stage in (GIVEN, last))
+    what = f"{len(test.within)} {kind if len(test.within) > 1 else kind.removesuffix('s')}"
+    where = " at temperatures of their fit" if test.beyond else ""
+    errors = [percent(test.mean_error(stage, test.within)) for stage in (GIVEN, last)]
+    powers = [f"{test.mean_rms(stage, test.within):.3g} W" for stage in (GIVEN, last)]
     text = (
-        f"mean energy error at the meter, without its sign; {'; '.join(parts)}; RMS error of power "
-        f"{given:.3g} W as given, {new:.3g} W new"
+        f"mean energy error at the meter, without its sign; {what}{where}: {errors[0]} as given, "
+        f"{errors[1]} new; RMS error of power {powers[0]} as given, {powers[1]} new"
     )
     match test.less_energy_error, test.less_power_error:
         case True, True:
@@ -62,6 +58,32 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
         case _:
             why = "the new model is not better"
     return f"{why}: {text}", False
+
+
+def not_judged(test: HeldOutEnergy | None) -> str:
+    """Return which recordings lie outside the temperatures of their fit, and how to test there.
+
+    Args:
+        test: The test; None if there was none.
+
+    Returns:
+        One sentence or two; empty if all lie within.
+    """
+    places = [
+        f"{entry.name} ({out.joint} at {out.met[0]:.0f} to {out.met[1]:.0f} degC, its fit at "
+        f"{out.fitted[0]:.0f} to {out.fitted[1]:.0f} degC)"
+        for entry in (test.beyond if test is not None else ())
+        if (out := entry.outside) is not None
+    ]
+    if not places:
+        return ""
+    text = f"outside the range of the fit, so not judged: {', '.join(places)}"
+    if test is not None and test.kind == "test":
+        return f"{text}. Add a recording at such temperatures to the fit"
+    return (
+        f"{text}. The new model is made of all recordings and knows these temperatures; test it "
+        "there with another recording (--test)"
+    )
 
 
 def _torque_verdict(test: HeldOutEnergy) -> tuple[str, bool]:
@@ -86,6 +108,8 @@ def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
     """
     text, better = verdict(test)
     page.paragraph(text, "strong" if better else "note")
+    if outside := not_judged(test):
+        page.note(outside)
 
 
 def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> None:
@@ -128,32 +152,25 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
 
 def _energy_tables(test: HeldOutEnergy, stages: list[str], page: Document) -> None:
     last = test.stages[-1]
-    page.rows(
-        f"Energy at {_place(test.metered[0])}, predicted over measured less 1, held out",
-        [
-            Column("recording", "name"),
-            Column("measured", "measured", energy_text),
-            *(
-                Column(
-                    LABELS.get(stage, f"+{stage}"),
-                    lambda entry, stage=stage: entry.error(stage),
-                    signed_percent,
-                    total=lambda _, stage=stage: percent(abs(test.mean_error(stage))),
-                )
-                for stage in stages
-            ),
-            Column(
-                "beyond", lambda entry: f"{entry.beyond:.0f} K" if entry.beyond > OUTSIDE else None
-            ),
-        ],
-        test.metered,
-        "mean size",
-    )
-    if test.beyond:
-        page.note(
-            "beyond: so much colder or warmer was a motor than in the recordings of that "
-            "fit; the key `outside` of a law says what holds there. The new model is made of all "
-            "recordings and knows these temperatures"
+    for entries, where in ((test.within, ""), (test.beyond, "; outside the range of the fit")):
+        page.rows(
+            f"Energy at {_place(test.metered[0])}, predicted over measured less 1, held out{where}",
+            [
+                Column("recording", "name"),
+                Column("measured", "measured", energy_text),
+                *(
+                    Column(
+                        LABELS.get(stage, f"+{stage}"),
+                        lambda entry, stage=stage: entry.error(stage),
+                        signed_percent,
+                        total=lambda rows, stage=stage: percent(test.mean_error(stage, rows)),
+                    )
+                    for stage in stages
+                ),
+                *([Column("beyond", lambda entry: f"{entry.beyond:.0f} K")] if where else []),
+            ],
+            entries,
+            "" if where else "mean size",
         )
     if "dynamics" in stages and "friction" in stages:
         page.paragraph(

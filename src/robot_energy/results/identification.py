@@ -20,7 +20,7 @@ from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
-from robot_energy.identify.thermal.gear import GearsFound
+from robot_energy.identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW, GearsFound
 from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
@@ -247,8 +247,23 @@ def identification_report(
         mean_error={stage: test.mean_error(stage) for stage in test.stages}
         if test is not None and test.metered
         else {},
-        notes=tuple(notes),
+        notes=(*notes, *_without_warm_up(model, recordings)),
     )
+
+
+def _without_warm_up(model: RobotModel, recordings: Sequence[BagFacts]) -> list[str]:
+    """Ask for a warm-up where the model has no gear and no recording can show one."""
+    degc = [(one, one.range_degc) for one in recordings if one.range_degc is not None]
+    shown = any(
+        one.duration >= MIN_WINDOWS * WINDOW and high - low >= MIN_RISE for one, (low, high) in degc
+    )
+    if not degc or shown or any(joint.gear is not None for joint in model.joints):
+        return []
+    return [
+        "no recording shows a warm-up: friction sits in the gear, which is colder than the motor "
+        "while a robot warms up, so the model reads low then; record half an hour or more of work "
+        "from a cold start, with motor temperatures"
+    ]
 
 
 def _found(step: Step) -> StepFound | None:

@@ -8,7 +8,7 @@ import pytest
 
 from page_messages import JOINTS, power_states, recorded, registers
 from robot_energy.blocks import Quality
-from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
+from robot_energy.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES, PageFinding
 from robot_energy.page.hub import MAX_ROBOTS, PageHub
 from robot_energy.page.json_numbers import json_text
 from robot_energy.page.robot_state import STALE_AFTER, RobotState
@@ -143,6 +143,21 @@ def test_quality_bits_become_alarms_with_a_remedy(state):
     alarms = state.snapshot(5.0)["alarms"]
     assert [alarm["name"] for alarm in alarms] == ["TEMPERATURE_STALE", "EXTRAPOLATED"]
     assert all(alarm["remedy"] for alarm in alarms)
+
+
+def test_an_extrapolation_is_one_alarm_with_motor_range_and_remedy(state):
+    bits = np.uint32(Quality.EXTRAPOLATED)
+    remedy = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
+    said = "the motor of a1 is at 66.2 degC, fitted from 22 to 63 degC"
+    values = {f"{OUTSIDE_FIT}a1": "66.2 degC", "findings": "1"}
+    name = "friction_monitor: motor temperatures"
+    finding = PageFinding.of_status(1, name, f"{remedy}: {said}", values)
+    state.take_power(power_states([1.0], [100.0], quality=bits), 5.0)
+    state.take_findings([finding])
+    (alarm,) = state.snapshot(5.0)["alarms"]
+    assert (alarm["name"], alarm["message"], alarm["remedy"]) == (name, said, remedy)
+    state.take_findings([PageFinding.of_status(0, name, "all is well", {})])
+    assert [one["name"] for one in state.snapshot(5.0)["alarms"]] == ["EXTRAPOLATED"]
 
 
 def test_every_quality_bit_that_asks_for_something_has_a_remedy():

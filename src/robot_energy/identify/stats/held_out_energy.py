@@ -60,6 +60,21 @@ class HeldOutPrediction:
 
 
 @dataclass(frozen=True)
+class OutsideFit:
+    """The joint of a held-out recording whose motor was farthest outside the fit.
+
+    Attributes:
+        joint: Its name.
+        met: Lowest and highest temperature in the recording. [degC]
+        fitted: The same in the recordings of the fit. [degC]
+    """
+
+    joint: str
+    met: tuple[float, float]
+    fitted: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Tested:
     """One held-out recording.
 
@@ -76,6 +91,7 @@ class Tested:
         taken: Subjects of which this test's model has new figures.
         beyond: How far a motor was colder or warmer than in the fit, at most; 0 if none
             was. [K]
+        outside: The joint that was it most; None if none was.
     """
 
     name: str
@@ -89,6 +105,7 @@ class Tested:
     motor_torque: Float = field(repr=False)
     taken: tuple[Subject, ...]
     beyond: float
+    outside: OutsideFit | None = None
 
     def error(self, stage: str) -> float:
         """Return predicted over measured energy less 1; NaN without a meter.
@@ -255,6 +272,13 @@ def _test(
     rows, met = _shown(first, span), temperature_ranges([first.between(*span)])
     off = np.maximum(seen[0] - met[0], met[1] - seen[1])
     stamp = first.torque.stamp_ns
+    beyond = np.where(np.isfinite(off), off, 0.0)
+    worst = int(np.argmax(beyond))
+    outside = OutsideFit(
+        first.model.joint_names[worst],
+        (float(met[0, worst]), float(met[1, worst])),
+        (float(seen[0, worst]), float(seen[1, worst])),
+    )
     return Tested(
         name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
         duration=sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND,
@@ -266,7 +290,8 @@ def _test(
         time=(stamp[rows] - stamp[0]) * NANOSECOND,
         motor_torque=first.torque.motor_torque_measured[rows],
         taken=fitted.taken,
-        beyond=float(np.max(off[np.isfinite(off)], initial=0.0)),
+        beyond=max(0.0, float(beyond[worst])),
+        outside=outside if beyond[worst] > 0.0 else None,
     )
 
 
