@@ -99,6 +99,14 @@ def test_errors_are_predicted_minus_measured_in_watts_joules_and_per_cent(board)
     assert "6.78 Wh predicted, 6.98 Wh measured (-2.9 %)" in board.line(0.0)
 
 
+def test_the_error_of_the_whole_is_one_line(board):
+    board.registers.comparison_time = 40.2
+    expected = "at the meter over 40 s: 6.78 Wh predicted, 6.98 Wh measured (-2.9 %)"
+    assert board.energy_error() == f"Live part, {expected}"
+    board.registers.measured_energy = math.nan
+    assert board.energy_error() == "no energy was compared with a meter"
+
+
 def test_without_a_meter_nothing_is_compared():
     board = ConsoleView()
     nothing = state()

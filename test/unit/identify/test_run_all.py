@@ -139,6 +139,12 @@ def test_a_long_recording_from_cold_shows_the_thermal_networks(
     networks = [joint.thermal for joint in found.model.joints]
     assert any(network is not None for network in networks)
     assert all(joint.thermal is None for joint in model.joints)
+    read = [
+        facts(bag, bag.whole(model)) for bag in (*bags_in(folder), Bag(tmp_path / "long", TORQUE))
+    ]
+    asked = identification_report(found, found.model, read[:-1], (), None)
+    assert "no recording shows a warm-up" in asked.notes[-1]
+    assert not identification_report(found, found.model, read, (), None).notes
     shown = identification_report(found, found.model, (), (), None)
     page, stream = Document(), io.StringIO()
     identification_overview(shown, page)

@@ -26,6 +26,15 @@ def model() -> RobotModel:
     return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
 
 
+def test_a_motor_outside_its_law_is_named_with_temperature_and_range() -> None:
+    known = model()
+    stage = FrictionStage(known)
+    values = np.full((1, len(known.joints)), 45.0)
+    values[0, MEASURED] = 91.26
+    stage.step(TemperatureBlock(np.array([10**18]), values))
+    assert stage.outside() == {"joint_a1": "91.3 degC, fitted from 20 to 80 degC"}
+
+
 def test_an_axis_without_temperature_has_the_wider_deviation() -> None:
     known = model()
     stage = FrictionStage(known)
