@@ -95,7 +95,7 @@ class PageReaders:
         if not runs:
             return None
         run = runs[-1]
-        found = {
+        found: dict[str, Any] = {
             "stamp_ns": int(stamp_ns(run)[-1]),
             "start_ns": int(stamp_ns(run, "energy_start")[-1]),
             "persisted": bool(run.array("persisted")[-1]),
