@@ -95,10 +95,12 @@ def test_diagnostics_and_log_quote_names_safely(bench, capfd):
     assert not unsafe(capfd.readouterr().err)
 
 
-def test_an_interval_name_forges_no_line_of_the_log(bench, capfd):
+def test_an_interval_name_forges_no_line_of_the_log(bench, capfd, monkeypatch):
     store = SimpleNamespace(require=lambda: None)
-    checkpoints = SimpleNamespace(store=store, now=lambda: True)
+    checkpoints = SimpleNamespace(store=store, when_kept=lambda answer: answer(True))
     account = SimpleNamespace()
+    guard = SimpleNamespace(callback=lambda _, run: run)
+    monkeypatch.setattr(bench.tester, "guard", guard, raising=False)
     services = RegisterServices(
         bench.tester,
         cast("Any", account),
@@ -108,6 +110,7 @@ def test_an_interval_name_forges_no_line_of_the_log(bench, capfd):
     )
     response = OpenInterval.Response()
     services._change(response, lambda: f"interval 1 '{NASTY}' is open")
+    services._send(lambda *_: None, "open_interval", response, None)
     assert response.message.startswith("interval 1 'a\\x1b[2J")
     assert not unsafe(response.message + capfd.readouterr().err)
     assert "\n" not in response.message
