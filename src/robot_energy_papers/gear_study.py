@@ -48,7 +48,8 @@ class WarmRun:
         error: Of the whole energy. [-]
         windows: Of the energy of every five minutes, shape (W,). [-]
         friction: RMS over five minutes of the error of each joint's friction power, over its
-            mean, shape (n,). [-]
+            mean, shape (n,); the drag of the iron counts as friction, as it does in measured
+            torque. [-]
     """
 
     plant: str
@@ -197,7 +198,7 @@ def judged(
 
     for piece in pieces:
         truth = piece.truth
-        add(true, truth.stamp_ns, truth.grid_power, truth.friction_power)
+        add(true, truth.stamp_ns, truth.grid_power, truth.friction_power + truth.iron_loss)
         readings = piece.meter if meter else None
         take(pipeline.step(joint_block(piece.joints), piece.temperatures, readings))
     take(pipeline.flush())
