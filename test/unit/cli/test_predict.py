@@ -47,7 +47,7 @@ def test_one_wall_by_three_robots_side_by_side(tmp_path, capsys, wall):
         assert one["problems"] == []
         parts = ("rigid", "friction", "drive_loss", "loss_dc", "loss_grid", "brake", "capacitor")
         net = energy["grid_import"] - energy["grid_return"]
-        assert sum(energy[part] for part in parts) == pytest.approx(net, abs=1e-4)
+        assert sum(energy[part] or 0.0 for part in parts) == pytest.approx(net, abs=1e-4)
         joints = sum(joint["drive_input_energy"] for joint in one["joints"])
         assert joints == pytest.approx(sum(energy[part] for part in parts[:3]), abs=1e-4)
         assert one["tool"]["energy_per_printed_metre"] == pytest.approx(net / 0.8, rel=1e-9)
