@@ -354,7 +354,7 @@ def test_missing_temperature_is_diagnosed_until_it_comes(bench):
     assert status.level == DiagnosticStatus.OK
     assert diagnosed.values(status)["motor_temperature_degc.joint_a6"] == 30.0
     publisher.publish(temperatures(30, 95.0))
-    assert diagnosed.wait(name, "outside the range").level == DiagnosticStatus.WARN
+    assert diagnosed.wait(name, "the motor of joint_a6 is at 95").level == DiagnosticStatus.WARN
 
 
 def test_power_monitor_diagnoses_torque_and_meter(bench):
