@@ -14,8 +14,10 @@ import pytest
 from pages import read
 from plants import PROGRAM, two_link_profile
 from robot_energy.bag_replay import replay
+from robot_energy.blocks import EffortMeaning
 from robot_energy.cli.main import main
 from robot_energy.model import load
+from robot_energy.pipeline import Settings
 from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
@@ -53,7 +55,8 @@ def outcome(folder: Path) -> Path:
 
 
 def error(bag: Path, model: Path) -> float:
-    comparison = replay_report(replay(bag, load(model))).comparison
+    settings = Settings(effort=EffortMeaning.MOTOR_TORQUE)
+    comparison = replay_report(replay(bag, load(model), settings=settings)).comparison
     return float(comparison.predicted_minus_measured_relative)
 
 

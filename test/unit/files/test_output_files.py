@@ -301,7 +301,9 @@ def test_a_draft_that_is_forgotten_goes(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_signals_wait_for_the_end_of_what_must_not_be_cut():
+def test_signals_wait_for_the_end_of_what_must_not_be_cut(request):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored under nohup
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     steps = []
 
     def stop():

@@ -28,6 +28,7 @@ from robot_energy.identify.run_all import (
 from robot_energy.identify.stats.held_out_energy import GIVEN, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model import RobotModel, load
+from robot_energy.pipeline import Settings
 from robot_energy.report.document import Document
 from robot_energy.report.identify_all import identification_overview
 from robot_energy.report.printing import print_document
@@ -289,7 +290,8 @@ def test_energy_errors_are_those_of_replay(
     test = held_out_energy(kind, folds, whole)
     (entry,) = test.tested
     for stage, used in ((GIVEN, model), ("capacitor", whole.model)):
-        known = replay_report(replay(folder / "at_55", used)).comparison
+        settings = Settings(effort=TORQUE)
+        known = replay_report(replay(folder / "at_55", used, settings=settings)).comparison
         assert entry.error(stage) == pytest.approx(known.predicted_minus_measured_relative)
         assert entry.duration == pytest.approx(known.compared_time)
     assert entry.beyond == pytest.approx(14.0, abs=2.0)  # the fit knows 25 and 40 degC
