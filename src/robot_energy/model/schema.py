@@ -113,7 +113,7 @@ class Meter(ModelEntry):
 
 
 class Hold(ModelEntry):
-    """What the motors hold at rest beside the load, as shares of the Coulomb torque of each.
+    """What motors hold at rest in addition to the load, as shares of their Coulomb torques.
 
     ``tau = tau_r - carried sgn(tau_r) min(fc, |tau_r|) + kept fc d`` with the rigid torque tau_r
     and the direction d of the last motion, motor side.
@@ -238,7 +238,7 @@ class RobotModel(ModelEntry):
         auxiliary: Loads at the outlet, outside of the cabinet, such as a pump; a replay and a
             prediction count them.
         meter: How late the power meter shows what is drawn; absent: the monitor finds it.
-        hold: What the motors hold at rest beside the load; absent: the load alone.
+        hold: What the motors hold at rest in addition to the load; absent: the load alone.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
         gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]

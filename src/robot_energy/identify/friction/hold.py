@@ -1,4 +1,4 @@
-"""What motors hold at rest beside the load, from measured torque (`physics.hold_torque`).
+"""What motors hold at rest in addition to the load, from measured torque (`physics.hold_torque`).
 
 Each rest of a joint gives one equation, ``(tau - tau_r) / fc = kept d - carried c + e`` with
 ``c = sgn(tau_r) min(1, |tau_r| / fc)`` and the direction d of the motion before. The errors e of
@@ -61,12 +61,12 @@ class HoldFit:
 
 @dataclass(frozen=True)
 class _Rests:
-    """Rests of joints, shape (K,) each: joint, direction, carried load, torque beside the load."""
+    """Rests of joints, shape (K,) each: joint, direction, carried load, torque less the load."""
 
     joint: Int
     direction: Float
     load: Float
-    beside: Float
+    excess: Float
 
     @property
     def table(self) -> Float:
@@ -85,7 +85,7 @@ def fit_hold(recordings: Sequence[Recording], model: RobotModel) -> HoldFit | No
     count = len(rests.joint)
     if count < MIN_RESTS:
         return None
-    table, target = rests.table, rests.beside
+    table, target = rests.table, rests.excess
     fold = np.arange(count) * FOLDS // count
     weight = _weights(rests, target)
     own, load = np.zeros(count), target
@@ -143,8 +143,8 @@ def _rests(recordings: Sequence[Recording], model: RobotModel) -> _Rests:
                 if not moved or span < SHORTEST or not usable[rows].all():
                     continue
                 load = float(rigid[rows, joint].mean()) / torque
-                beside = float((measured[rows, joint] - rigid[rows, joint]).mean()) / torque
-                parts.append((joint, moved, float(np.clip(load, -1, 1)), beside))
+                excess = float((measured[rows, joint] - rigid[rows, joint]).mean()) / torque
+                parts.append((joint, moved, float(np.clip(load, -1, 1)), excess))
     columns = np.array(parts).reshape(-1, 4).T
     return _Rests(columns[0].astype(np.int64), *columns[1:])
 
