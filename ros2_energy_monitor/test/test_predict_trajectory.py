@@ -295,6 +295,27 @@ def test_memory_of_a_long_trajectory_is_given_back(bench, client, held, monkeypa
     assert held.processes[2] is not first
 
 
+def test_a_service_is_renewed_after_a_long_request_when_no_client_is_left(
+    bench, node, client, monkeypatch
+):
+    monkeypatch.setattr(trajectory_services, "LARGE", 3)
+    first = served(node)
+    assert client.ask(trajectory=swing()).success
+    assert client.ask(trajectory=swing()).success
+    assert served(node) is first
+    client.close()
+    bench.spin_until(lambda: served(node) not in (None, first), "another service")
+    other = Client(bench)
+    assert other.ask(trajectory=swing()).success
+    other.close()
+
+
+def served(node):
+    """The service of rclpy; None while there is none."""
+    names = (each for each in node.services if each.service_name.endswith("/predict_trajectory"))
+    return next(names, None)
+
+
 def test_the_process_is_there_as_long_as_there_is_a_client(bench, client, held, monkeypatch):
     held.go.set()
     assert client.ask(trajectory=swing()).success

@@ -248,6 +248,8 @@ def _call(words: list[str]) -> None:
             getattr(answer, "message", ""),
         ))  # fmt: skip
     print(json.dumps(answers), flush=True)
+    node.destroy_node()  # what only disappears is taken for a client for 20 s more
+    rclpy.shutdown()
     os._exit(0)
 
 

@@ -89,6 +89,7 @@ class PredictionService:
         self._now: dict[str, Any] = {}  # what is known of the robot
         self._waiting: TakenRequest | None = None
         self._large = False  # whether the process holds a long trajectory
+        self._renew = False  # whether the middleware does
         self._wanted = self._due = 0.0  # when there was a client last; when to ask next
         self._thread = Thread(target=self._serve, name=f"prediction {self.name}", daemon=True)
 
@@ -144,6 +145,8 @@ class PredictionService:
         """Refuse a request, or give it to the process."""
         refusal = FAILED
         try:
+            trajectories = self.trajectories(taken.message.fields)
+            self._renew |= sum(len(points_of(each)) for each in trajectories) > LARGE
             samples = self._checked_size(taken.message.fields)
             refusal = BUSY if self._waiting is not None else ""
             if not refusal:
@@ -216,6 +219,9 @@ class PredictionService:
             if self._node.count_clients(self._service.name):
                 self._wanted = now
                 self._process.start()
+            elif self._renew:  # now no client can lose a request
+                self._service.renew()
+                self._renew = False
         if now - self._wanted > KEPT:
             self._process.end()
 
