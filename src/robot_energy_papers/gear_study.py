@@ -84,17 +84,15 @@ class WarmPlant:
         body: Name of a shipped model.
         seed: Of plant and motions.
         gears: Factor on the heat capacity of the gears. [-]
-        effects: Of the rig, besides those of `RigConfig.hard`.
+        config: Effects of the rig.
     """
 
-    def __init__(
-        self, folder: Path, body: str, seed: int, gears: float, effects: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, folder: Path, body: str, seed: int, gears: float, config: RigConfig) -> None:
         drawn = random_profile(body, seed)
         self.profile: PlantProfile = replace(drawn, gear_capacity=gears * drawn.gear_capacity)
         self.name = f"{body} {seed}, gears x{gears:g}"
         self._folder, self._seed, self.body = folder / f"{body}_{seed}", seed, body
-        self._config = RigConfig.hard().having(*effects)
+        self._config = config
         robot, _ = self.profile.mechanics()
         self._limits = self.profile.motion_limits(robot)
         self._accept = tool_above(robot, "tool0", 0.0) if robot.n_joints == 6 else None
@@ -211,24 +209,24 @@ def judged(
     return WarmRun(plant, run, name, float(whole), error[:, 0], friction)
 
 
-def gear_study(folder: Path, plants: Sequence[int]) -> Iterator[WarmRun]:
+def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterator[WarmRun]:
     """Yield every run of every plant with every model.
 
     Args:
         folder: For the recordings.
         plants: Seeds; robots and gears in turn.
+        config: Effects of the rig.
     """
     for number, seed in enumerate(plants):
-        plant = WarmPlant(
-            folder, BODIES[number % len(BODIES)], seed, GEARS[(number // 2) % len(GEARS)]
-        )
+        gears = GEARS[(number // 2) % len(GEARS)]
+        plant = WarmPlant(folder, BODIES[number % len(BODIES)], seed, gears, config)
         models = plant.models()
         for run, pieces in plant.runs():
             for name, model in models.items():
                 yield judged(plant.name, run, name, model, pieces)
             if run.startswith("gears"):
                 for way in ("effort", "meter"):
-                    told = {way: True}
+                    read = {way: True}
                     yield judged(
-                        plant.name, run, f"gear, {way} read", models["gear"], pieces, **told
+                        plant.name, run, f"gear, {way} read", models["gear"], pieces, **read
                     )

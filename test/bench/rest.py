@@ -1,6 +1,6 @@
 """Power at rest: held load alone, identified torque at rest, and measured torque.
 
-    python test/bench/rest.py [--plants 10] [--first 300]
+    python test/bench/rest.py [--plants 10] [--first 300] [--without EFFECT ...]
 
 Drawn plants of the virtual rig with every effect (simulated), every second one with friction that
 creeps until it carries a part of the load. Each is identified from three short recordings
@@ -26,6 +26,7 @@ from robot_energy.blocks import EffortMeaning, Float, PowerBlock
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.report.printing import table
+from robot_energy.rig import RigConfig
 from robot_energy.rig.output import RigOutput
 from robot_energy.rig.record import outputs, record
 from robot_energy_papers.gear_study import BODIES, RATE, SOAKED, WarmPlant
@@ -60,10 +61,11 @@ def errors(
     return np.array(off[:POSES]), np.array(mean[:POSES])
 
 
-def rows_of(folder: Path, number: int, seed: int) -> list[list[str]]:
+def rows_of(folder: Path, number: int, seed: int, config: RigConfig) -> list[list[str]]:
     """Return the rows of one plant."""
-    effects = ("creep",) if number % 2 else ()
-    plant = WarmPlant(folder, BODIES[number % len(BODIES)], seed, 1.0, effects)
+    creeps = number % 2 == 1
+    config = config.having("creep") if creeps else config
+    plant = WarmPlant(folder, BODIES[number % len(BODIES)], seed, 1.0, config)
     bags = [
         record(plant.rig(at, plant.program(at, dwell, 1.0), degc), 90.0, folder / f"{seed}_{at}")
         for at, dwell, degc in zip((2, 3, 4), (0.5, 2.0, 0.5), SOAKED, strict=True)
@@ -71,7 +73,7 @@ def rows_of(folder: Path, number: int, seed: int) -> list[list[str]]:
     paths = [bag.path for bag in bags]
     model = identify_all(paths, plant.body, "motor_torque", held_out=False, skip=["thermal"]).model
     pieces = list(outputs(plant.rig(9, plant.program(9, DWELL, 1.0), 40.0), SECONDS, 20.0))
-    name = plant.name.split(",")[0] + (", creeping" if effects else "")
+    name = plant.name.split(",")[0] + (", creeping" if creeps else "")
     rows: list[list[str]] = []
     for what, used, effort in (
         ("load alone", model.changed(hold=None), NONE),
@@ -91,12 +93,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plants", type=int, default=10, help="drawn plants, of three robots")
     parser.add_argument("--first", type=int, default=300, help="seed of the first plant")
+    parser.add_argument("--without", nargs="*", default=[], help="effects of the rig to leave out")
     args = parser.parse_args()
+    config = RigConfig.hard().without(*args.without)
     warnings.simplefilter("ignore", RuntimeWarning)  # of fits that find nothing
     rows: list[list[str]] = []
     with tempfile.TemporaryDirectory() as folder:
         for number in range(args.plants):
-            found = rows_of(Path(folder), number, args.first + number)
+            found = rows_of(Path(folder), number, args.first + number, config)
             for row in found:
                 print(*row, sep=" | ", flush=True)
             rows += found
