@@ -103,11 +103,15 @@ class PlantAtWork:
     Args:
         profile: The plant.
         degc: Of motors and gears. [degC]
+        config: Its effects; temperatures are held.
+        cycles: Run in turn, of which the last one counts: rests begin as motions left them.
     """
 
-    def __init__(self, profile: PlantProfile, degc: float) -> None:
-        self._profile, self._degc = profile, degc
-        self._config = RigConfig.hard().without("warming")
+    def __init__(
+        self, profile: PlantProfile, degc: float, config: RigConfig | None = None, cycles: int = 1
+    ) -> None:
+        self._profile, self._degc, self._cycles = profile, degc, cycles
+        self._config = (config or RigConfig.hard()).without("warming")
 
     def power(self, program: Program) -> Float:
         """Return the power from the grid over one cycle, shape (N,). [W]
@@ -116,7 +120,8 @@ class PlantAtWork:
             program: What it runs.
         """
         rig = VirtualRig(self._profile, program, self._config, 0, self._degc, AMBIENT, rate_hz=RATE)
-        return rig.step(max(1, round(program.period * RATE))).truth.grid_power
+        count = max(1, round(program.period * RATE))
+        return rig.step(self._cycles * count).truth.grid_power[-count:]
 
     def energy(self, program: Program) -> float:
         """Return the energy of one cycle from the grid. [J]

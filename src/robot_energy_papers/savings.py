@@ -27,6 +27,7 @@ EXACT = 1e-6  # by which a limit may be exceeded in rounding [-]
 
 
 FULL = SavingsStudySize(24, TRAINING, (22.0, 40.0, 62.0), 2, True, 1000)
+WAITS = SavingsStudySize(12, TRAINING, (22.0, 40.0, 62.0), 1, False, 0, waits=True)
 QUICK = SavingsStudySize(1, SHORT_TRAINING, (40.0,), 1, False, 5)
 
 

@@ -38,6 +38,7 @@ from robot_energy_papers.judged_savings import (
 )
 
 MOVES = 8  # of a program
+WAITING = (3.0, 8.0)  # s of a cycle, where waits are judged
 SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force [-]
 ACCELERATIONS = np.array([0.1, 0.3, 1.0])
 
@@ -53,6 +54,8 @@ class SavingsStudySize:
         programs: Of each plant at each temperature.
         brute: Whether the best choice on the rig is looked for.
         limits: Random programs whose limits are checked.
+        waits: Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of
+            every second plant creep at rest until friction carries a part of the load.
     """
 
     plants: int
@@ -61,6 +64,7 @@ class SavingsStudySize:
     programs: int
     brute: bool
     limits: int
+    waits: bool = False
 
 
 def judge_plant(
@@ -73,8 +77,9 @@ def judge_plant(
         scale: How much to do.
     """
     profile = random_profile(BODY, seed)
+    config = RigConfig.hard().having(*(["creep"] if scale.waits and seed % 2 else []))
     with TemporaryFolder() as place:
-        model = DrawnRig(profile, RigConfig.hard(), place.path).identified(scale.training)
+        model = DrawnRig(profile, config, place.path).identified(scale.training)
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
     above = tool_above(robot, TOOL, MIN_HEIGHT)
@@ -82,14 +87,18 @@ def judge_plant(
     savings: list[JudgedSaving] = []
     choices: list[JudgedChoice] = []
     for degc in scale.temperatures:
-        rig = PlantAtWork(profile, degc)
+        rig = PlantAtWork(profile, degc, config, 2 if scale.waits else 1)
         for _ in range(scale.programs):
             program = random_program(
                 limits, int(random.integers(1 << 30)), MOVES, dwell=float(random.uniform(0.1, 1.0)),
                 override=float(random.uniform(0.35, 0.95)), accept=above,
             )  # fmt: skip
-            stretch = float(random.uniform(1.05, 2.0))
             work = DrawnWork(seed, degc, program, limits, rig)
+            if scale.waits:
+                cycle_time = program.period + float(random.uniform(*WAITING))
+                savings += _savings(work, task_of(model, program, limits, degc, cycle_time))
+                continue
+            stretch = float(random.uniform(1.05, 2.0))
             for cycle_time in (None, stretch * program.period):
                 task = task_of(model, program, limits, degc, cycle_time)
                 savings += _savings(work, task)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -42,7 +43,8 @@ temperatures without a sensor, learning at work. Writes report.html and figures.
 SAVINGS = """\
 Make random programs cheaper with identified models, and let the virtual rig, which the optimiser
 has not seen, run them before and after: how often claimed savings are right, how often their
-bands hold, how far the choice is from the best. Writes report.html and figures.json.
+bands hold, how far the choice is from the best. With --waits, each cycle has 3 to 8 s to spend on
+slower moves. Writes report.html and figures.json.
 """
 PAPERS = ("paper-a", "paper-b")  # what identifies one model
 WORKERS = 2
@@ -61,6 +63,8 @@ def _study(name: str, title: str, text: str, quick: str, workers: bool = True) -
         add_option(parser, "--seed N", "of motions and rigs (default 0)", type=_count(0), default=0)
         add_option(parser, "--overwrite", "replace an earlier study")
         parser.set_defaults(paper=name)
+        if name == "savings":
+            add_option(parser, "--waits", "cycles with 3 to 8 s of waiting alone, on twelve plants")
         if workers:
             add_option(
                 parser,
@@ -98,6 +102,8 @@ def _run(args: Namespace) -> int:
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, testing") as report:
             scale = paper.QUICK if args.quick else paper.FULL
+            if getattr(args, "waits", False):
+                scale = replace(scale, waits=True) if args.quick else paper.WAITS
             result = paper.study(StudyRun(folder / BAGS, args.seed, workers, report), scale)
         context = {**page.context(result), "command": _command(args)}
         write_page(document(name, context, page.pieces(result)), folder / REPORT)
@@ -156,7 +162,8 @@ def _is_bag(path: Path) -> bool:
 def _command(args: Namespace) -> str:
     """The command line that makes this page, without where and how fast."""
     seed = f" --seed {args.seed}" if args.seed else ""
-    return f"robot-energy reproduce {args.paper}{' --quick' if args.quick else ''}{seed}"
+    words = [f" --{word}" for word in ("quick", "waits") if getattr(args, word, False)]
+    return f"robot-energy reproduce {args.paper}{''.join(words)}{seed}"
 
 
 STUDIES = (

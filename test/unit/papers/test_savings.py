@@ -50,6 +50,19 @@ def test_the_short_form_writes_figures_and_a_page(found):
     assert page.count("<img ") == 2
 
 
+def test_waits_are_judged_alone(tmp_path):
+    folder = tmp_path / "out"
+    assert main(["reproduce", "savings", "--quick", "--waits", "--out", str(folder)]) == 0
+    figures = json.loads((folder / "figures.json").read_text())
+    assert figures["by_measure"]["slack"]["changes"] == 1
+    assert {"order", "place"}.isdisjoint(figures["by_measure"])
+    # nothing else became slower: the cycle lasts as long, so what is saved was waiting
+    assert all(abs(row["faster"]) < 1e-6 for row in figures["savings"])
+    page = (folder / "report.html").read_text()
+    assert "3 to 8 s" in page
+    assert "--quick --waits" in page
+
+
 def test_faster_is_cheaper_with_much_standby_and_a_cold_robot_wants_to_be_slower(found):
     best = {(row["standing"], row["degc"]): row["best"] for row in found[0]["curves"]}
     assert best[1.0, 70.0] > best[1.0, 10.0] > best[0.1, 10.0]
