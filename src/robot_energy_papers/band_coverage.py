@@ -1,9 +1,10 @@
 """Do bands hold? Shares of measured powers and energies within the 90 % bands of predictions.
 
 Plants of the virtual rig, drawn at random and with effects that no model has a term for, are
-identified from three recordings, run for ten minutes with a meter, and then make runs that
-neither has seen: other motions, started cold, warm, hot, and colder and hotter than the
-recordings of the identification. Every plant has motions of its own: one program for all of them
+identified from three recordings and a warm-up, run for ten minutes with a meter, and then make runs
+that neither has seen: other motions, started cold, warm, hot, and colder and hotter than the
+recordings of the identification; with long waits; as cold as the air; and with gears warmer than
+their motors. Every plant has motions of its own: one program for all of them
 would make their errors alike. The band of an energy is the one before its run: the meter of the run
 itself does not count. Simulated throughout: nothing was measured on a robot.
 """
@@ -20,9 +21,10 @@ import numpy as np
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.record import Calibrated
+from robot_energy.api.identify import identify_friction
 from robot_energy.api.identify_all import identify_all
 from robot_energy.bag_replay import Replay, replay
-from robot_energy.blocks import Float
+from robot_energy.blocks import Float, Int, Phase
 from robot_energy.model import RobotModel
 from robot_energy.motion import random_program, tool_above
 from robot_energy.pipeline import Output, Settings
@@ -48,6 +50,8 @@ class Recorded:
         duration: [s]
         dwell: Rest after every motion. [s]
         speedup: Factor on how fast temperatures change. [-]
+        gear_degc: Temperature of the gears at the start, where it is not that of the motors. [degC]
+        rate: Of the joint states. [Hz]
     """
 
     name: str
@@ -55,6 +59,8 @@ class Recorded:
     duration: float
     dwell: float
     speedup: float = 1.0
+    gear_degc: float | None = None
+    rate: float = 250.0
 
 
 TRAINING = (
@@ -62,6 +68,7 @@ TRAINING = (
     Recorded("train_40", 40.0, 60.0, 0.2),
     Recorded("train_60", 60.0, 60.0, 0.5),
 )
+WARM_UP = Recorded("warm_up", AMBIENT, 3600.0, 2.0, rate=50.0)
 SHORT_TRAINING = (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5))
 RUNS = (
     Recorded("cold", 28.0, 60.0, 0.2),
@@ -69,6 +76,9 @@ RUNS = (
     Recorded("hot", 60.0, 60.0, 0.2),
     Recorded("colder than identified", 10.0, 60.0, 0.3),
     Recorded("hotter than identified", 75.0, 60.0, 0.2),
+    Recorded("waiting", 40.0, 60.0, 4.0),
+    Recorded("cold start", AMBIENT, 120.0, 0.3),
+    Recorded("gears 8 K above motors", 38.0, 60.0, 0.3, gear_degc=46.0),
 )
 
 
@@ -78,11 +88,13 @@ class BandRuns:
 
     Attributes:
         training: For the identification.
+        warm_up: For the gears; None: friction follows the motors.
         metered: With a meter, which calibrates the bands.
         held_out: Runs that neither has seen.
     """
 
     training: tuple[Recorded, ...] = TRAINING
+    warm_up: Recorded | None = WARM_UP
     metered: Recorded = Recorded("ten_minutes", 30.0, 600.0, 0.5)
     held_out: tuple[Recorded, ...] = RUNS
 
@@ -98,8 +110,8 @@ class Covered:
         half: Half width of the band of the energy after ten minutes with a meter, over the
             measured energy. [-]
         half_alone: The same without a meter. [-]
-        readings: Of the meter, 0.1 s each.
-        inside: Of them, within the band of power.
+        counts: Readings of the meter, 0.1 s each, by phase: all, and those within the band of
+            power, shape (P, 2).
         half_power: Median half width of that band over the mean power. [-]
         means: Means over a second.
         inside_alone: Of them, within the band of power without a meter.
@@ -114,14 +126,23 @@ class Covered:
     error: float
     half: float
     half_alone: float
-    readings: int
-    inside: int
+    counts: Int
     half_power: float
     means: int
     inside_alone: int
     half_power_alone: float
     scores_power: Float = field(repr=False)
     scores_power_alone: Float = field(repr=False)
+
+    @property
+    def readings(self) -> int:
+        """Of the meter."""
+        return int(self.counts[:, 0].sum())
+
+    @property
+    def inside(self) -> int:
+        """Of them, within the band of power."""
+        return int(self.counts[:, 1].sum())
 
 
 def band_coverage(
@@ -130,6 +151,7 @@ def band_coverage(
     runs: BandRuns | None = None,
     *,
     hard: bool = True,
+    bare: bool = False,
 ) -> Iterator[Covered]:
     """Yield how the bands of each run fared.
 
@@ -138,13 +160,16 @@ def band_coverage(
         plants: Seeds of drawn plants; None: the standard plant of the KR 16 class.
         runs: What the rig does; None for the full runs.
         hard: Whether the rig has effects that no model has a term for.
+        bare: Whether models have neither gears nor torques at rest.
     """
     runs = runs or BandRuns()
     for plant in plants:
         name = "standard" if plant is None else f"plant {plant}"
         profile = load_profile(BODY) if plant is None else random_profile(BODY, plant)
         rig = DrawnRig(profile, RigConfig.hard() if hard else RigConfig(), folder / name)
-        model = rig.identified(runs.training)
+        model = rig.identified(runs.training, None if bare else runs.warm_up)
+        if bare:
+            model = model.changed(hold=None)
         own = 0 if plant is None else SEEDS * plant
         first = replay(rig.record(runs.metered, own + 10), model)
         kept = first.account.calibration.state()
@@ -176,17 +201,27 @@ class DrawnRig:
         """
         program = random_program(self._limits, seed, dwell=what.dwell, accept=self._above)
         config = replace(self._config, thermal_speedup=what.speedup)
-        rig = VirtualRig(self._profile, program, config, seed, what.degc, AMBIENT)
+        rig = VirtualRig(
+            self._profile, program, config, seed, what.degc, AMBIENT, rate_hz=what.rate,
+            start_gear_degc=what.gear_degc,
+        )  # fmt: skip
         return record(rig, what.duration, self._folder / what.name.replace(" ", "_")).path
 
-    def identified(self, training: Sequence[Recorded]) -> RobotModel:
+    def identified(
+        self, training: Sequence[Recorded], warm_up: Recorded | None = None
+    ) -> RobotModel:
         """Return the model that is identified from recordings.
 
         Args:
             training: What the rig does in them.
+            warm_up: The same for the gears, which friction then follows; None for no gears.
         """
         bags = [self.record(one, seed) for seed, one in enumerate(training, 1)]
-        return identify_all(bags, BODY, "motor_torque", held_out=False).model
+        model = identify_all(bags, BODY, "motor_torque", held_out=False).model
+        if warm_up is None:
+            return model
+        bags.append(self.record(warm_up, len(bags) + 1))
+        return identify_friction(bags, model, "motor_torque").model
 
 
 def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrated) -> Covered:
@@ -210,8 +245,7 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
         comparison.predicted_energy / measured - 1.0,
         band.half / measured,
         Z90 * alone.account.energy_band.std / measured,
-        calibration.readings,
-        calibration.inside,
+        calibration.counts[:, :2],
         float(np.nanmedian(after_means.band_half)) / power,
         len(off),
         int((np.abs(off) <= half).sum()),
@@ -253,6 +287,30 @@ def summary(rows: Sequence[Covered]) -> dict[str, float]:
         "median half width, energy, with meter": median(one.half for one in rows),
         "median half width, power, without": median(one.half_power_alone for one in rows),
         "median half width, energy, without": median(one.half_alone for one in rows),
+    }
+
+
+def by_run(rows: Sequence[Covered]) -> dict[str, dict[str, float]]:
+    """Return what `summary` gives, for each kind of run. [-]
+
+    Args:
+        rows: Of any plants.
+    """
+    names = dict.fromkeys(one.run for one in rows)
+    return {name: summary([one for one in rows if one.run == name]) for name in names}
+
+
+def by_phase(rows: Sequence[Covered]) -> dict[str, float]:
+    """Return the share of readings of power within the band with a meter, for each phase. [-]
+
+    Args:
+        rows: Of any plants.
+    """
+    counts = np.sum([one.counts for one in rows], axis=0)
+    return {
+        phase.name.lower(): float(counts[phase, 1] / counts[phase, 0])
+        for phase in Phase
+        if counts[phase, 0]
     }
 
 

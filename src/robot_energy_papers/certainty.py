@@ -41,6 +41,7 @@ NOMINAL = np.linspace(0.05, 0.99, 48)
 
 SHORT = BandRuns(
     SHORT_TRAINING,
+    None,
     Recorded("metered", 30.0, 60.0, 0.5),
     (Recorded("cold", 28.0, 20.0, 0.2), Recorded("warm", 50.0, 20.0, 0.2)),
 )

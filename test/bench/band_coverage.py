@@ -1,11 +1,10 @@
 """Shares of measured powers and energies within the 90 % bands of predictions, on the rig.
 
-    python test/bench/band_coverage.py [--quick] [--plants N] [--first SEED]
+    python test/bench/band_coverage.py [--quick] [--plants N] [--first SEED] [--bare]
 
 Ten plants drawn at random, with effects that no model has a term for (`simulate --plant-seed N
---hard`), five held-out runs of a minute each; then the standard plant. About fifteen minutes;
-with --quick one plant. The constants of the bands were chosen on the plants 10 to 22 and 100 to
-109, so the plants begin at 500.
+--hard`), eight held-out runs of one or two minutes; then the standard plant. About half an hour;
+with --quick one plant. With --bare models have neither gears nor torques at rest.
 """
 
 import argparse
@@ -13,7 +12,15 @@ import sys
 from statistics import NormalDist
 
 from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy_papers.band_coverage import RUNS, SHARES, band_coverage, score_quantiles, summary
+from robot_energy_papers.band_coverage import (
+    RUNS,
+    SHARES,
+    band_coverage,
+    by_phase,
+    by_run,
+    score_quantiles,
+    summary,
+)
 
 GOALS = {
     "power, with meter": (0.87, 0.93),
@@ -41,12 +48,12 @@ def main():
     parser.add_argument("--quick", action="store_true", help="one plant")
     parser.add_argument("--plants", type=int, default=10)
     parser.add_argument("--first", type=int, default=500, metavar="SEED")
+    parser.add_argument("--bare", action="store_true", help="models without gears and hold")
     args = parser.parse_args()
     plants = range(args.first, args.first + (1 if args.quick else args.plants))
     missed = 0
     with TemporaryFolder() as folder:
-        rows = list(shown(band_coverage(folder.path, plants)))
-        standard = list(shown(band_coverage(folder.path, [None], hard=False)))
+        rows = list(shown(band_coverage(folder.path, plants, bare=args.bare)))
     print(f"\n{len(rows)} runs of {len(plants)} plants; simulated")
     for name, share in summary(rows).items():
         goal = GOALS.get(name)
@@ -56,11 +63,28 @@ def main():
             missed += not met
             text = f"   goal {goal[0]:.0%} to {goal[1]:.0%}{'' if met else ', missed'}"
         print(f"{name:40} {share:6.1%}{text}")
+    runs = by_run(rows)
+    print(f"\n{'within the band':24}" + "".join(f"{name:>20}" for name in GOALS))
+    for name, found in runs.items():
+        print(f"{name:24}" + "".join(f"{found[what]:20.1%}" for what in GOALS))
+    print(f"\n{'median half width':24}" + "".join(f"{name:>20}" for name in GOALS))
+    for name, found in runs.items():
+        widths = (found[f"median half width, {what}"] for what in GOALS)
+        print(f"{name:24}" + "".join(f"{width:20.1%}" for width in widths))
+    low, high = GOALS["power, with meter"]
+    kinds = {name: found["power, with meter"] for name, found in runs.items()} | by_phase(rows)
+    outside = [name for name, share in kinds.items() if not low <= share <= high]
+    missed += len(outside)
+    print("\npower, with meter, by phase: ", end="")
+    print(", ".join(f"{name} {share:.1%}" for name, share in by_phase(rows).items()))
+    print(f"runs and phases outside {low:.0%} to {high:.0%}: {', '.join(outside) or 'none'}")
     print("\nerrors over the standard deviation that the band implies")
     print(f"{'quantile':40}" + "".join(f"{share:8.0%}" for share in SHARES))
     normal = {"normal distribution": [NormalDist().inv_cdf(share) for share in SHARES]}
     for name, found in (normal | score_quantiles(rows)).items():
-        print(f"{name:40}" + "".join(f"{value:+8.2f}" for value in found))
+        print(f"{name:40}" + "".join(f"{value:+8.2f}" for value in found), flush=True)
+    with TemporaryFolder() as folder:
+        standard = list(shown(band_coverage(folder.path, [None], hard=False, bare=args.bare)))
     widest = max(row.half for row in standard if row.run in WITHIN)
     missed += widest > MAX_STANDARD
     text = "" if widest <= MAX_STANDARD else ", missed"

@@ -49,7 +49,7 @@ MAX_SLOTS = 20_000  # of them: minutes
 MAX_STRETCHES = 16  # that wait for the meter
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
-MIN_STEP = 0.01  # ... down to this
+MIN_STEP = 0.15  # ... down to this: six misses in turn double a scale, 47 hits halve it
 MAX_LOG_SCALE = math.log(1e3)
 PARTS = [BUS, LOSS_GRID, TEMPERATURE]
 POOLED = Phase.UNKNOWN  # the place of all phases together
@@ -68,14 +68,28 @@ class BandCalibration:
 
     Attributes:
         location: Where the meter sits.
-        readings: Scored so far.
-        inside: Of them, those within the band that was in force.
-        inside_parametric: Of them, those within the band of the standard deviation alone.
+        counts: Readings by phase: scored, of these within the band that was in force, within the
+            band of the standard deviation alone, shape (P, 3).
     """
 
     def __init__(self) -> None:
         self.location = MeterLocation.UNKNOWN
         self.reset()
+
+    @property
+    def readings(self) -> int:
+        """Scored so far."""
+        return int(self.counts[:, 0].sum())
+
+    @property
+    def inside(self) -> int:
+        """Of them, those within the band that was in force."""
+        return int(self.counts[:, 1].sum())
+
+    @property
+    def inside_parametric(self) -> int:
+        """Of them, those within the band of the standard deviation alone."""
+        return int(self.counts[:, 2].sum())
 
     def meter(self, location: MeterLocation) -> None:
         """Say where the meter sits.
@@ -91,7 +105,7 @@ class BandCalibration:
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
         self._energies = EnergyCalibration()
-        self.readings = self.inside = self.inside_parametric = 0
+        self.counts: Int = np.zeros((len(Phase), 3), dtype=np.int64)
         self._last_ns: int | None = None
         self.interrupt()
 
@@ -268,9 +282,7 @@ class BandCalibration:
                 return place
             if score != score:
                 continue
-            self.readings += 1
-            self.inside += score <= (self._scale(phase) or Z90)
-            self.inside_parametric += score <= Z90
+            self.counts[phase] += (1, score <= (self._scale(phase) or Z90), score <= Z90)
             if not count[phase]:
                 log_scale[phase] = log_scale[POOLED]
             for kept in (POOLED, phase) if phase != POOLED else (POOLED,):

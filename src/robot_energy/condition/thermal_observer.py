@@ -83,6 +83,7 @@ class ThermalObserver:
         degc: Estimated temperature of each motor in this window, shape (n,); NaN where there is
             no network. [degC]
         std: Its standard deviation, shape (n,). [K]
+        geared: Joints that have a gear, shape (n,).
         gears: Whose friction follows the temperature of the gear in this window, shape (n,).
         friction_degc: Temperature that the friction follows: that of the gear, else ``degc``,
             shape (n,). [degC]
@@ -100,8 +101,8 @@ class ThermalObserver:
         self._model = model
         joints = model.joints
         self._networks = np.array([on and joint.thermal is not None for joint in joints])
-        self._geared = np.array([on and joint.gear is not None for joint in joints])
-        self._own = self._networks | self._geared
+        self.geared = np.array([on and joint.gear is not None for joint in joints])
+        self._own = self._networks | self.geared
         self.on = bool(self._own.any())
         n_joints = len(joints)
         self.degc = np.full(n_joints, np.nan)
@@ -153,6 +154,11 @@ class ThermalObserver:
         self._publish()
 
     @property
+    def viscous_share(self) -> Float:
+        """Part of the standard deviation of fv that comes from ``friction_std``, (n,). [-]"""
+        return self.viscous_spread / np.where(self.viscous > 0.0, self.viscous, 1.0)
+
+    @property
     def learns(self) -> bool:
         """Whether there is a state to keep across restarts."""
         return self.on
@@ -163,7 +169,7 @@ class ThermalObserver:
         Args:
             block: In order of arrival.
         """
-        if self._geared.any():
+        if self.geared.any():
             self._windows.measure(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:

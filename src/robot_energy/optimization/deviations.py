@@ -32,7 +32,7 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.uncertainty.deviation import BODY_TAGS, payload_shares
+from robot_energy.uncertainty.deviation import BODY_TAGS, FORM_AT_REST, payload_shares
 from robot_energy.uncertainty.priors import MISSING_LOSS, figure_std, relative_std
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
@@ -40,8 +40,6 @@ KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 FORM = np.array([0.115, 0.06, 0.045, 0.045])
 """Standard deviation of the share of friction and drive losses that their form leaves out, at each
 of these speeds. [-]"""
-FORM_AT_REST = 0.1
-"""The same of the losses that flow all the time. [-]"""
 FORM_FED_BACK = 0.2
 """The same of the power that the drives feed back. [-]"""
 FORM_OF_HOLDING = 0.022

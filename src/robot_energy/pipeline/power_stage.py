@@ -187,7 +187,7 @@ class PowerStage:
             block.stamp_ns, quality
         )
         friction_degc = degc
-        if self.thermal.gears.any():
+        if self.thermal.geared.any():
             friction_degc = self._follow_gears(degc, quality, viscous, *deviations)
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
@@ -344,6 +344,13 @@ class PowerStage:
             shared: See above.
         """
         gears = self.thermal.gears
+        waiting = self.thermal.geared & ~gears
+        if waiting.any():  # the motor is known, not how warm its gear is
+            unknown = self.thermal.viscous_share * viscous
+            unknown[:, ~waiting] = 0.0
+            unknown[np.isnan(degc)] = 0.0
+            for values in (std, shared):
+                np.hypot(values, unknown, out=values)
         followed = degc.copy()
         found = (followed, viscous, std, shared)
         for values, of_joints in zip(found, self._estimate(), strict=True):

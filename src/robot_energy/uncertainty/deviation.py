@@ -13,7 +13,8 @@ alike at all joints (an unknown temperature) is a column of the robot. What the 
 never reaches the grid: there the columns are 0.
 
 What the form of the model leaves out of friction and drive losses is a share of them; a meter
-shows it, so it counts only without one. What no figure explains (delays, elasticity) is taken as
+shows it, so it counts only without one. What it leaves out of the losses that flow all the time is
+in their column on the grid side. What no figure explains (delays, elasticity) is taken as
 a share of the shaft power with a short correlation time; its variance grows with time.
 """
 
@@ -44,13 +45,15 @@ FORM = 0.06
 """What the form of friction and drive losses leaves out, over their power. [-]
 
 Real losses follow other laws of speed, load and temperature than those of the model."""
-UNEXPLAINED = 0.2
+FORM_AT_REST = 0.1
+"""What the form of the losses that flow all the time leaves out (fans), over these losses. [-]"""
+UNEXPLAINED = 0.06
 """Standard deviation of the power that no figure explains, over the sum of |shaft power|. [-]"""
 UNEXPLAINED_TIME = 0.02
 """Its correlation time: the integral of its autocorrelation from 0 on. [s]
 
-Short: most of it is a matter of a few tenths of a second (delays, elastic gears, the low pass of a
-meter), where what is missing now comes a moment later."""
+Short: most of it is a matter of a few tenths of a second (delays, elastic gears), where what is
+missing now comes a moment later."""
 SLOT_NS, RECENT_SLOTS = 20_000_000, 25
 """It follows the shaft power of the last half second, sampled every 20 ms."""
 MAX_DEVIATION = 1e6  # no interval becomes too large for a register [W]
@@ -91,7 +94,8 @@ class PowerDeviation:
             self._drive = partial(_share_of_loss, share=relative_std("drive", tag))
         cabinet = model.cabinet
         self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
-        self._loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
+        form = FORM_AT_REST * model.constant_power()
+        self._loss_grid = float(np.hypot(figure_std(cabinet.loss_grid, "loss_grid"), form))
         returned = cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
         bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)

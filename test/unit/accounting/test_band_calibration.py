@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from accounts import IDENTITY, NAMES, SECOND, power_block, restarted, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.band_calibration import MIN_STEP
 from robot_energy.accounting.energy_calibration import BIAS, DISTINCT, EnergyCalibration
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
@@ -58,6 +59,20 @@ def test_nine_of_ten_readings_lie_within_the_band_whatever_their_errors(size):
     assert held.mean() == pytest.approx(0.9, abs=0.02)
     calibration = account.calibration
     assert calibration.inside / calibration.readings == pytest.approx(0.9, abs=0.03)
+
+
+def test_a_band_follows_errors_that_become_four_times_as_large_within_seconds():
+    """As those of a robot that is started much colder than it was before."""
+    error = np.random.default_rng(3).normal(0.0, 5.0, 9000)
+    error[6000:] *= 4.0
+    before, _ = counted(error[:6000], 600)
+    after, means = counted(error)
+    counts = after.calibration.counts - before.calibration.counts
+    readings_after, inside = counts[:, :2].sum(axis=0)
+    assert readings_after == pytest.approx(3000, abs=20)
+    assert 0.87 <= inside / readings_after <= 0.93
+    first_seconds = (means.stamp_ns > 605 * SECOND) & (means.stamp_ns < 630 * SECOND)
+    assert np.median(means.band_half[first_seconds]) > 0.8 * Z90 * 20.0
 
 
 def test_the_band_is_that_of_the_figures_until_a_meter_is_read():
@@ -228,7 +243,8 @@ def test_a_restart_keeps_the_calibration():
     assert means is not None
     assert (means.band == BandKind.CALIBRATED).all()
     half = means.band_half[means.period > 0]
-    assert half == pytest.approx(20.0, rel=0.1)  # the error of the readings before
+    # the error of the readings before, within a step of the scale
+    assert half == pytest.approx(20.0, rel=MIN_STEP)
 
 
 def test_a_meter_on_the_dc_bus_says_nothing_of_the_loss_before_it():

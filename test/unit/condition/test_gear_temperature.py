@@ -12,6 +12,7 @@ from robot_energy.blocks import (
     Quality,
 )
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.uncertainty.band import TEMPERATURE
 from warm_wheel import AIR, COULOMB, MOTOR, SPEED, integrated, readings, turning, viscous, wheel
 
 WORKED = 45.0  # degC of a motor that has worked: its gear may be warmer or colder
@@ -137,3 +138,14 @@ def test_a_wider_start_widens_the_deviation():
     played(cold, turning(15.0), readings(15, AIR))
     played(warm, turning(15.0), readings(15, AIR + 25.0))
     assert warm.power.thermal.friction_std[0] > 3.0 * cold.power.thermal.friction_std[0]
+
+
+def test_before_a_gear_has_begun_its_unknown_temperature_is_in_the_deviation():
+    block, degc = turning(8.0), readings(8)
+    known = played(EnergyPipeline(wheel(gear=False)), block, degc)
+    first = played(EnergyPipeline(wheel()), block, degc)
+    assert (first.viscous == known.viscous).all()
+    apart, alone = (np.asarray(power.deviation)[2:, TEMPERATURE] for power in (first, known))
+    assert (alone == 0.0).all()
+    spread = 0.5 * (viscous(AIR - 5.0) - viscous(AIR + 5.0)) / viscous(AIR)  # of an earlier run
+    assert apart == pytest.approx(spread * viscous(MOTOR) * SPEED**2, rel=0.03)

@@ -16,6 +16,7 @@ from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.starter.priors import CLASSES
+from robot_energy.uncertainty import deviation
 from robot_energy.uncertainty.band import Z90, energy_variances, half_width, scores
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, names_of, payload_shares
 from robot_energy.uncertainty.priors import SPREAD
@@ -99,8 +100,11 @@ def stds(pipeline: EnergyPipeline) -> dict[str, float]:
         ("cabinet.loss_grid", 0.5, "constant loss, grid side"),
     ],
 )
-def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(path, std, name):
+def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
+    path, std, name, monkeypatch
+):
     """Friction also changes the torque, and with it copper loss: second order, left out."""
+    monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
     found = certain(data())
     place(found, path)["std"] = std
     if "friction" in path:
@@ -114,6 +118,15 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
     assert stds(base)[name] == pytest.approx(expected, rel=0.02)
     others = {one: value for one, value in stds(base).items() if one.split(" ")[0] in name}
     assert sum(value > 0 for value in others.values()) == 1
+
+
+def test_certain_losses_at_rest_are_sure_but_for_what_their_form_leaves_out():
+    model = made(certain(data()))
+    found = stds(run(model, 4.0))
+    seconds = 4.0 - 0.004
+    share = found["constant loss, grid side"] / (model.constant_power() * seconds)
+    assert share == pytest.approx(0.1, rel=0.01)
+    assert found["constant loss, DC side"] == 0.0
 
 
 def test_what_figures_cause_grows_with_time_and_the_rest_with_its_root():
