@@ -1,0 +1,1 @@
+"""Documents of fleets and of advice: results -> reports."""

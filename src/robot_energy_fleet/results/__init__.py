@@ -1,0 +1,1 @@
+"""Results of fleets and of advice."""

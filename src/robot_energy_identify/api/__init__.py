@@ -1,0 +1,1 @@
+"""Public functions of identification and of testing a model."""

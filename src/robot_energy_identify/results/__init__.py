@@ -1,0 +1,1 @@
+"""Results of identification, checks and tests of a model."""

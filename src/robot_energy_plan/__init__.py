@@ -1,0 +1,1 @@
+"""Energy of planned motions, and motions that need less of it."""

@@ -1,0 +1,1 @@
+"""Public functions of prediction and optimisation."""

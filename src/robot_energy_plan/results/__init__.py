@@ -1,0 +1,1 @@
+"""Results of prediction and optimisation."""

@@ -1,0 +1,1 @@
+"""How often the tool is right about itself; not in the wheel."""
