@@ -41,7 +41,7 @@ PYTHON_PACKAGES = {
 # linked into the installation and need no rebuild. Kernels are compiled.
 PACKAGING = (
     *("package.xml", "setup.py", "setup.cfg", "resource/*", "bin/*", "launch/*", "config/*"),
-    "robot_energy/kernels/*.[ch]",
+    "robot_energy/physics/kernels/*.[ch]",
 )
 SMOKE_TEST = (
     "import rclpy, std_msgs.msg, pinocchio, mcap.reader, lz4.frame, zstandard, rosbags.highlevel, "

@@ -66,10 +66,10 @@ setup(
             "models/*.yaml",
             "models/*.urdf",
             "presets/*.yaml",
-            "rig/profiles/*.yaml",
-            "page/static/*",
+            "robot_energy_rig/profiles/*.yaml",
+            "robot_energy_report/page/static/*",
             # Copies of those of ros2_energy_msgs, so that the folder stands alone.
-            "cdr/msg/*.msg",
+            "bag/cdr/msg/*.msg",
         ],
         "robot_energy_papers": ["templates/*.j2"],
     },

@@ -6,7 +6,9 @@ import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import Identity
-from robot_energy.blocks import (
+from robot_energy.certainty.band import BUS, FORM, LOSS_GRID
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
     Int,
@@ -15,9 +17,7 @@ from robot_energy.blocks import (
     MeterMeaning,
     PowerBlock,
 )
-from robot_energy.held_rows import HeldRows
-from robot_energy.uncertainty.band import BUS, FORM, LOSS_GRID
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
+from robot_energy.timeline.held_rows import HeldRows
 
 NAMES = ("shoulder", "elbow")
 IDENTITY = Identity(robot_type="arm", robot_serial="7", joint_names=NAMES, model_id="m1")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robot_energy.cli import main
+from robot_energy_cli import main
 
 
 def refused(capsys: pytest.CaptureFixture[str], *args: object, code: int = 2) -> str:

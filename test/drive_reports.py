@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float, MeterLocation, MeterMeaning
-from robot_energy.identify.drives.drive_data import DriveData, drive_data_of_logs
-from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
-from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.rig.output import RigOutput, Truth
-from robot_energy.rig.record import outputs
+from robot_energy.timeline.blocks import Float, MeterLocation, MeterMeaning
+from robot_energy_identify.drives.drive_data import DriveData, drive_data_of_logs
+from robot_energy_logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig.output import RigOutput, Truth
+from robot_energy_rig.record import outputs
 
 NOISE = 0.02  # of the power, and
 FLOOR = 2.0  # W

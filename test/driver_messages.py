@@ -13,10 +13,10 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from robot_energy.blocks import EffortMeaning, JointBlock
 from robot_energy.model import RobotModel, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.pipeline import Settings, TorqueStage
+from robot_energy.timeline.blocks import EffortMeaning, JointBlock
 from robots import figure, joint_block
 
 SECOND = 10**9

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from robot_energy.blocks import Float
-from robot_energy.identify.data.signals import Channels
 from robot_energy.model import RobotModel
-from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.data.signals import Channels
+from robot_energy_plan.motion import Trajectory
 
 
 def fourier_motion(n_joints: int, time: Float, seed: int = 0) -> Trajectory:

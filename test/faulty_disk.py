@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from robot_energy.files import output_files, output_folder, placement
+from robot_energy.foundation.files import output_files, output_folder, placement
 
 CALLS = ("open", "write", "fsync", "mkdir", "link", "rename", "replace", "unlink", "rmdir")
 

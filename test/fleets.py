@@ -6,11 +6,11 @@ from pathlib import Path
 
 import polars as pl
 
-from robot_energy.fleet.dataset import Dataset, RowKey, row_bytes
-from robot_energy.fleet.dataset_columns import TABLES
-from robot_energy.fleet.tables import FleetTables
-from robot_energy_papers.fleet_study import fleet_tables
-from robot_energy_papers.generated_fleet import FleetPlan
+from robot_energy_fleet.dataset import Dataset, RowKey, row_bytes
+from robot_energy_fleet.dataset_columns import TABLES
+from robot_energy_fleet.tables import FleetTables
+from robot_energy_studies.fleet_study import fleet_tables
+from robot_energy_studies.generated_fleet import FleetPlan
 
 MICRO = 1e6
 EXACT = {

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import JointBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import JointBlock
 
 NAMES = ("a", "b")
 SECOND = 10**9

@@ -10,16 +10,17 @@ import numpy as np
 
 import robot_energy as re
 from robot_energy.bag import BagReader
-from robot_energy.blocks import Float, Int, JointBlock, MeterBlock, TemperatureBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, stamp_ns
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, stamp_ns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.logs import FileAccount, import_log
-from robot_energy.logs.mapping import LogMapping, Time
-from robot_energy.logs.rows import Clock, usable_rows
-from robot_energy.logs.table import LogTable
 from robot_energy.model import save
+from robot_energy.timeline.blocks import Float, Int, JointBlock, MeterBlock, TemperatureBlock
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.mapping import LogMapping, Time
+from robot_energy_logs.recording import FileAccount
+from robot_energy_logs.rows import Clock, usable_rows
+from robot_energy_logs.table import LogTable
 from robots import one_wheel
 
 # The wheel turns at 2 rad/s, its motor at 20 rad/s. Friction torque at the motor is

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.motion import MotionLimits, Profile, Trajectory
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion import MotionLimits, Profile, Trajectory
 
 
 class PointToPoint:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.api.replay import run_replay
-from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS
 from robot_energy.model import load
-from robot_energy.page.recording import RecordedPage
-from robot_energy.page.settings import PageSettings
+from robot_energy.replay.api import run_replay
+from robot_energy_report.page.recording import RecordedPage
+from robot_energy_report.page.settings import PageSettings
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 JOINTS = ("joint_a1", "joint_a2")

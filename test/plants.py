@@ -3,10 +3,10 @@
 import numpy as np
 
 import robots
-from robot_energy.blocks import JointBlock
 from robot_energy.model import save
-from robot_energy.motion import MotionLimits, Program
-from robot_energy.rig import Lubricant, PlantProfile, RigJoints, SupplyProfile
+from robot_energy.timeline.blocks import JointBlock
+from robot_energy_plan.motion import MotionLimits, Program
+from robot_energy_rig import Lubricant, PlantProfile, RigJoints, SupplyProfile
 
 TRANSMISSION = np.array([[100.0, 0.0], [10.0, -50.0]])
 ROTOR = np.array([1e-4, 2e-5])

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robot_energy.errors import RobotEnergyError
+from robot_energy.foundation.errors import RobotEnergyError
 
 
 @contextmanager

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float, JointBlock
 from robot_energy.model import RobotModel, validate
+from robot_energy.timeline.blocks import Float, JointBlock
 
 # Planar two-link arm in the vertical x-z plane, both axes along -y, so that a positive
 # angle lifts the arm. Point masses are avoided: real inertias about the centres of mass.

@@ -18,16 +18,18 @@ from scipy.signal import decimate
 from mistakes import Change, rewrite
 from places import ROOT
 from robot_energy.bag import BagWriter
-from robot_energy.blocks import EffortMeaning, Float, MeterMeaning
-from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.identify.data.log_channels import model_of, read_channels
-from robot_energy.identify.dynamics.dynamics import identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import to_model
-from robot_energy.logs import import_log, import_ur_rtde, load_mapping
+from robot_energy.bag.cdr import Encoder, stamp_columns
 from robot_energy.model import RobotModel, load, save, validate
-from robot_energy.motion import random_program, tool_above
-from robot_energy.rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning, Float, MeterMeaning
+from robot_energy_identify.data.log_channels import model_of, read_channels
+from robot_energy_identify.dynamics.dynamics import identify_dynamics
+from robot_energy_identify.dynamics.dynamics_model import to_model
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_logs.ur_rtde import import_ur_rtde
+from robot_energy_plan.motion import random_program, tool_above
+from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
+from robot_energy_rig.record import record
 
 MAPPINGS = ROOT / "src/examples/mappings"
 IDENTIFY = ROOT / "src/examples/identify"

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.encode import Encoder, stamp_columns
-from robot_energy.cdr.types import typestore
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.encode import Encoder, stamp_columns
+from robot_energy.bag.cdr.types import typestore
 from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from rich.console import Console, Group
 
-from robot_energy.report import layout, printing
-from robot_energy.report.document import Document, Illustration, Table, Text
-from robot_energy.report.formats import typeset
-from robot_energy.shown_text import shown_lines
+from robot_energy.foundation.shown_text import shown_lines
+from robot_energy_report import layout, printing
+from robot_energy_report.document import Document, Illustration, Table, Text
+from robot_energy_report.formats import typeset
 
 WIDTHS = range(20, 201, 3)  # every width: `test_any_table_is_whole_at_any_width`
 TERMINALS = (60, 80, 200)  # columns

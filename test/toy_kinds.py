@@ -5,13 +5,13 @@ import os
 import pytest
 
 from places import ROOT
-from robot_energy import kinds
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation import kinds
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.inputs.meter.kinds import METER_KINDS
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
-from robot_energy.log_formats import LOG_FORMATS
 from robot_energy.model import validate
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy_logs.log_formats import LOG_FORMATS
 from robots import figure, wheel_data
 
 TOYS = os.pathsep.join(map(str, sorted((ROOT / "test/unit/kinds").glob("toy_*.py"))))

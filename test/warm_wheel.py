@@ -3,7 +3,7 @@
 import numpy as np
 
 import robots
-from robot_energy.blocks import TemperatureBlock
+from robot_energy.timeline.blocks import TemperatureBlock
 from robots import figure
 
 S = 10**9

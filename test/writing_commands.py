@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 
 from robot_energy.bag import BagWriter
-from robot_energy.cli import main
+from robot_energy_cli import main
 
 
 class Command(NamedTuple):

@@ -15,7 +15,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from robot_energy.stopping import end_at_once
+from robot_energy.foundation.stopping import end_at_once
 from ros2_energy_monitor.executables import EXECUTABLES
 
 

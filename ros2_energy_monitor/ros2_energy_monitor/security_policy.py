@@ -29,8 +29,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from robot_energy.errors import PageError, RobotEnergyError
-from robot_energy.files.output_files import GENERATOR, FileKind, check_file, write_file
+from robot_energy.foundation.errors import PageError, RobotEnergyError
+from robot_energy.foundation.files.output_files import GENERATOR, FileKind, check_file, write_file
 from ros2_energy_monitor.base.run_node import ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.executables import EXECUTABLES

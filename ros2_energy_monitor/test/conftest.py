@@ -31,8 +31,8 @@ from rclpy.signals import SignalHandlerOptions
 from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.rig.record import RigEncoder
 from robot_energy.store import slot_store
+from robot_energy_rig.record import RigEncoder
 from ros2_energy_monitor.base import checkpoints, monitor_node, publishers
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.inbox import Inbox

@@ -13,8 +13,8 @@ from __future__ import annotations
 from rclpy.context import Context
 
 from robot_energy.bag import BagReader
-from robot_energy.bag_replay import replay
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import replay
 from ros2_energy_monitor.demo.all_topics import TYPES, record, write
 
 

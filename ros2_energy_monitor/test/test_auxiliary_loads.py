@@ -25,15 +25,15 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import UInt8
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import replay
-from robot_energy.cdr import Encoder, stamp_columns
+from robot_energy.bag.cdr import Encoder, stamp_columns
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, save
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.pipeline import Settings
+from robot_energy.replay.bag_replay import replay
 from robot_energy.results.replay import replay_report
-from robot_energy.rig.auxiliary import auxiliary_loads
-from robot_energy.rig.record import RigEncoder
+from robot_energy_rig.auxiliary import auxiliary_loads
+from robot_energy_rig.record import RigEncoder
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor

@@ -19,10 +19,10 @@ from ros2_energy_msgs.msg import FrictionCondition, WearAlarm
 
 from robot_energy.condition.drift_test import Drift, FrictionChange
 from robot_energy.condition.learner import Learning
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.rig import VirtualRig, load_profile
-from robot_energy_papers.learning_study import joint_block, work
+from robot_energy_rig import VirtualRig, load_profile
+from robot_energy_studies.learning_study import joint_block, work
 from ros2_energy_monitor.base.publishers import latched
 from ros2_energy_monitor.base.settings import settings_of
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor

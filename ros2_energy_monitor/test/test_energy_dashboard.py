@@ -27,8 +27,8 @@ import pytest
 from ros2_energy_msgs.msg import EnergyRegisters
 from sensor_msgs.msg import JointState
 
-from robot_energy.errors import PageError, ParameterError
-from robot_energy.page import web_app
+from robot_energy.foundation.errors import PageError, ParameterError
+from robot_energy_report.page import web_app
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.demo.processes import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console

@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from ros2_energy_msgs.msg import JointFriction, JointTorque, MotorTemperatures
 from sensor_msgs.msg import JointState, Temperature
 
-from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.inbox import Inbox

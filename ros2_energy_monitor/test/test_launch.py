@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from robot_energy.errors import KindError, ModelFileError
+from robot_energy.foundation.errors import KindError, ModelFileError
 from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.executables import EXECUTABLES
 

@@ -20,8 +20,8 @@ import std_msgs.msg
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
-from robot_energy.cdr.types import extended, typestore
-from robot_energy.errors import ParameterError
+from robot_energy.bag.cdr.types import extended, typestore
+from robot_energy.foundation.errors import ParameterError
 from ros2_energy_monitor.base.message_definitions import definitions_of
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor

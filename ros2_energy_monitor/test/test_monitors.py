@@ -24,8 +24,8 @@ from ros2_energy_msgs.msg import (
 )
 from sensor_msgs.msg import JointState, Temperature
 
-from robot_energy.blocks import Quality
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.timeline.blocks import Quality
 from ros2_energy_monitor.base.parameters import parameter_lines
 from ros2_energy_monitor.base.publishers import latched
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor

@@ -18,7 +18,7 @@ import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.parameters import RENAMED, assemble

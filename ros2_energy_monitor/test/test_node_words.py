@@ -17,7 +17,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from robot_energy.check.finding import OF_THE_COMMAND
+from robot_energy_identify.check.finding import OF_THE_COMMAND
 from ros2_energy_monitor.executables import EXECUTABLES
 
 LOADED = """
@@ -32,8 +32,8 @@ NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor"
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 # What reads bags and writes files for the command, and what is said of such files.
 OF_RECORDINGS = (
-    *("robot_energy.bag.", "robot_energy.files.", "robot_energy.inputs.bag_topics"),
-    *("robot_energy.read_ahead", "robot_energy.replay_topics"),
+    *("robot_energy.bag.", "robot_energy.foundation.files.", "robot_energy.inputs.bag_topics"),
+    *("robot_energy.replay.read_ahead", "robot_energy.replay.replay_topics"),
 )
 COMMAND = re.compile(r"(^|`)[^`]*`")  # a whole command is one whoever reads the sentence
 
@@ -49,13 +49,13 @@ def texts(path: Path) -> Iterator[str]:
 
 
 def test_what_nodes_load_names_no_option_of_the_command(child_environment):
-    names = [*(EXECUTABLES[node] for node in NODES), "robot_energy.check.process"]
+    names = [*(EXECUTABLES[node] for node in NODES), "robot_energy_identify.check.process"]
     done = subprocess.run(
         [sys.executable, "-c", LOADED, *names],
         env=child_environment, capture_output=True, text=True, check=True, timeout=600,
     )  # fmt: skip
     loaded = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
-    assert "robot_energy.check.torque" in loaded
+    assert "robot_energy_identify.check.torque" in loaded
     assert "robot_energy.pipeline.energy_pipeline" in loaded
     found = {
         name: text

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from ros2_energy_monitor.base.parameter_changes import AT_ONCE, AT_START
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor

@@ -30,9 +30,14 @@ from std_srvs.srv import Trigger
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.bag_replay import replay
-from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ReportError
+from robot_energy.foundation.errors import (
+    BagError,
+    MessageTypeError,
+    MissingTopicError,
+    ReportError,
+)
 from robot_energy.model import load, save
+from robot_energy.replay.bag_replay import replay
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.playback_clock import PlaybackClock
 from ros2_energy_monitor.demo import live_study

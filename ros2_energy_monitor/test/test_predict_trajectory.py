@@ -24,12 +24,12 @@ from ros2_energy_msgs.srv import CompareTrajectories, PredictTrajectory, SetPayl
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_energy.bag import BagWriter
-from robot_energy.cdr.types import typestore
-from robot_energy.cli.main import main
+from robot_energy.bag.cdr.types import typestore
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.model import load
-from robot_energy.motion.point_columns import KINDS, PointColumns
-from robot_energy.motion.trajectory_io import MESSAGE
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy_cli.main import main
+from robot_energy_plan.motion.point_columns import KINDS, PointColumns
+from robot_energy_plan.motion.trajectory_io import MESSAGE
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.services import trajectory_services
 from ros2_energy_monitor.services.c_memory import CMessage

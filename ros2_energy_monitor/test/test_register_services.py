@@ -37,7 +37,7 @@ from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import load
 from robot_energy.store import load_account, slot_store
 from robot_energy.store.envelope import unwrap

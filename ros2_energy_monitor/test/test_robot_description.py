@@ -18,7 +18,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from robot_energy.errors import RobotDescriptionError, UrdfAwaitedError
+from robot_energy.foundation.errors import RobotDescriptionError, UrdfAwaitedError
 from robot_energy.model import load, save
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.publishers import latched

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from rclpy.node import Node
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from ros2_energy_monitor.base import run_node as shell
 from ros2_energy_monitor.base import shared_memory
 from ros2_energy_monitor.base.shared_memory import clear_ports

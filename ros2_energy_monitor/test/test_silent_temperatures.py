@@ -21,8 +21,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros2_energy_msgs.msg import MotorTemperatures
 from sensor_msgs.msg import JointState
 
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import load
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor

@@ -15,9 +15,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.errors import ParameterError
-from robot_energy.rig.record import RigEncoder
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.foundation.errors import ParameterError
+from robot_energy_rig.record import RigEncoder
 from ros2_energy_monitor.base.node_parameters import RobotParameters
 from ros2_energy_monitor.base.publishers import PacedPublisher
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor

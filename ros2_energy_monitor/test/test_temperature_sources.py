@@ -17,7 +17,7 @@ from ros2_energy_msgs.msg import JointFriction, MotorTemperatures
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64MultiArray
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import load
 from ros2_energy_monitor.diagnostics.energy import stuck_temperatures

@@ -13,23 +13,7 @@ __version__ = "0.3.0"
 
 if TYPE_CHECKING:
     from robot_energy import physics
-    from robot_energy.advice.run import AdviceResult, advise
-    from robot_energy.api.evaluate import evaluate
-    from robot_energy.api.identify import (
-        IdentificationResult,
-        identify_auxiliary,
-        identify_cabinet,
-        identify_dynamics,
-        identify_friction,
-        identify_thermal,
-    )
-    from robot_energy.api.identify_all import identify_all
-    from robot_energy.api.online_monitor import OnlineMonitor
-    from robot_energy.api.optimize import OptimizationResult, optimize
-    from robot_energy.api.predict import PredictionResult, predict
-    from robot_energy.api.replay import ReplayResult, replay
-    from robot_energy.blocks import Phase, Quality
-    from robot_energy.errors import (
+    from robot_energy.foundation.errors import (
         BagError,
         DatasetError,
         ImplausibleIdentificationError,
@@ -46,29 +30,45 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
-    from robot_energy.fleet.api import fleet_identify, fleet_report, fleet_run
-    from robot_energy.identify.stats.systematic import SensorLimits
     from robot_energy.model import RobotModel
     from robot_energy.model import load as load_model
     from robot_energy.model import save as save_model
     from robot_energy.model.payload import Payload
-    from robot_energy.motion.load_motion import ToolOptions
-    from robot_energy.optimization.rest_states import RestState
     from robot_energy.pipeline import EnergyPipeline
     from robot_energy.pipeline import Settings as PipelineSettings
-    from robot_energy.results.advice import AdviceReport
+    from robot_energy.pipeline.online_monitor import OnlineMonitor
+    from robot_energy.replay.api import ReplayResult, replay
     from robot_energy.results.energy import (
         EnergyBreakdown,
         JointEnergy,
         MeterComparison,
         PhaseEnergy,
     )
-    from robot_energy.results.evaluation import EvaluationReport
-    from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
-    from robot_energy.results.optimization import OptimizationReport
-    from robot_energy.results.prediction import PredictionReport
     from robot_energy.results.replay import ReplayReport
-    from robot_energy.time_series import TimeSeries
+    from robot_energy.timeline.blocks import Phase, Quality
+    from robot_energy.timeline.time_series import TimeSeries
+    from robot_energy_fleet.advice.run import AdviceResult, advise
+    from robot_energy_fleet.api import fleet_identify, fleet_report, fleet_run
+    from robot_energy_fleet.results.advice import AdviceReport
+    from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
+    from robot_energy_identify.api.evaluate import evaluate
+    from robot_energy_identify.api.identify import (
+        IdentificationResult,
+        identify_auxiliary,
+        identify_cabinet,
+        identify_dynamics,
+        identify_friction,
+        identify_thermal,
+    )
+    from robot_energy_identify.api.identify_all import identify_all
+    from robot_energy_identify.results.evaluation import EvaluationReport
+    from robot_energy_identify.stats.systematic import SensorLimits
+    from robot_energy_plan.api.optimize import OptimizationResult, optimize
+    from robot_energy_plan.api.predict import PredictionResult, predict
+    from robot_energy_plan.motion.load_motion import ToolOptions
+    from robot_energy_plan.optimization.rest_states import RestState
+    from robot_energy_plan.results.optimization import OptimizationReport
+    from robot_energy_plan.results.prediction import PredictionReport
 
 # Public names by their module; `:` where a name is another one there.
 _NAMES = {

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from robot_energy.stopping import end_at_once
+from robot_energy.foundation.stopping import end_at_once
 
 
 def main() -> int:
     """Run the command; a signal ends it from here on, also while its modules are imported.
 
     Returns:
-        The exit code of `robot_energy.cli.main`.
+        The exit code of `robot_energy_cli.main`.
     """
     end_at_once("robot-energy")
-    from robot_energy.cli import main as run
+    from robot_energy_cli import main as run
 
     return run()
 

@@ -1,5 +1,5 @@
 """The command `robot-energy`."""
 
-from robot_energy.cli.main import main
+from robot_energy_cli.main import main
 
 __all__ = ["main"]

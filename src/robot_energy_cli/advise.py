@@ -5,10 +5,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from robot_energy.cli.command import Command, add_options
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
-from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy.process_memory import keep_freed_memory
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy_cli.command import Command, add_options
+from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
+from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 
 DESCRIPTION = """\
 Rank what would save energy, from recordings alone: standby in breaks and at night, a supply that
@@ -52,10 +52,10 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.advice.run import advise
-    from robot_energy.optimization.rest_states import read_rest_states
-    from robot_energy.report.advice import advice_document
-    from robot_energy.report.document import Document
+    from robot_energy_fleet.advice.run import advise
+    from robot_energy_fleet.documents.advice import advice_document
+    from robot_energy_plan.optimization.rest_states import read_rest_states
+    from robot_energy_report.document import Document
 
     named = model_named(args)
     check_outputs(args, [*args.recordings, named, args.inputs, args.rest_states])

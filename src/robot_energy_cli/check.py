@@ -5,10 +5,10 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command
-from robot_energy.cli.identify_inputs import IdentifyInputs, bag_options
-from robot_energy.cli.replay_options import model_named
-from robot_energy.cli.terminal import (
+from robot_energy_cli.command import Command
+from robot_energy_cli.identify_inputs import IdentifyInputs, bag_options
+from robot_energy_cli.replay_options import model_named
+from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,
     console,
@@ -17,7 +17,7 @@ from robot_energy.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from robot_energy.check import CheckResult, Finding
+    from robot_energy_identify.check import CheckResult, Finding
 
 MISTAKES = 2  # exit code: a recording does not fit
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
@@ -37,9 +37,9 @@ exit codes: 0 no mistake found; 2 a mistake found, or input refused
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.check import check
     from robot_energy.model import load
-    from robot_energy.results.check import CheckReport
+    from robot_energy_identify.check import check
+    from robot_energy_identify.results.check import CheckReport
 
     named = model_named(args)
     check_outputs(args, [*args.bags, named, args.inputs])

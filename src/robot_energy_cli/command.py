@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from robot_energy.cli.numbers import number, whole
+from robot_energy_cli.numbers import number, whole
 
 COUNT = "N"
 UNITS = {

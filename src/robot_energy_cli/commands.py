@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robot_energy.cli import (
+from robot_energy_cli import (
     advise,
     check,
     export,
@@ -29,7 +29,7 @@ from robot_energy.cli import (
     simulate,
     test,
 )
-from robot_energy.cli.command import Command, Group
+from robot_energy_cli.command import Command, Group
 
 IDENTIFY = Group(
     "identify",

@@ -5,13 +5,19 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, add_option
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
-from robot_energy.cli.terminal import console, progress, wrote
-from robot_energy.errors import ReportError
-from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
-from robot_energy.process_memory import keep_freed_memory
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files.output_files import (
+    CSV,
+    PARQUET,
+    FileKind,
+    check_file,
+    write_file,
+)
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy.foundation.shown_text import shown
+from robot_energy_cli.command import Command, add_option
+from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
+from robot_energy_cli.terminal import console, progress, wrote
 
 if TYPE_CHECKING:
     pass
@@ -38,7 +44,7 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.api.replay import replay
+    from robot_energy.replay.api import replay
 
     suffix = next((end for end in KINDS if args.out.lower().endswith(end)), None)
     if suffix is None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from robot_energy.cli.command import REQUIRED, Command, Options
-from robot_energy.cli.identify_inputs import SENSOR_OPTIONS, IdentifyInputs, result_options
-from robot_energy.cli.terminal import present
+from robot_energy_cli.command import REQUIRED, Command, Options
+from robot_energy_cli.identify_inputs import SENSOR_OPTIONS, IdentifyInputs, result_options
+from robot_energy_cli.terminal import present
 
 DESCRIPTION = """\
 Identify one model of friction over temperature from all bags of a fleet, through the sums that
@@ -21,12 +21,12 @@ example:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.fleet.dataset import read_tables
-    from robot_energy.fleet.identify import identify_fleet
     from robot_energy.model import load
-    from robot_energy.report.document import Document
-    from robot_energy.report.fleet import fleet_friction_document
-    from robot_energy.report.friction_figure import friction_over_temperature
+    from robot_energy_fleet.dataset import read_tables
+    from robot_energy_fleet.documents.fleet import fleet_friction_document
+    from robot_energy_fleet.identify import identify_fleet
+    from robot_energy_report.document import Document
+    from robot_energy_report.friction_figure import friction_over_temperature
 
     IdentifyInputs(args).check_results()
     tables = read_tables(args.dataset)

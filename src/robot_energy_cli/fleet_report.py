@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 
-from robot_energy.cli.command import Command, add_option, add_options
-from robot_energy.cli.replay_options import PAGE_SETTINGS
-from robot_energy.cli.terminal import JSON_OPTION, check_outputs, present
+from robot_energy_cli.command import Command, add_option, add_options
+from robot_energy_cli.replay_options import PAGE_SETTINGS
+from robot_energy_cli.terminal import JSON_OPTION, check_outputs, present
 
 DESCRIPTION = """\
 Report on the dataset of a fleet: energy of robots, programmes and shifts, standby and its cost,
@@ -53,12 +53,12 @@ def _hours(text: str) -> tuple[int, ...]:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.fleet.dataset import read_tables
-    from robot_energy.fleet.report import fleet_report
-    from robot_energy.page.settings import load_settings
-    from robot_energy.report.document import Document
-    from robot_energy.report.fleet import fleet_document
-    from robot_energy.report.formats import counted
+    from robot_energy_fleet.dataset import read_tables
+    from robot_energy_fleet.documents.fleet import fleet_document
+    from robot_energy_fleet.report import fleet_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.formats import counted
+    from robot_energy_report.page.settings import load_settings
 
     check_outputs(args, [args.dataset, args.page_settings])
     settings = load_settings(args.page_settings or "")

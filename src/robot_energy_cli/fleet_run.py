@@ -9,10 +9,11 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import REQUIRED, Command, add_options
-from robot_energy.cli.numbers import positive
-from robot_energy.cli.replay_options import DAMAGED, JOBS, add_replay, options_of
-from robot_energy.cli.terminal import (
+from robot_energy.foundation.shown_text import shown
+from robot_energy_cli.command import REQUIRED, Command, add_options
+from robot_energy_cli.numbers import positive
+from robot_energy_cli.replay_options import DAMAGED, JOBS, add_replay, options_of
+from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,
     console,
@@ -20,12 +21,11 @@ from robot_energy.cli.terminal import (
     write_json,
     wrote,
 )
-from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
-    from robot_energy.fleet.bag_list import FleetBag, FleetModels
-    from robot_energy.fleet.run import FleetRun
-    from robot_energy.results.fleet import FleetRunReport
+    from robot_energy_fleet.bag_list import FleetBag, FleetModels
+    from robot_energy_fleet.results.fleet import FleetRunReport
+    from robot_energy_fleet.run import FleetRun
 
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
@@ -86,9 +86,9 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.fleet.bag_list import FleetModels
-    from robot_energy.fleet.dataset import Dataset
-    from robot_energy.fleet.run import FleetRun, run_fleet, where_asked
+    from robot_energy_fleet.bag_list import FleetModels
+    from robot_energy_fleet.dataset import Dataset
+    from robot_energy_fleet.run import FleetRun, run_fleet, where_asked
 
     check_outputs(args)
     models, dataset = FleetModels(), Dataset(args.out)
@@ -115,8 +115,8 @@ def _run(args: Namespace) -> int:
 
 
 def _bags(args: Namespace, models: FleetModels) -> list[FleetBag]:
-    from robot_energy.fleet.bag_list import list_bags
     from robot_energy.presets import ROBOTS
+    from robot_energy_fleet.bag_list import list_bags
 
     model = ROBOTS[args.robot].model_or(args.model) if args.robot else args.model
     options = options_of(args)
@@ -136,7 +136,7 @@ def _shown(
     bags: list[FleetBag], done: FleetRun
 ) -> Generator[Callable[[FleetRun], None], None, None]:
     """A bar with the time left on a terminal; else a line every half minute."""
-    from robot_energy.report.formats import counted
+    from robot_energy_report.formats import counted
 
     named = counted(len(bags), "bag")
     whole, before = max(1, sum(bag.place.size for bag in bags)), done.done_size
@@ -169,8 +169,8 @@ def _time(seconds: float) -> str:
 
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
-    from robot_energy.fleet.run import why_refused
-    from robot_energy.report.formats import counted, jobs_left_out
+    from robot_energy_fleet.run import why_refused
+    from robot_energy_report.formats import counted, jobs_left_out
 
     out, time_ = console(), report.observed_time
     out.print(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import Command, Options
-from robot_energy.cli.identify_inputs import (
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy_cli.command import Command, Options
+from robot_energy_cli.identify_inputs import (
     DRIVE_POWER,
     LINK_VOLTAGES,
     SENSOR_OPTIONS,
@@ -15,8 +16,7 @@ from robot_energy.cli.identify_inputs import (
     bag_options,
     result_options,
 )
-from robot_energy.cli.terminal import present, progress
-from robot_energy.errors import ModelFileError
+from robot_energy_cli.terminal import present, progress
 
 SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor", "thermal")
 
@@ -58,9 +58,9 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.api.identify_all import identify_all
-    from robot_energy.report.document import Document
-    from robot_energy.report.identify_all import identification_document, identification_lead
+    from robot_energy_identify.api.identify_all import identify_all
+    from robot_energy_report.document import Document
+    from robot_energy_report.identify_all import identification_document, identification_lead
 
     IdentifyInputs(args).check_results()
     _check(args)
@@ -89,7 +89,7 @@ def _run(args: Namespace) -> int:
 
 def _check(args: Namespace) -> None:
     """Refuse options that do not fit together, and one recording twice."""
-    from robot_energy.identify.provenance import require_distinct
+    from robot_energy_identify.provenance import require_distinct
 
     IdentifyInputs(args).drive_power()
     if args.test and args.no_test:

@@ -7,8 +7,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, Options, add_option, add_options
-from robot_energy.cli.identify_inputs import (
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy_cli.command import Command, Options, add_option, add_options
+from robot_energy_cli.identify_inputs import (
     DRIVE_POWER,
     LOG,
     SENSOR_OPTIONS,
@@ -16,15 +18,13 @@ from robot_energy.cli.identify_inputs import (
     bag_options,
     result_options,
 )
-from robot_energy.cli.numbers import frequency
-from robot_energy.cli.terminal import present
-from robot_energy.errors import ModelFileError
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.log_formats import LOG_FORMATS
+from robot_energy_cli.numbers import frequency
+from robot_energy_cli.terminal import present
+from robot_energy_logs.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
-    from robot_energy.identify.drives.drive_data import DriveData
     from robot_energy.model import RobotModel
+    from robot_energy_identify.drives.drive_data import DriveData
 
 DESCRIPTION = """\
 Identify how much electrical power the drives take for torque and speed.
@@ -70,12 +70,12 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.identify.drives.all_drives import find_drives
-    from robot_energy.identify.plausibility import check_drives, check_total
-    from robot_energy.identify.provenance import hashed, identified_from
-    from robot_energy.report.document import Document
-    from robot_energy.report.drives import drives_document, efficiency_maps, mapped
-    from robot_energy.results.drives import drives_report
+    from robot_energy_identify.drives.all_drives import find_drives
+    from robot_energy_identify.plausibility import check_drives, check_total
+    from robot_energy_identify.provenance import hashed, identified_from
+    from robot_energy_identify.results.drives import drives_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.drives import drives_document, efficiency_maps, mapped
 
     IdentifyInputs(args).check_results()
     _check(args)
@@ -124,10 +124,11 @@ def _check(args: Namespace) -> None:
 
 def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     """Samples, the model, and where the torque comes from."""
-    from robot_energy.identify.drives.drive_data import drive_data, drive_data_of_logs
+    from robot_energy_identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
-        from robot_energy.logs import contents_of, load_mapping, open_logs
+        from robot_energy_logs.log_import import contents_of, open_logs
+        from robot_energy_logs.mapping import load_mapping
 
         mapping = load_mapping(args.mapping)
         logs = open_logs(args.log, mapping)
@@ -135,10 +136,10 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         parts = [(contents, [log.whole()]) for log in logs]
         data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
         return data, None, "log"
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.causes import refuse_meter, refuse_torque, torque_evidence
-    from robot_energy.identify.plausibility import check_signs
     from robot_energy.model import load
+    from robot_energy.timeline.blocks import EffortMeaning
+    from robot_energy_identify.causes import refuse_meter, refuse_torque, torque_evidence
+    from robot_energy_identify.plausibility import check_signs
 
     model = load(args.model)
     effort, _ = IdentifyInputs(args).bags().meaning()

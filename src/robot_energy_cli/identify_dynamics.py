@@ -8,21 +8,21 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import LIST, Command, Options
-from robot_energy.cli.identify_inputs import (
+from robot_energy.foundation.process_memory import peak_memory
+from robot_energy_cli.command import LIST, Command, Options
+from robot_energy_cli.identify_inputs import (
     SENSOR_OPTIONS,
     IdentifyInputs,
     bag_options,
     result_options,
 )
-from robot_energy.cli.terminal import present
-from robot_energy.process_memory import peak_memory
+from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
-    from robot_energy.identify.data.signals import Channels
-    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
     from robot_energy.model import RobotModel
-    from robot_energy.report.dynamics import ReferenceValues
+    from robot_energy_identify.data.signals import Channels
+    from robot_energy_identify.dynamics.dynamics import DynamicsSettings
+    from robot_energy_report.dynamics import ReferenceValues
 
     # Model, stretches of every recording by its name, sources, friction known from elsewhere.
     Read = tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]
@@ -72,15 +72,15 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.identify.causes import cause_named, evidence_of_rows
-    from robot_energy.identify.dynamics.dynamics import identify_dynamics
-    from robot_energy.identify.dynamics.dynamics_model import to_model
-    from robot_energy.identify.dynamics.leave_one_out import across_recordings
-    from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.identify.provenance import hashed
-    from robot_energy.report.document import Document
-    from robot_energy.report.dynamics import dynamics_document
-    from robot_energy.results.dynamics import dynamics_report
+    from robot_energy_identify.causes import cause_named, evidence_of_rows
+    from robot_energy_identify.dynamics.dynamics import identify_dynamics
+    from robot_energy_identify.dynamics.dynamics_model import to_model
+    from robot_energy_identify.dynamics.leave_one_out import across_recordings
+    from robot_energy_identify.plausibility import check_dynamics
+    from robot_energy_identify.provenance import hashed
+    from robot_energy_identify.results.dynamics import dynamics_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.dynamics import dynamics_document
 
     IdentifyInputs(args).check_results()
     IdentifyInputs(args).check_source(needs_effort=True)
@@ -120,10 +120,10 @@ def _run(args: Namespace) -> int:
 
 def _log(args: Namespace) -> Read:
     """Read tables by their mapping; with --data the mapping is what --log names."""
-    from robot_energy.identify.data.log_channels import model_of, read_channels
-    from robot_energy.logs import load_mapping
     from robot_energy.model import load
-    from robot_energy.report.dynamics import ReferenceValues
+    from robot_energy_identify.data.log_channels import model_of, read_channels
+    from robot_energy_logs.mapping import load_mapping
+    from robot_energy_report.dynamics import ReferenceValues
 
     described = Path(args.mapping or args.log[0])
     tables = args.log if args.mapping else [args.data or described.parent]
@@ -149,9 +149,9 @@ def _bags(args: Namespace) -> Read:
 
 
 def _settings(args: Namespace) -> DynamicsSettings:
-    from robot_energy.identify.data.observations import Filters
-    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
-    from robot_energy.identify.dynamics.torque_model import standard_columns
+    from robot_energy_identify.data.observations import Filters
+    from robot_energy_identify.dynamics.dynamics import DynamicsSettings
+    from robot_energy_identify.dynamics.torque_model import standard_columns
 
     return DynamicsSettings(
         columns=standard_columns(args.smooth, args.stribeck),

@@ -6,23 +6,23 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import LIST, REQUIRED, Command, add_option, add_options
-from robot_energy.cli.terminal import (
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files.output_files import check_file
+from robot_energy.foundation.files.output_folder import folder_path
+from robot_energy.foundation.files.placement import all_or_none
+from robot_energy.foundation.shown_text import shown
+from robot_energy_cli.command import LIST, REQUIRED, Command, add_option, add_options
+from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_bag,
     check_outputs,
     present,
     progress,
 )
-from robot_energy.errors import ReportError
-from robot_energy.files.output_files import check_file
-from robot_energy.files.output_folder import folder_path
-from robot_energy.files.placement import all_or_none
-from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
-    from robot_energy.identify.excitation.limits import Floor
     from robot_energy.model import RobotModel
+    from robot_energy_identify.excitation.limits import Floor
 
 TOOL = "tool0"
 CSV, BAG = "excitation.csv", "excitation_bag"
@@ -94,18 +94,18 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     import numpy as np
 
-    from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
-    from robot_energy.identify.excitation.limits import ExcitationLimits
     from robot_energy.model import load
-    from robot_energy.motion.trajectory_io import (
+    from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
+    from robot_energy_identify.excitation.limits import ExcitationLimits
+    from robot_energy_identify.results.dynamics import excitation_report
+    from robot_energy_plan.motion.trajectory_io import (
         check_sampling,
         points,
         write_csv,
         write_trajectory,
     )
-    from robot_energy.report.document import Document
-    from robot_energy.report.dynamics import excitation_document
-    from robot_energy.results.dynamics import excitation_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.dynamics import excitation_document
 
     check_outputs(args, [args.model])
     model = load(args.model)
@@ -136,7 +136,7 @@ def _run(args: Namespace) -> int:
 
 def _folder(args: Namespace, model: RobotModel) -> Path:
     """Refuse what cannot be written before the search."""
-    from robot_energy.motion.trajectory_io import csv_kind
+    from robot_energy_plan.motion.trajectory_io import csv_kind
 
     folder = folder_path(args.out)
     inputs = [args.model]
@@ -155,8 +155,8 @@ def _folder(args: Namespace, model: RobotModel) -> Path:
 
 def _floor(args: Namespace, model: RobotModel) -> Floor | None:
     """The tool's floor; by default only where the robot has such a tool."""
-    from robot_energy.identify.excitation.limits import Floor
     from robot_energy.physics.rigid_body import Robot
+    from robot_energy_identify.excitation.limits import Floor
 
     if args.no_floor:
         return None

@@ -5,8 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, Options
-from robot_energy.cli.identify_inputs import (
+from robot_energy.foundation.errors import ModelFileError, NotIdentifiableError
+from robot_energy_cli.command import Command, Options
+from robot_energy_cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,
     SHARE_SHAPE,
@@ -14,13 +15,12 @@ from robot_energy.cli.identify_inputs import (
     bag_options,
     result_options,
 )
-from robot_energy.cli.terminal import present
-from robot_energy.errors import ModelFileError, NotIdentifiableError
+from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
-    from robot_energy.identify.friction.samples import FrictionData
-    from robot_energy.identify.friction.temperature_study import Span
-    from robot_energy.results.identification import AxisStudy
+    from robot_energy_identify.friction.samples import FrictionData
+    from robot_energy_identify.friction.temperature_study import Span
+    from robot_energy_identify.results.identification import AxisStudy
 
 SHUFFLES = 20
 
@@ -43,7 +43,7 @@ examples:
 
 
 def _span(text: str) -> Span:
-    from robot_energy.identify.friction.temperature_study import Span
+    from robot_energy_identify.friction.temperature_study import Span
 
     low, colon, high = text.partition(":")
     try:
@@ -58,10 +58,10 @@ def _span(text: str) -> Span:
 
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
-    from robot_energy.report.document import Document
-    from robot_energy.report.friction_figure import friction_over_temperature
-    from robot_energy.report.identification import friction_document, study_document
-    from robot_energy.results.identification import FrictionReport, FrictionStudyReport
+    from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
+    from robot_energy_report.document import Document
+    from robot_energy_report.friction_figure import friction_over_temperature
+    from robot_energy_report.identification import friction_document, study_document
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -80,9 +80,9 @@ def _run(args: Namespace) -> int:
         return 0
     model = None
     if args.log:
-        from robot_energy.identify.friction.friction import fit_axes
-        from robot_energy.identify.friction.shape import share_shape
-        from robot_energy.identify.plausibility import check_friction
+        from robot_energy_identify.friction.friction import fit_axes
+        from robot_energy_identify.friction.shape import share_shape
+        from robot_energy_identify.plausibility import check_friction
 
         axes = _log(given)
         fits, refused = fit_axes(axes)
@@ -91,7 +91,7 @@ def _run(args: Namespace) -> int:
         check_friction(fits)
         report = FrictionReport("log", tuple(fits), tuple(refused))
     else:
-        from robot_energy.api.identify import identify_friction
+        from robot_energy_identify.api.identify import identify_friction
 
         result = identify_friction(given.bags(), args.model, share_shape=args.share_shape)
         report, model = result.found, result.model
@@ -107,7 +107,7 @@ def _run(args: Namespace) -> int:
 
 
 def _log(given: IdentifyInputs) -> list[FrictionData]:
-    from robot_energy.identify.friction.samples import friction_data_of_log
+    from robot_energy_identify.friction.samples import friction_data_of_log
 
     parts, names = given.columns_of_log()
     return [friction_data_of_log(parts, names, j) for j in range(len(names))]
@@ -115,8 +115,8 @@ def _log(given: IdentifyInputs) -> list[FrictionData]:
 
 def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
     """Test unseen temperatures, with the true ones and with shuffled ones."""
-    from robot_energy.identify.friction.temperature_study import shuffled, temperature_split
-    from robot_energy.results.identification import axis_study, exponential_gain
+    from robot_energy_identify.friction.temperature_study import shuffled, temperature_split
+    from robot_energy_identify.results.identification import axis_study, exponential_gain
 
     study = temperature_split(axis, args.train, args.test)
     chance: list[float] = []

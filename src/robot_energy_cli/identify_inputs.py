@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import LIST, Options, name_of
-from robot_energy.cli.numbers import number
-from robot_energy.cli.replay_options import INPUTS, ROBOT
-from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, progress
-from robot_energy.errors import ModelFileError
-from robot_energy.units import DQ_FACTORS
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.units import DQ_FACTORS
+from robot_energy_cli.command import LIST, Options, name_of
+from robot_energy_cli.numbers import number
+from robot_energy_cli.replay_options import INPUTS, ROBOT
+from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, progress
 
 if TYPE_CHECKING:
-    from robot_energy.api.inputs import BagSource
-    from robot_energy.identify.drives.drive_power import DrivePowerTopics
-    from robot_energy.identify.stats.systematic import SensorLimits
-    from robot_energy.logs.recording import LogBlock
+    from robot_energy_identify.api.bag_source import BagSource
+    from robot_energy_identify.drives.drive_power import DrivePowerTopics
+    from robot_energy_identify.stats.systematic import SensorLimits
+    from robot_energy_logs.recording import LogBlock
 
 SENSORS = (  # option, its unit, field of `SensorLimits`, default, what it limits
     ("meter-class", "PERCENT", "meter", 1.0, "gain of the power meter: its class"),
@@ -122,7 +122,7 @@ class IdentifyInputs:
         Raises:
             ModelFileError: If the options do not fit together.
         """
-        from robot_energy.identify.drives.drive_power import drive_topics
+        from robot_energy_identify.drives.drive_power import drive_topics
 
         if not self.args.drive_power and (self.args.drive_joints or self.args.dq_scaling != "peak"):
             option = "--drive-joints" if self.args.drive_joints else "--dq-scaling"
@@ -135,7 +135,7 @@ class IdentifyInputs:
         Raises:
             ModelFileError: If one is negative.
         """
-        from robot_energy.identify.stats.systematic import SensorLimits
+        from robot_energy_identify.stats.systematic import SensorLimits
 
         given: dict[str, float] = {}
         for name, unit, field, *_ in SENSORS:
@@ -186,7 +186,7 @@ class IdentifyInputs:
             ModelFileError: Saying which options belong together.
             BagError: If two bags or logs are the same.
         """
-        from robot_energy.identify.provenance import require_distinct
+        from robot_energy_identify.provenance import require_distinct
 
         args = self.args
         if bool(args.bags) == bool(args.log):
@@ -211,8 +211,9 @@ class IdentifyInputs:
 
     def columns_of_log(self) -> tuple[list[LogBlock], list[str]]:
         """Return the columns of the tables, one entry for each, and the names of the joints."""
-        from robot_energy.logs import load_mapping, open_logs
-        from robot_energy.logs.rows import Clock
+        from robot_energy_logs.log_import import open_logs
+        from robot_energy_logs.mapping import load_mapping
+        from robot_energy_logs.rows import Clock
 
         mapping = load_mapping(self.args.mapping)
         clock = Clock(mapping.time)
@@ -234,7 +235,7 @@ class IdentifyInputs:
         Args:
             bags: Instead of those that the command names.
         """
-        from robot_energy.api.inputs import BagSource
+        from robot_energy_identify.api.bag_source import BagSource
 
         effort, robot = getattr(self.args, "effort", None), getattr(self.args, "robot", None)
         sensors = self.sensor_limits() if hasattr(self.args, "meter_class") else None

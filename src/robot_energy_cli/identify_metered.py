@@ -6,18 +6,18 @@ from argparse import Namespace
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import Command
-from robot_energy.cli.identify_inputs import (
+from robot_energy_cli.command import Command
+from robot_energy_cli.identify_inputs import (
     LINK_VOLTAGES,
     SENSOR_OPTIONS,
     IdentifyInputs,
     bag_options,
     result_options,
 )
-from robot_energy.cli.terminal import present
+from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
-    from robot_energy.api.identify import IdentificationResult
+    from robot_energy_identify.api.identify import IdentificationResult
 
 CABINET_DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -51,8 +51,8 @@ example:
 
 
 def _run_cabinet(args: Namespace) -> int:
-    from robot_energy.api.identify import identify_cabinet
-    from robot_energy.report.identification import cabinet_document
+    from robot_energy_identify.api.identify import identify_cabinet
+    from robot_energy_report.identification import cabinet_document
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -61,8 +61,8 @@ def _run_cabinet(args: Namespace) -> int:
 
 
 def _run_auxiliary(args: Namespace) -> int:
-    from robot_energy.api.identify import identify_auxiliary
-    from robot_energy.report.identification import states_document
+    from robot_energy_identify.api.identify import identify_auxiliary
+    from robot_energy_report.identification import states_document
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -77,7 +77,7 @@ def _present(
     whose: str,
     what: str,
 ) -> int:
-    from robot_energy.report.document import Document
+    from robot_energy_report.document import Document
 
     lead = f"{what} identified from {given.names()}."
     page = Document(f"{whose} of {result.model.robot.type}", lead)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, Options
-from robot_energy.cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
-from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import present
+from robot_energy_cli.command import Command, Options
+from robot_energy_cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
+from robot_energy_cli.numbers import number
+from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
-    from robot_energy.results.identification import ThermalReport
+    from robot_energy_identify.results.identification import ThermalReport
 
 DESCRIPTION = """\
 Identify the heat capacity and the time constants of every motor from recordings with motor
@@ -38,8 +38,8 @@ def _degc(text: str) -> float:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.report.document import Document
-    from robot_energy.report.identification import thermal_document
+    from robot_energy_report.document import Document
+    from robot_energy_report.identification import thermal_document
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -48,7 +48,7 @@ def _run(args: Namespace) -> int:
     if args.log:
         report = _of_log(given, args.ambient)
     else:
-        from robot_energy.api.identify import identify_thermal
+        from robot_energy_identify.api.identify import identify_thermal
 
         result = identify_thermal(given.bags(), args.model, ambient_degc=args.ambient)
         report, model = result.found, result.model
@@ -60,9 +60,9 @@ def _run(args: Namespace) -> int:
 
 
 def _of_log(given: IdentifyInputs, ambient_degc: float | None) -> ThermalReport:
-    from robot_energy.identify.thermal.network import fit_networks
-    from robot_energy.identify.thermal.windows import runs_of_log
-    from robot_energy.results.identification import ThermalReport
+    from robot_energy_identify.results.identification import ThermalReport
+    from robot_energy_identify.thermal.network import fit_networks
+    from robot_energy_identify.thermal.windows import runs_of_log
 
     parts, names = given.columns_of_log()
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]

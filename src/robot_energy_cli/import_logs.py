@@ -5,12 +5,12 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, Group, add_option
-from robot_energy.cli.terminal import console, wrote
-from robot_energy.log_formats import LOG_FORMATS, LogFormat
+from robot_energy_cli.command import Command, Group, add_option
+from robot_energy_cli.terminal import console, wrote
+from robot_energy_logs.log_formats import LOG_FORMATS, LogFormat
 
 if TYPE_CHECKING:
-    from robot_energy.logs import ImportReport
+    from robot_energy_logs.recording import ImportReport
 
 
 def _command(kind: LogFormat) -> Command:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command
-from robot_energy.cli.replay_options import DAMAGED
-from robot_energy.cli.terminal import console
+from robot_energy_cli.command import Command
+from robot_energy_cli.replay_options import DAMAGED
+from robot_energy_cli.terminal import console
 
 if TYPE_CHECKING:
     from robot_energy.bag import BagReader
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 def _run(args: Namespace) -> int:
     from robot_energy.bag import BagReader
-    from robot_energy.report.document import Document
-    from robot_energy.report.formats import utc
-    from robot_energy.report.printing import print_document
+    from robot_energy_report.document import Document
+    from robot_energy_report.formats import utc
+    from robot_energy_report.printing import print_document
 
     bag = BagReader(args.bag)
     counts: dict[str, int | None] = {name: info.message_count for name, info in bag.topics.items()}

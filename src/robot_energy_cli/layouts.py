@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from robot_energy.cli.command import REQUIRED, Command, Options
+from robot_energy_cli.command import REQUIRED, Command, Options
 
 DESCRIPTION = """\
 Write layouts that show every number of the energy topics: for Foxglove, Lichtblick,
@@ -17,8 +17,8 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.layouts import write_layouts
     from robot_energy.model import load
+    from robot_energy_report.layouts import write_layouts
 
     for path in write_layouts(args.out, load(args.model).joint_names):
         print(path)

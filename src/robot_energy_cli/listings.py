@@ -6,11 +6,11 @@ import json
 import sys
 from argparse import Namespace
 
-from robot_energy.cli.command import Command
+from robot_energy_cli.command import Command
 
 
 def _print_kinds(args: Namespace) -> int:
-    from robot_energy.report.kinds import kinds_listing
+    from robot_energy_report.kinds import kinds_listing
 
     del args
     print(kinds_listing(), end="")
@@ -18,7 +18,7 @@ def _print_kinds(args: Namespace) -> int:
 
 
 def _print_schema(args: Namespace) -> int:
-    from robot_energy.results.schema import schema_of
+    from robot_energy_cli.result_schema import schema_of
 
     print(json.dumps(schema_of(args.name), indent=1))
     return 0
@@ -27,7 +27,7 @@ def _print_schema(args: Namespace) -> int:
 def _print_completion(args: Namespace) -> int:
     import shtab
 
-    from robot_energy.cli.main import build_parser
+    from robot_energy_cli.main import build_parser
 
     sys.stdout.write(shtab.complete(build_parser(), args.shell))
     return 0

@@ -19,14 +19,14 @@ from io import TextIOWrapper
 from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
-from robot_energy.cli.command import Command
-from robot_energy.cli.commands import COMMANDS
-from robot_energy.cli.help_text import WrappedHelp
-from robot_energy.cli.listings import COMPLETION
-from robot_energy.errors import KindError, RobotEnergyError
-from robot_energy.kinds import LIKELY, load_kinds
-from robot_energy.shown_text import shown_lines
-from robot_energy.stopping import Stopped, stoppable
+from robot_energy.foundation.errors import KindError, RobotEnergyError
+from robot_energy.foundation.kinds import LIKELY, load_kinds
+from robot_energy.foundation.shown_text import shown_lines
+from robot_energy.foundation.stopping import Stopped, stoppable
+from robot_energy_cli.command import Command
+from robot_energy_cli.commands import COMMANDS
+from robot_energy_cli.help_text import WrappedHelp
+from robot_energy_cli.listings import COMPLETION
 
 DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
 
@@ -138,7 +138,7 @@ class _Version(Action):
     """Says the version, and whether the compiled kernels are in use."""
 
     def __call__(self, parser: ArgumentParser, *_: Any) -> None:
-        from robot_energy import kernels  # loads numpy
+        from robot_energy.physics import kernels  # loads numpy
 
         form = "without compiled kernels" if kernels.compiled is None else "with compiled kernels"
         print(f"robot-energy {__version__} {form}")

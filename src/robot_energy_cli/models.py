@@ -7,8 +7,8 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import REQUIRED, Command, Group, Options
-from robot_energy.cli.terminal import JSON_OPTION, check_outputs, console, present, wrote
+from robot_energy_cli.command import REQUIRED, Command, Group, Options
+from robot_energy_cli.terminal import JSON_OPTION, check_outputs, console, present, wrote
 
 INIT: Options = {
     "source URDF|XACRO|BAG": "file or bag with the URDF",
@@ -25,8 +25,8 @@ INIT: Options = {
 
 def _run_list(args: Namespace) -> int:
     from robot_energy.model import load, shipped_models
-    from robot_energy.report.formats import tags_text
     from robot_energy.results.model import count_tags
+    from robot_energy_report.formats import tags_text
 
     out, models = console(), shipped_models()
     for name, path in models.items():
@@ -41,9 +41,9 @@ def _run_list(args: Namespace) -> int:
 def _run_check(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.report.document import Document
-    from robot_energy.report.model import model_document
     from robot_energy.results.model import model_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.model import model_document
 
     check_outputs(args, [args.model])
     model = load(args.model)
@@ -64,13 +64,13 @@ def _run_schema(args: Namespace) -> int:
 
 
 def _run_init(args: Namespace) -> int:
-    from robot_energy.config_file import parse_yaml
-    from robot_energy.errors import ModelFileError
-    from robot_energy.files.output_files import TEXT, write_file
+    from robot_energy.foundation.config_file import parse_yaml
+    from robot_energy.foundation.errors import ModelFileError
+    from robot_energy.foundation.files.output_files import TEXT, write_file
     from robot_energy.model import validate
     from robot_energy.physics.plausibility import implausible
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.starter import read_arm, read_description, starter_text
+    from robot_energy_identify.starter import read_arm, read_description, starter_text
 
     out = Path(args.out)
     if os.path.lexists(out):

@@ -5,11 +5,17 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import REQUIRED, Command, Options
-from robot_energy.errors import PageError
-from robot_energy.files.output_files import JSON, TEXT, check_file, json_bytes, write_file
-from robot_energy.files.placement import all_or_none
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import PageError
+from robot_energy.foundation.files.output_files import (
+    JSON,
+    TEXT,
+    check_file,
+    json_bytes,
+    write_file,
+)
+from robot_energy.foundation.files.placement import all_or_none
+from robot_energy.foundation.shown_text import shown
+from robot_energy_cli.command import REQUIRED, Command, Options
 
 DESCRIPTION = """\
 Write prometheus.yaml, alert_rules.yaml and grafana.json into a folder: a configuration of
@@ -31,7 +37,7 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.page.monitoring import (
+    from robot_energy_report.page.monitoring import (
         DEFAULT_TARGET,
         alert_rules,
         grafana_dashboard,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from robot_energy.cli.command import REQUIRED, SEVERAL, Command, add_option, add_options
-from robot_energy.cli.replay_options import PART
-from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy.cli.tool_options import add_tool, tool_options
+from robot_energy_cli.command import REQUIRED, SEVERAL, Command, add_option, add_options
+from robot_energy_cli.replay_options import PART
+from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
+from robot_energy_cli.tool_options import add_tool, tool_options
 
 DESCRIPTION = """\
 Look for the speeds, accelerations, pauses and states at rest with which a program needs least
@@ -70,12 +70,12 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.api.optimize import optimize
-    from robot_energy.files.placement import all_or_none
-    from robot_energy.motion.load_motion import joint_list
-    from robot_energy.optimization.rest_states import read_rest_states
-    from robot_energy.report.document import Document
-    from robot_energy.report.optimization import measures_and_front, optimization_document
+    from robot_energy.foundation.files.placement import all_or_none
+    from robot_energy_plan.api.optimize import optimize
+    from robot_energy_plan.motion.load_motion import joint_list
+    from robot_energy_plan.optimization.rest_states import read_rest_states
+    from robot_energy_report.document import Document
+    from robot_energy_report.optimization import measures_and_front, optimization_document
 
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
@@ -118,7 +118,7 @@ def _run(args: Namespace) -> int:
 
 
 def _temperature(text: str | None) -> float | tuple[float, float] | None:
-    from robot_energy.errors import MotionError
+    from robot_energy.foundation.errors import MotionError
 
     if text is None:
         return None

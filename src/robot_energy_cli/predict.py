@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import SEVERAL, Command, add_options
-from robot_energy.cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy.cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
+from robot_energy_cli.command import SEVERAL, Command, add_options
+from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
+from robot_energy_cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
 
 if TYPE_CHECKING:
-    from robot_energy.blocks import Float
     from robot_energy.model import RobotModel
     from robot_energy.model.payload import Payload
-    from robot_energy.motion.load_motion import LoadedMotion, ToolOptions
-    from robot_energy.prediction import Prediction
+    from robot_energy.timeline.blocks import Float
+    from robot_energy_plan.motion.load_motion import LoadedMotion, ToolOptions
+    from robot_energy_plan.prediction import Prediction
 
 MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
@@ -83,10 +83,10 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.report.document import Document
-    from robot_energy.report.prediction import labels, prediction_document
-    from robot_energy.report.prediction_figure import energy_and_power
-    from robot_energy.results.prediction import PredictionsReport, prediction_report
+    from robot_energy_plan.results.prediction import PredictionsReport, prediction_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.prediction import labels, prediction_document
+    from robot_energy_report.prediction_figure import energy_and_power
 
     check_outputs(args, [*args.program, *args.model])
     count = len(args.program) * len(args.model) * len(args.temperature)
@@ -113,9 +113,9 @@ def _run(args: Namespace) -> int:
 def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     """All programs by all robots at all temperatures."""
     from robot_energy.model import load
-    from robot_energy.motion.load_motion import joint_list, load_motion
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.prediction import MAX_SAMPLES, predict
+    from robot_energy_plan.motion.load_motion import joint_list, load_motion
+    from robot_energy_plan.prediction import MAX_SAMPLES, predict
 
     models = [load(name) for name in args.model]
     bases = _per_model(args.base, len(models), "--base")
@@ -169,7 +169,7 @@ def _load_state(text: str) -> tuple[str, str]:
 
 def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
     """Say how long a prediction is before it begins, and refuse one that is too long."""
-    from robot_energy.prediction import planned_samples
+    from robot_energy_plan.prediction import planned_samples
 
     samples = sum(planned_samples(plan.motion, repeat) for plan, repeat in plans)
     duration = sum(plan.motion.duration * repeat for plan, repeat in plans)
@@ -195,7 +195,7 @@ def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[st
 
 
 def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
-    from robot_energy.motion.slicing import Slicing
+    from robot_energy_plan.motion.slicing import Slicing
 
     sizes = {
         "layer_height": args.layer_height,
@@ -210,7 +210,7 @@ def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolO
 
 def _payload(text: str) -> Payload:
     from robot_energy.model.payload import payload
-    from robot_energy.motion.load_motion import joint_list
+    from robot_energy_plan.motion.load_motion import joint_list
 
     figures, _, link = text.partition("@")
     values = joint_list(figures, "--payload", (1, 4)).tolist()

@@ -7,8 +7,10 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import Command, add_options
-from robot_energy.cli.replay_options import (
+from robot_energy.foundation.errors import PageError, ReportError
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy_cli.command import Command, add_options
+from robot_energy_cli.replay_options import (
     BAG,
     DAMAGED,
     JOBS,
@@ -18,23 +20,21 @@ from robot_energy.cli.replay_options import (
     model_named,
     options_of,
 )
-from robot_energy.cli.terminal import (
+from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_bag,
     check_outputs,
     present,
     progress,
 )
-from robot_energy.errors import PageError, ReportError
-from robot_energy.process_memory import keep_freed_memory
 
 if TYPE_CHECKING:
-    from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
-    from robot_energy.page.recording import RecordedPage
-    from robot_energy.page.settings import PageSettings
     from robot_energy.pipeline import Output
-    from robot_energy.report.replay_figures import TemperatureHistory
+    from robot_energy.replay.bag_replay import Replay
+    from robot_energy_report.page.recording import RecordedPage
+    from robot_energy_report.page.settings import PageSettings
+    from robot_energy_report.replay_figures import TemperatureHistory
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -84,14 +84,14 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.api.replay import fixed_friction
-    from robot_energy.files.placement import all_or_none
+    from robot_energy.foundation.files.placement import all_or_none
     from robot_energy.model import load
-    from robot_energy.report.document import Document
-    from robot_energy.report.replay import ReplayCurves, replay_document
-    from robot_energy.report.replay_figures import TemperatureHistory
-    from robot_energy.report.series import curves_of
+    from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
+    from robot_energy_report.document import Document
+    from robot_energy_report.replay import ReplayCurves, replay_document
+    from robot_energy_report.replay_figures import TemperatureHistory
+    from robot_energy_report.series import curves_of
 
     named = model_named(args)
     inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
@@ -130,7 +130,7 @@ def _replay(
     shown: tuple[RecordedPage | None, TemperatureHistory] | None,
 ) -> Replay:
     """Replay; the first run, which is shown, also writes the bag."""
-    from robot_energy.api.replay import run_replay
+    from robot_energy.replay.api import run_replay
 
     options: dict[str, Any] = options_of(args) | {
         "out": args.out if shown is not None else None,
@@ -158,7 +158,7 @@ def _replay(
 
 def _page_settings(args: Namespace) -> PageSettings:
     """Prices and emissions of what is shown."""
-    from robot_energy.page.settings import load_settings
+    from robot_energy_report.page.settings import load_settings
 
     if args.page_settings is not None and not args.serve and args.report is None:
         raise PageError("--page-settings was given alone", "--serve or --report FILE")
@@ -173,7 +173,7 @@ def _recorded_page(
         raise PageError("--port was given without --serve", "--serve --port N")
     if not args.serve:
         return None
-    from robot_energy.page.recording import RecordedPage
+    from robot_energy_report.page.recording import RecordedPage
 
     return RecordedPage(Path(args.bag).name, model, settings)
 
@@ -183,8 +183,8 @@ def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> N
     if page is None:
         return
     page.finish(result)
-    from robot_energy.page.access import page_access
-    from robot_energy.page.web_server import PageServer
+    from robot_energy_report.page.access import page_access
+    from robot_energy_report.page.web_server import PageServer
 
     access = page_access(port=int(args.port or 0))
     server = PageServer(page.hub, access)
@@ -198,9 +198,9 @@ def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> N
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
-    from robot_energy.blocks import MeterLocation
-    from robot_energy.report.replay_figures import power_and_energy
-    from robot_energy.report.series import curves_of
+    from robot_energy.timeline.blocks import MeterLocation
+    from robot_energy_report.replay_figures import power_and_energy
+    from robot_energy_report.series import curves_of
 
     first = results[0]
     curves = curves_of(results, changes)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from robot_energy.cli.command import LIST, Options, add_option, add_options, name_of
-from robot_energy.cli.numbers import number_type, positive
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy_cli.command import LIST, Options, add_option, add_options, name_of
+from robot_energy_cli.numbers import number_type, positive
 
 INPUTS: Options = {
     "--inputs FILE|NAME": "parameter file of a monitor node: read the bag as that node reads its "

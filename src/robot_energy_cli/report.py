@@ -6,8 +6,9 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import Command, add_option, add_options
-from robot_energy.cli.replay_options import (
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy_cli.command import Command, add_option, add_options
+from robot_energy_cli.replay_options import (
     BAG,
     DAMAGED,
     JOBS,
@@ -16,12 +17,11 @@ from robot_energy.cli.replay_options import (
     model_named,
     options_of,
 )
-from robot_energy.cli.terminal import check_report, console, progress, sign, wrote
-from robot_energy.process_memory import keep_freed_memory
+from robot_energy_cli.terminal import check_report, console, progress, sign, wrote
 
 if TYPE_CHECKING:
-    from robot_energy.report.replay import ReplayCurves
     from robot_energy.results.replay import ReplayReport
+    from robot_energy_report.replay import ReplayCurves
 
 DESCRIPTION = """\
 Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
@@ -52,14 +52,14 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.page.settings import load_settings
-    from robot_energy.report.document import Document
-    from robot_energy.report.headline import headline
-    from robot_energy.report.html import write_page
-    from robot_energy.report.prediction import prediction_document
-    from robot_energy.report.recordings import recordings_document
-    from robot_energy.results.prediction import PredictionsReport
-    from robot_energy.results.schema import read_result
+    from robot_energy_cli.result_schema import read_result
+    from robot_energy_plan.results.prediction import PredictionsReport
+    from robot_energy_report.document import Document
+    from robot_energy_report.headline import headline
+    from robot_energy_report.html import write_page
+    from robot_energy_report.page.settings import load_settings
+    from robot_energy_report.prediction import prediction_document
+    from robot_energy_report.recordings import recordings_document
 
     names = (args.model, args.inputs, args.jobs, args.page_settings)
     given = [*args.source, *filter(None, names)]
@@ -94,12 +94,12 @@ def _run(args: Namespace) -> int:
 
 
 def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bool]:
-    from robot_energy.api.replay import fixed_friction, run_replay
     from robot_energy.model import load
-    from robot_energy.report.replay import ReplayCurves
-    from robot_energy.report.replay_figures import TemperatureHistory
-    from robot_energy.report.series import curves_of
+    from robot_energy.replay.api import fixed_friction, run_replay
     from robot_energy.results.replay import replay_report
+    from robot_energy_report.replay import ReplayCurves
+    from robot_energy_report.replay_figures import TemperatureHistory
+    from robot_energy_report.series import curves_of
 
     model, change = load(model_named(args)), None
     if args.fixed_friction is not None:

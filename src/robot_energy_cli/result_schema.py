@@ -16,17 +16,20 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from robot_energy.errors import ReportError
-from robot_energy.files.regular_file import read_regular
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files.regular_file import read_regular
+from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
-from robot_energy.results.advice import AdviceReport
 from robot_energy.results.base import SCHEMA_VERSION, Result
-from robot_energy.results.check import CheckReport
-from robot_energy.results.drives import DrivesReport
-from robot_energy.results.dynamics import DynamicsReport, ExcitationReport
-from robot_energy.results.evaluation import EvaluationReport
-from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
-from robot_energy.results.identification import (
+from robot_energy.results.model import ModelReport
+from robot_energy.results.replay import ReplayReport
+from robot_energy_fleet.results.advice import AdviceReport
+from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
+from robot_energy_identify.results.check import CheckReport
+from robot_energy_identify.results.drives import DrivesReport
+from robot_energy_identify.results.dynamics import DynamicsReport, ExcitationReport
+from robot_energy_identify.results.evaluation import EvaluationReport
+from robot_energy_identify.results.identification import (
     CabinetReport,
     FrictionReport,
     FrictionStudyReport,
@@ -34,11 +37,8 @@ from robot_energy.results.identification import (
     LoadStatesReport,
     ThermalReport,
 )
-from robot_energy.results.model import ModelReport
-from robot_energy.results.optimization import OptimizationReport
-from robot_energy.results.prediction import PredictionsReport
-from robot_energy.results.replay import ReplayReport
-from robot_energy.shown_text import shown
+from robot_energy_plan.results.optimization import OptimizationReport
+from robot_energy_plan.results.prediction import PredictionsReport
 
 RESULTS: dict[str, type[Result]] = {
     kind.NAME: kind

@@ -6,12 +6,12 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from robot_energy.cli.command import REQUIRED, Command, add_options
-from robot_energy.cli.terminal import check_bag, console, wrote
+from robot_energy_cli.command import REQUIRED, Command, add_options
+from robot_energy_cli.terminal import check_bag, console, wrote
 
 if TYPE_CHECKING:
-    from robot_energy.motion import Program
-    from robot_energy.rig import PlantProfile
+    from robot_energy_plan.motion import Program
+    from robot_energy_rig import PlantProfile
 
 RATE = 250.0  # Hz
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
@@ -62,9 +62,9 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.errors import RigError
-    from robot_energy.rig import RigConfig, VirtualRig, load_profile, random_profile
-    from robot_energy.rig.record import record
+    from robot_energy.foundation.errors import RigError
+    from robot_energy_rig import RigConfig, VirtualRig, load_profile, random_profile
+    from robot_energy_rig.record import record
 
     if args.seed < 0:
         raise RigError(f"the seed is {args.seed}", "a whole number from 0 on")
@@ -103,7 +103,7 @@ def _run(args: Namespace) -> int:
 
 
 def _program(profile: PlantProfile, args: Namespace) -> Program:
-    from robot_energy.motion import random_program, tool_above
+    from robot_energy_plan.motion import random_program, tool_above
 
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)

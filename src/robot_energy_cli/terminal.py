@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.errors import BagError, ReportError
-from robot_energy.files.output_files import (
+from robot_energy.foundation.errors import BagError, ReportError
+from robot_energy.foundation.files.output_files import (
     HTML,
     JSON,
     PDF,
@@ -23,16 +23,16 @@ from robot_energy.files.output_files import (
     json_bytes,
     write_file,
 )
-from robot_energy.files.output_folder import check_folder, folder_path
-from robot_energy.files.placement import all_or_none, place_all
-from robot_energy.shown_text import shown, shown_lines
+from robot_energy.foundation.files.output_folder import check_folder, folder_path
+from robot_energy.foundation.files.placement import all_or_none, place_all
+from robot_energy.foundation.shown_text import shown, shown_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from robot_energy.model import RobotModel
-    from robot_energy.report.document import Document
     from robot_energy.results.base import Result
+    from robot_energy_report.document import Document
 
 JSON_OPTION = {"--json FILE": "write all figures as JSON; - for standard output, without tables"}
 OUTPUTS = {**JSON_OPTION, "--report FILE": "write one HTML file with everything"}
@@ -53,7 +53,7 @@ def console() -> Console:
     """
     from rich.console import Console
 
-    from robot_energy.report.printing import terminal_text
+    from robot_energy_report.printing import terminal_text
 
     class PipeConsole(Console):
         """Leaves a closed pipe to `main`; the base class would exit with 1."""
@@ -112,7 +112,7 @@ def check_outputs(
         ReportError: If one cannot be written, must not be replaced, or is named twice.
     """
     if getattr(args, "plot", None) is not None:
-        from robot_energy.report.canvas import check_format
+        from robot_energy_report.canvas import check_format
 
         check_format(Path(args.plot))
     known = [name for name in inputs if name]
@@ -144,7 +144,7 @@ def check_report(path: str, inputs: Iterable[str] = ()) -> None:
     is_pdf = Path(path).suffix.lower() == ".pdf"
     check_file(path, PDF if is_pdf else HTML, "the report", inputs)
     if is_pdf:
-        from robot_energy.page.headless_browser import need_browser
+        from robot_energy_report.page.headless_browser import need_browser
 
         need_browser()
 
@@ -206,8 +206,8 @@ def present(
         model: Identified model for the file of ``--out``.
     """
     from robot_energy.model import save
-    from robot_energy.report.html import write_page
-    from robot_energy.report.printing import print_document
+    from robot_energy_report.html import write_page
+    from robot_energy_report.printing import print_document
 
     named = ("json", "out", "report", "plot")
     files = {name: getattr(args, name, None) for name in named}

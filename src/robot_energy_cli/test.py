@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import Command, add_option, add_options
-from robot_energy.cli.replay_options import (
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy_cli.command import Command, add_option, add_options
+from robot_energy_cli.replay_options import (
     AT_FALLBACK,
     BAG,
     DAMAGED,
@@ -16,12 +18,10 @@ from robot_energy.cli.replay_options import (
     model_named,
     options_of,
 )
-from robot_energy.cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
-from robot_energy.errors import ModelFileError
-from robot_energy.process_memory import keep_freed_memory
+from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
 
 if TYPE_CHECKING:
-    from robot_energy.results.evaluation import EvaluationReport
+    from robot_energy_identify.results.evaluation import EvaluationReport
 
 DESCRIPTION = """\
 Compare a model with what was measured: torque of every motor, shaft energy, power and energy at
@@ -58,9 +58,9 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy.report.document import Document
-    from robot_energy.report.evaluation import evaluation_document
-    from robot_energy.report.formats import counted
+    from robot_energy_report.document import Document
+    from robot_energy_report.evaluation import evaluation_document
+    from robot_energy_report.formats import counted
 
     if bool(args.bags) == bool(args.log):
         raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
@@ -83,7 +83,7 @@ def _run(args: Namespace) -> int:
 def _evaluated(
     args: Namespace, bags: list[Any], model: str, effort: str | None = None
 ) -> EvaluationReport:
-    from robot_energy.api.evaluate import evaluate
+    from robot_energy_identify.api.evaluate import evaluate
 
     options = options_of(args)
     options["effort"] = options["effort"] or effort
@@ -94,9 +94,10 @@ def _evaluated(
 
 def _of_logs(args: Namespace, model: str) -> EvaluationReport:
     """Import every log as a recording of its own, and compare."""
-    from robot_energy.files.temporary_folder import TemporaryFolder
-    from robot_energy.identify.data.bags import Bag
-    from robot_energy.logs import import_log, load_mapping
+    from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+    from robot_energy_identify.data.bags import Bag
+    from robot_energy_logs.log_import import import_log
+    from robot_energy_logs.mapping import load_mapping
 
     mapping = load_mapping(args.mapping)
     effort = mapping.joints.effort

@@ -7,10 +7,10 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.command import Options, add_option, add_options
+from robot_energy_cli.command import Options, add_option, add_options
 
 if TYPE_CHECKING:
-    from robot_energy.motion.load_motion import ToolOptions
+    from robot_energy_plan.motion.load_motion import ToolOptions
 
 AT_ORIGIN = (
     "--base was not given: the base of the robot was taken to stand at the origin of the program, "
@@ -74,9 +74,9 @@ def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOp
     Raises:
         MotionError: If a figure makes no sense.
     """
-    from robot_energy.motion.load_motion import ToolOptions, joint_list
-    from robot_energy.motion.tool_motion import ToolPlacement
-    from robot_energy.motion.tool_timing import ToolLimits
+    from robot_energy_plan.motion.load_motion import ToolOptions, joint_list
+    from robot_energy_plan.motion.tool_motion import ToolPlacement
+    from robot_energy_plan.motion.tool_timing import ToolLimits
 
     placement = ToolPlacement()
     if base is not None:

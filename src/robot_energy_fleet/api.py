@@ -6,19 +6,19 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from robot_energy.api.identify import IdentificationResult
-from robot_energy.api.inputs import ModelName, model_of
-from robot_energy.api.replay import ReplayOptions
-from robot_energy.fleet import report
-from robot_energy.fleet.bag_list import FleetModels, list_bags
-from robot_energy.fleet.dataset import Dataset, read_tables
-from robot_energy.fleet.identify import identify_fleet
-from robot_energy.fleet.run import FleetRun, run_fleet, where_asked
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.model import RobotModel
-from robot_energy.page.settings import load_settings
 from robot_energy.presets import ROBOTS
-from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
+from robot_energy.replay.api import ReplayOptions
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy_fleet import report
+from robot_energy_fleet.bag_list import FleetModels, list_bags
+from robot_energy_fleet.dataset import Dataset, read_tables
+from robot_energy_fleet.identify import identify_fleet
+from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
+from robot_energy_fleet.run import FleetRun, run_fleet, where_asked
+from robot_energy_identify.api.identify import IdentificationResult
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy_report.page.settings import load_settings
 
 # Of one replay; a task has none of them.
 NOT_HERE = {"learned", "out", "overwrite", "progress"}

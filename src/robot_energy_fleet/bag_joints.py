@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from robot_energy.blocks import Float, Int
 from robot_energy.condition.wear_records import FEATURES, WearRecord
-from robot_energy.fleet.joint_sums import (
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_fleet.joint_sums import (
     COLUMNS,
     INERTIA,
     MEASURED,
@@ -33,7 +33,7 @@ from robot_energy.fleet.joint_sums import (
     WEAR,
     gram_of,
 )
-from robot_energy.fleet.tables import FleetTables
+from robot_energy_fleet.tables import FleetTables
 
 PART = 2000  # bags whose sums are held at once
 POOLED = 2  # nodes of temperature that make one share

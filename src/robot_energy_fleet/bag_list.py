@@ -13,8 +13,11 @@ from typing import Any
 from urllib.parse import quote
 
 from robot_energy import __version__
-from robot_energy.errors import DatasetError, RobotEnergyError
-from robot_energy.fleet.bag_places import (
+from robot_energy.foundation.errors import DatasetError, RobotEnergyError
+from robot_energy.foundation.shown_text import shown
+from robot_energy.model import RobotModel, load
+from robot_energy.replay.recorded_jobs import load_jobs
+from robot_energy_fleet.bag_places import (
     UNREAD,
     BagPlace,
     digest,
@@ -26,9 +29,6 @@ from robot_energy.fleet.bag_places import (
     read_whole,
     unusable,
 )
-from robot_energy.model import RobotModel, load
-from robot_energy.recorded_jobs import load_jobs
-from robot_energy.shown_text import shown
 
 COLUMNS = ("bag", "model", "robot", "programme", "shift", "jobs", "effort")
 MAX_NAME = 240  # characters of a robot's name in that of its folder, some of which need twelve

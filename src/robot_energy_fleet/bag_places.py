@@ -20,8 +20,8 @@ from fsspec.implementations.local import LocalFileSystem  # type: ignore[import-
 
 from robot_energy.bag.mcap_records import MAGIC
 from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.errors import DatasetError
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import DatasetError
+from robot_energy.foundation.shown_text import shown
 
 MESSAGES = (".mcap", ".db3", ".zstd")  # endings of files with messages
 CHANGED = ("ETag", "mtime", "LastModified", "last_modified", "updated", "created")

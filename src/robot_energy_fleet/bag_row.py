@@ -14,25 +14,25 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.accounting.totals import Totals
-from robot_energy.api.replay import run_replay
 from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.bag_replay import Replay
-from robot_energy.blocks import Phase
-from robot_energy.errors import DatasetError, RobotEnergyError
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.fleet.bag_list import FleetBag
-from robot_energy.fleet.bag_places import BagPlace, file_system
-from robot_energy.fleet.bag_sums import HourSums, MeterErrors
-from robot_energy.fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy.fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
-from robot_energy.fleet.joint_sums import JointSums
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.kinds import load_kinds
+from robot_energy.foundation.errors import DatasetError, RobotEnergyError
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy.foundation.kinds import load_kinds
+from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
-from robot_energy.process_memory import keep_freed_memory, peak_memory
-from robot_energy.recorded_jobs import MAX_LATE_NS, load_jobs
+from robot_energy.replay.api import run_replay
+from robot_energy.replay.bag_replay import Replay
+from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report
-from robot_energy.units import SECOND_NS
+from robot_energy.timeline.blocks import Phase
+from robot_energy_fleet.bag_list import FleetBag
+from robot_energy_fleet.bag_places import BagPlace, file_system
+from robot_energy_fleet.bag_sums import HourSums, MeterErrors
+from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
+from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
+from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_identify.stats.regression import one_thread
 
 Row = dict[str, Any]
 

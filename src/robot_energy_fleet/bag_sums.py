@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
+from robot_energy.foundation.units import HOUR_NS, SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
-from robot_energy.units import HOUR_NS, SECOND_NS
 
 MIN_STANDBY = 60.0  # at rest with drives on, from which on it is standby [s]
 SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")

@@ -23,12 +23,12 @@ from urllib.parse import quote
 
 import polars as pl
 
-from robot_energy.errors import DatasetError
-from robot_energy.files.output_files import GENERATOR, PARQUET, write_file
-from robot_energy.files.placement import PREFIX
-from robot_energy.fleet.dataset_columns import RUNS, SCHEMA, TABLES
-from robot_energy.fleet.tables import SCHEMAS, FleetTables
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import DatasetError
+from robot_energy.foundation.files.output_files import GENERATOR, PARQUET, write_file
+from robot_energy.foundation.files.placement import PREFIX
+from robot_energy.foundation.shown_text import shown
+from robot_energy_fleet.dataset_columns import RUNS, SCHEMA, TABLES
+from robot_energy_fleet.tables import SCHEMAS, FleetTables
 
 PER_JOULE, PER_SECOND = 1e-6, 1e-9
 PACKED = "rows-"  # begin of the names of files with many rows

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import polars as pl
 
 from robot_energy.accounting.registers import CABINET_REGISTERS
-from robot_energy.blocks import Phase
-from robot_energy.fleet.tables import SCHEMAS
+from robot_energy.timeline.blocks import Phase
+from robot_energy_fleet.tables import SCHEMAS
 
 INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
 JOINT_REGISTERS = (

@@ -11,14 +11,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
 from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
-from robot_energy.fleet.bag_joints import BagJoints, wear_records
-from robot_energy.fleet.sisters import MIN_SISTERS, Deviation, Levels, levels, stand_out
-from robot_energy.fleet.tables import FleetTables
-from robot_energy.fleet.wear_history import is_enough, wear_history
-from robot_energy.results.fleet import FleetFinding
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_fleet.bag_joints import BagJoints, wear_records
+from robot_energy_fleet.results.fleet import FleetFinding
+from robot_energy_fleet.sisters import MIN_SISTERS, Deviation, Levels, levels, stand_out
+from robot_energy_fleet.tables import FleetTables
+from robot_energy_fleet.wear_history import is_enough, wear_history
 
 RECENT = 0.25  # share of the time, at its end, for which robots are compared
 MIN_FRICTION = 0.10  # difference of friction that is worth a look [-]

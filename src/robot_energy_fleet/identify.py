@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.fleet.bag_joints import bag_joints, sums_of_joint
-from robot_energy.fleet.findings import compare
-from robot_energy.fleet.merged_friction import TorqueScore, fit_merged, score
-from robot_energy.fleet.merged_laws import JointBags, without_nuisances
-from robot_energy.fleet.report import duty_of
-from robot_energy.fleet.tables import FleetTables
-from robot_energy.identify.friction.friction import FrictionFit, with_friction
-from robot_energy.identify.friction.samples import bodies_identified
-from robot_energy.identify.plausibility import check_friction
-from robot_energy.identify.provenance import identified_from
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
-from robot_energy.results.fleet import FleetFriction, FleetTorqueScore
+from robot_energy_fleet.bag_joints import bag_joints, sums_of_joint
+from robot_energy_fleet.findings import compare
+from robot_energy_fleet.merged_friction import TorqueScore, fit_merged, score
+from robot_energy_fleet.merged_laws import JointBags, without_nuisances
+from robot_energy_fleet.report import duty_of
+from robot_energy_fleet.results.fleet import FleetFriction, FleetTorqueScore
+from robot_energy_fleet.tables import FleetTables
+from robot_energy_identify.friction.friction import FrictionFit, with_friction
+from robot_energy_identify.friction.samples import bodies_identified
+from robot_energy_identify.plausibility import check_friction
+from robot_energy_identify.provenance import identified_from
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 HELD_OUT = 0.2  # share of the bags, the newest, that test the fit of the others
 DIFFERENT = ("wear", "friction", "payload")  # findings whose robots are left out

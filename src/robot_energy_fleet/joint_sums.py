@@ -18,7 +18,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from robot_energy.blocks import DOUBTFUL, NANOSECOND, Float, PowerBlock, TorqueBlock, differences
 from robot_energy.condition.buckets import shares
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.condition.wear import WearMonitor
@@ -27,6 +26,14 @@ from robot_energy.model.payload import payload
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
+from robot_energy.timeline.blocks import (
+    DOUBTFUL,
+    NANOSECOND,
+    Float,
+    PowerBlock,
+    TorqueBlock,
+    differences,
+)
 
 NODE_STEP = 5.0  # between two nodes of temperature [K]
 NODES_DEGC = np.arange(0.0, 90.0 + NODE_STEP, NODE_STEP)

@@ -12,22 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Int
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, MODEL, NODES_DEGC, SIGN, VISCOUS
-from robot_energy.fleet.merged_laws import JointBags, MergedSums
-from robot_energy.identify.friction.friction import MIN_SAMPLES, FrictionFit, points_of
-from robot_energy.identify.friction.laws import MIN_RANGE
-from robot_energy.identify.stats.cross_validation import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model.friction_laws import FRICTION_LAWS, FrictionLaw, LawEntry
+from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import Int
+from robot_energy_fleet.joint_sums import COLUMNS, MEASURED, MODEL, NODES_DEGC, SIGN, VISCOUS
+from robot_energy_fleet.merged_laws import JointBags, MergedSums
+from robot_energy_identify.friction.friction import MIN_SAMPLES, FrictionFit, points_of
+from robot_energy_identify.friction.laws import MIN_RANGE
+from robot_energy_identify.stats.cross_validation import (
     HeldOut,
     contiguous_folds,
     folds_by_value,
     simplest,
 )
-from robot_energy.identify.stats.regression import Fit
-from robot_energy.identify.stats.systematic import SensorLimits
-from robot_energy.model.friction_laws import FRICTION_LAWS, FrictionLaw, LawEntry
-from robot_energy.physics.friction import viscous_law
+from robot_energy_identify.stats.regression import Fit
+from robot_energy_identify.stats.systematic import SensorLimits
 
 MIN_GROUPS = 5  # robots, from which on they are left out one by one
 MIN_INDEPENDENT = 0.01  # share of w^2 that its sign does not explain

@@ -1,6 +1,6 @@
 """The laws of viscous friction over temperature, fitted to merged sums of many bags.
 
-They are those of `robot_energy.identify.friction.laws`, whose samples are summed here: with fv at
+They are those of `robot_energy_identify.friction.laws`, whose samples are summed here: with fv at
 the nodes of temperature all sums of squares follow from the products of the columns.
 """
 
@@ -10,9 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.fleet.joint_sums import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
+from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_fleet.joint_sums import (
     COLUMNS,
     INERTIA,
     MEASURED,
@@ -24,19 +27,16 @@ from robot_energy.fleet.joint_sums import (
     SIGN,
     VISCOUS,
 )
-from robot_energy.identify.bounds import identified
-from robot_energy.identify.friction.laws import GRID, MIN_RANGE, MIN_SHARE, SCALES
-from robot_energy.identify.stats.regression import SCATTER, Fit, student
-from robot_energy.identify.stats.systematic import (
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.friction.laws import GRID, MIN_RANGE, MIN_SHARE, SCALES
+from robot_energy_identify.stats.regression import SCATTER, Fit, student
+from robot_energy_identify.stats.systematic import (
     BODIES,
     THERMOMETER,
     TORQUE,
     SensorLimits,
     moved_by,
 )
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
-from robot_energy.physics.friction import viscous_law
 
 FINE = 40  # steps of the scale of the exponential law, about the best of the coarse ones
 SMOOTH = 1e-3  # weight of no bend at a node against its mean square of speed

@@ -12,15 +12,11 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import polars as pl
 
-from robot_energy.blocks import Float
-from robot_energy.fleet.bag_joints import BagJoints, bag_joints
-from robot_energy.fleet.findings import RobotsCompared, compare, ordered
-from robot_energy.fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
-from robot_energy.fleet.tables import FleetTables, counted_twice
-from robot_energy.fleet.wear_history import MIN_HOURS, MIN_RECORDS
-from robot_energy.page.settings import PageSettings
-from robot_energy.report.formats import counted, jobs_left_out
-from robot_energy.results.fleet import (
+from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH
+from robot_energy.timeline.blocks import Float
+from robot_energy_fleet.bag_joints import BagJoints, bag_joints
+from robot_energy_fleet.findings import RobotsCompared, compare, ordered
+from robot_energy_fleet.results.fleet import (
     DamagedBag,
     FleetFinding,
     FleetReport,
@@ -31,7 +27,11 @@ from robot_energy.results.fleet import (
     RobotEnergy,
     ShiftEnergy,
 )
-from robot_energy.units import HOUR_NS, JOULE_PER_KWH
+from robot_energy_fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
+from robot_energy_fleet.tables import FleetTables, counted_twice
+from robot_energy_fleet.wear_history import MIN_HOURS, MIN_RECORDS
+from robot_energy_report.formats import counted, jobs_left_out
+from robot_energy_report.page.settings import PageSettings
 
 DEGC_STEP = 10.0  # of the table of the model's error [K]
 CURVE_STEP = 5.0  # of the curves of friction [K]

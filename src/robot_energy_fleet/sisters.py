@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.uncertainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.timeline.blocks import Float, Int
 
 MIN_SISTERS = 5  # robots with a figure, below which none is compared
 MIN_BAGS = 3  # of a robot with a figure

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from robot_energy.report.repeats import overlaps
+from robot_energy_report.repeats import overlaps
 
 FLOATS = pl.List(pl.Float64)
 

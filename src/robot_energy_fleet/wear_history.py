@@ -13,10 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.condition.drift_test import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear_records import WearRecord
-from robot_energy.uncertainty.band import MEDIAN_TO_STD
-from robot_energy.units import HOUR_NS
+from robot_energy.foundation.units import HOUR_NS
 
 MIN_RECORDS = MIN_BEFORE + MIN_AFTER  # without which no change is seen
 MIN_HOURS = BAGS.min_hours  # of motion that they span, likewise [h]

@@ -14,11 +14,11 @@ from itertools import islice
 from multiprocessing import resource_tracker
 from typing import Any, cast
 
-from robot_energy.errors import DatasetError
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.fleet.bag_list import FleetBag
-from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
+from robot_energy.foundation.errors import DatasetError
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
+from robot_energy_fleet.bag_list import FleetBag
+from robot_energy_fleet.bag_row import BagRow, refused, replay_bag
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 5  # deaths of workers that hold a bag, before it is tried alone

@@ -3,7 +3,7 @@
 A fit takes up a wrong scale or gear ratio in its bodies, so its own errors do not show it. The
 checks compare with the bodies as given. So their causes refuse a recording where the model file
 says where its masses come from; where the masses are assumed, a cause is only named once a gate
-of `robot_energy.identify.plausibility` has refused.
+of `robot_energy_identify.plausibility` has refused.
 """
 
 from __future__ import annotations
@@ -14,18 +14,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.check.evidence import BY_SAMPLE, Evidence, Remarks, evidence_of, remarks_of
-from robot_energy.check.finding import ERROR, Finding
-from robot_energy.check.meter import check_meter
-from robot_energy.check.torque import check_torque
-from robot_energy.errors import ImplausibleIdentificationError
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.provenance import require_some
+from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.check.evidence import (
+    BY_SAMPLE,
+    Evidence,
+    Remarks,
+    evidence_of,
+    remarks_of,
+)
+from robot_energy_identify.check.finding import ERROR, Finding
+from robot_energy_identify.check.meter import check_meter
+from robot_energy_identify.check.torque import check_torque
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.provenance import require_some
 
 # What no identification can mend, whatever the bodies: others, such as a payload, are notes.
 MISTAKES = (

@@ -12,19 +12,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import EffortMeaning, Float, TorqueBlock
-from robot_energy.errors import ImplausibleIdentificationError
-from robot_energy.identify.cabinet.cabinet import CabinetFit
-from robot_energy.identify.data.recordings import Recording, still_joints
-from robot_energy.identify.drives.drive_data import DriveData
-from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.drives.total_sums import Sums
-from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.friction.friction import FrictionFit
-from robot_energy.identify.stats.cross_validation import EnergyScore, rms_of
-from robot_energy.identify.stats.regression import qr_r
+from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.timeline.blocks import EffortMeaning, Float, TorqueBlock
+from robot_energy_identify.cabinet.cabinet import CabinetFit
+from robot_energy_identify.data.recordings import Recording, still_joints
+from robot_energy_identify.drives.drive_data import DriveData
+from robot_energy_identify.drives.drives import DrivesFit
+from robot_energy_identify.drives.total_sums import Sums
+from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.validation import TorqueError
+from robot_energy_identify.friction.friction import FrictionFit
+from robot_energy_identify.stats.cross_validation import EnergyScore, rms_of
+from robot_energy_identify.stats.regression import qr_r
 
 Usable = NDArray[np.bool_]
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robot_energy import __version__
-from robot_energy.errors import BagError
-from robot_energy.files.regular_file import open_regular
+from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.model.schema import Provenance
 
 DIGITS = 12  # of a hash, enough to tell recordings apart

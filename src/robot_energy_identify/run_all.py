@@ -18,21 +18,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import (
+from robot_energy.foundation.errors import (
     ImplausibleIdentificationError,
     ModelFileError,
     NotIdentifiableError,
 )
-from robot_energy.identify.cabinet.cabinet import fit_cabinet
-from robot_energy.identify.cabinet.dc_link import Voltages
-from robot_energy.identify.data.bags import Bag, BagFacts, powers_of, read_all
-from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.delays import meter_lags, with_response
-from robot_energy.identify.drives.drive_data import DriveData, drive_data
-from robot_energy.identify.provenance import identified_from
-from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.steps import (
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.cabinet.cabinet import fit_cabinet
+from robot_energy_identify.cabinet.dc_link import Voltages
+from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.delays import meter_lags, with_response
+from robot_energy_identify.drives.drive_data import DriveData, drive_data
+from robot_energy_identify.provenance import identified_from
+from robot_energy_identify.stats.lag import Delay
+from robot_energy_identify.steps import (
     STEPS,
     SUBJECTS,
     MadeStep,
@@ -43,9 +46,6 @@ from robot_energy.identify.steps import (
     drives_step,
     friction_step,
 )
-from robot_energy.model import RobotModel
-from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort import Effort
 
 SUPPLY: tuple[Subject, ...] = ("cabinet", "drives", "capacitor")  # what the meter tells
 Progress = Callable[[str, float], None]

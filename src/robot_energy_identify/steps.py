@@ -12,27 +12,30 @@ from typing import Literal
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.cabinet import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.cabinet.cabinet import (
     CabinetFit,
     beside_drives,
     fit_cabinet,
     with_cabinet,
 )
-from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy.identify.data.bags import Bag, powers_of, read_all
-from robot_energy.identify.data.recordings import Recording, channels_of
-from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound, find_drives
-from robot_energy.identify.drives.drive_data import drive_data
-from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import SOURCE, to_model
-from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.friction.friction import FrictionFit, fit_axes, with_friction
-from robot_energy.identify.friction.hold import HoldFit, fit_hold
-from robot_energy.identify.friction.samples import friction_data
-from robot_energy.identify.friction.shape import share_shape
-from robot_energy.identify.plausibility import (
+from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy_identify.data.bags import Bag, powers_of, read_all
+from robot_energy_identify.data.recordings import Recording, channels_of
+from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
+from robot_energy_identify.drives.drive_data import drive_data
+from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.dynamics_model import SOURCE, to_model
+from robot_energy_identify.dynamics.validation import TorqueError
+from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
+from robot_energy_identify.friction.hold import HoldFit, fit_hold
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_identify.friction.shape import share_shape
+from robot_energy_identify.plausibility import (
     check_cabinet,
     check_drives,
     check_dynamics,
@@ -40,19 +43,16 @@ from robot_energy.identify.plausibility import (
     check_signs,
     check_total,
 )
-from robot_energy.identify.stats.cross_validation import GAIN
-from robot_energy.identify.thermal.gear import GearsFound, fit_gears
-from robot_energy.identify.thermal.gears_by_meter import gears_by_meter
-from robot_energy.identify.thermal.network import (
+from robot_energy_identify.stats.cross_validation import GAIN
+from robot_energy_identify.thermal.gear import GearsFound, fit_gears
+from robot_energy_identify.thermal.gears_by_meter import gears_by_meter
+from robot_energy_identify.thermal.network import (
     ThermalFit,
     ambient_of,
     fit_networks,
     with_networks,
 )
-from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
-from robot_energy.model import RobotModel
-from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.physics.friction import viscous_law
+from robot_energy_identify.thermal.windows import runs_of_recordings, without_networks
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"]
 SUBJECTS: tuple[Subject, ...] = (

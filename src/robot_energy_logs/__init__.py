@@ -1,10 +1,10 @@
 """Logs of robots (CSV, Parquet) -> bags that replay like any other."""
 
-from robot_energy.logs.log_import import contents_of, import_log, open_logs
-from robot_energy.logs.mapped_log import MappedLog
-from robot_energy.logs.mapping import LogMapping, load_mapping
-from robot_energy.logs.recording import FileAccount, ImportReport
-from robot_energy.logs.ur_rtde import UR_JOINTS, UR_LINK, import_ur_rtde
+from robot_energy_logs.log_import import contents_of, import_log, open_logs
+from robot_energy_logs.mapped_log import MappedLog
+from robot_energy_logs.mapping import LogMapping, load_mapping
+from robot_energy_logs.recording import FileAccount, ImportReport
+from robot_energy_logs.ur_rtde import UR_JOINTS, UR_LINK, import_ur_rtde
 
 __all__ = [
     "UR_JOINTS",

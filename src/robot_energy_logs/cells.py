@@ -10,8 +10,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.shown_text import shown
+from robot_energy.foundation.shown_text import shown
+from robot_energy.timeline.blocks import Float, Int
 
 Mask = NDArray[np.bool_]
 EMPTY = ("", "-", "--", "na", "n/a", "#n/a", "null", "none")

@@ -1,6 +1,6 @@
 """Columns of a log: of which quantity, in which unit, with which sign, scale and zero.
 
-Validated by pydantic, as parts of a mapping (`robot_energy.logs.mapping`).
+Validated by pydantic, as parts of a mapping (`robot_energy_logs.mapping`).
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS, DqScaling
 from robot_energy.inputs.joint_states.correction import MAX_SCALE, JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS, DqScaling
 
 PLACEHOLDER = "{joint}"
 DEGREE = 0.017453292519943295  # rad

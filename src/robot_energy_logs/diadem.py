@@ -18,9 +18,9 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import LogFormatError
-from robot_energy.files.regular_file import open_regular
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.files.regular_file import open_regular
+from robot_energy.timeline.blocks import Float
 
 MAGIC = b"DIAEXTENDED"
 BEGIN, END = "#BEGINCHANNELHEADER", "#ENDCHANNELHEADER"

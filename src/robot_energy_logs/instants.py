@@ -9,8 +9,8 @@ from decimal import Decimal, InvalidOperation
 
 import polars as pl
 
-from robot_energy.logs.mapping import DIGITS, LATEST_NS, Time, since_1970
-from robot_energy.time_zone import time_zone
+from robot_energy.foundation.time_zone import time_zone
+from robot_energy_logs.mapping import DIGITS, LATEST_NS, Time, since_1970
 
 SECOND = 10**9  # ns
 QUARTER = 900 * SECOND  # offsets from UTC change at quarters of an hour

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.foundation.kinds import Kind, Kinds
 
 if TYPE_CHECKING:
-    from robot_energy.logs import ImportReport
+    from robot_energy_logs.recording import ImportReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ def _ur_arguments(parser: ArgumentParser) -> None:
 
 
 def _run_ur(args: Namespace) -> ImportReport:
-    from robot_energy.logs import UR_JOINTS, UR_LINK, import_ur_rtde
+    from robot_energy_logs.ur_rtde import UR_JOINTS, UR_LINK, import_ur_rtde
 
     names = [f"{args.prefix}{name}" for name in args.joints or UR_JOINTS]
     link = f"{args.prefix}{UR_LINK}"
@@ -54,7 +54,7 @@ def _run_ur(args: Namespace) -> ImportReport:
 
 
 def _ur_recording(log: str, out: Path, joint_names: Sequence[str]) -> ImportReport:
-    from robot_energy.logs import import_ur_rtde
+    from robot_energy_logs.ur_rtde import import_ur_rtde
 
     return import_ur_rtde([log], out, joint_names)
 
@@ -72,7 +72,8 @@ def _table_arguments(parser: ArgumentParser) -> None:
 
 
 def _run_table(args: Namespace) -> ImportReport:
-    from robot_energy.logs import import_log, load_mapping
+    from robot_energy_logs.log_import import import_log
+    from robot_energy_logs.mapping import load_mapping
 
     mapping = load_mapping(args.mapping, args.recordings)
     return import_log(args.log, mapping, args.out, args.overwrite)

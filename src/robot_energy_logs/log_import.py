@@ -7,17 +7,17 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 
-from robot_energy.blocks import MeterLocation, MeterMeaning
-from robot_energy.errors import LogFormatError
-from robot_energy.logs.columns import ROTOR_FRAME
-from robot_energy.logs.instants import time_remedy
-from robot_energy.logs.mapped_log import MappedLog
-from robot_energy.logs.mapping import DIGITS, LogMapping, Time
-from robot_energy.logs.recording import ImportReport, LogBlock, RecordingContents, write_bag
-from robot_energy.logs.rows import Clock
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.blocks import MeterLocation, MeterMeaning
 from robot_energy.timeline.stamps import MIN_DATE
-from robot_energy.units import SECOND_NS
+from robot_energy_logs.columns import ROTOR_FRAME
+from robot_energy_logs.instants import time_remedy
+from robot_energy_logs.mapped_log import MappedLog
+from robot_energy_logs.mapping import DIGITS, LogMapping, Time
+from robot_energy_logs.recording import ImportReport, LogBlock, RecordingContents, write_bag
+from robot_energy_logs.rows import Clock
 
 
 def open_logs(

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import LogFormatError
-from robot_energy.logs.cells import TableRows
-from robot_energy.logs.columns import (
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.electrical_power import electrical_power
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_logs.cells import TableRows
+from robot_energy_logs.columns import (
     FACTORS,
     PLACEHOLDER,
     ROTOR_FRAME,
@@ -22,12 +24,10 @@ from robot_energy.logs.columns import (
     PositionColumn,
     Velocity,
 )
-from robot_energy.logs.mapping import PLACE, LogMapping
-from robot_energy.logs.recording import BODY, FileAccount, LogBlock, nothing_used
-from robot_energy.logs.rows import Clock, side_by_side, usable_rows
-from robot_energy.logs.table import LogTable
-from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.electrical_power import electrical_power
+from robot_energy_logs.mapping import PLACE, LogMapping
+from robot_energy_logs.recording import BODY, FileAccount, LogBlock, nothing_used
+from robot_energy_logs.rows import Clock, side_by_side, usable_rows
+from robot_energy_logs.table import LogTable
 
 
 class MappedLog:

@@ -16,9 +16,11 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from robot_energy.config_file import parse_yaml, read_text, validated
-from robot_energy.errors import LogFormatError
-from robot_energy.logs.columns import (
+from robot_energy.foundation.config_file import parse_yaml, read_text, validated
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.time_zone import MAX_NAME, time_zone
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy_logs.columns import (
     CORRECTED,
     Joints,
     MappingEntry,
@@ -28,8 +30,6 @@ from robot_energy.logs.columns import (
     Power,
     Text,
 )
-from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.time_zone import MAX_NAME, time_zone
 
 PLACE = "{recording}"  # in the name of a file: the name of a recording
 LATEST_NS = 2**62  # from 1970 on, either way: sums with times of the log stay within 64 bits

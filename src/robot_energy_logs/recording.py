@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
+from robot_energy.bag.cdr import Encoder, stamp_columns
 from robot_energy.bag.writer import DEFAULT_QOS
-from robot_energy.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
-from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.errors import LogFormatError
+from robot_energy.foundation.errors import LogFormatError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES
-from robot_energy.logs.cells import number_remedy
-from robot_energy.logs.instants import time_remedy
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.timeline.gaps import MAX_GAP_NS, MIN_PERIOD_NS
 from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
+from robot_energy_logs.cells import number_remedy
+from robot_energy_logs.instants import time_remedy
 
 JOINT_STATES_TOPIC = "/joint_states"
 TEMPERATURES_TOPIC = "/motor_temperatures"

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from robot_energy.errors import LogFormatError
-from robot_energy.files.first_bytes import FIRST_BYTES, MAX_MAGIC, named
-from robot_energy.files.regular_file import open_regular
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.logs.cells import TableRows, as_numbers
-from robot_energy.logs.diadem import MAGIC as DIADEM
-from robot_energy.logs.diadem import read_diadem
-from robot_energy.logs.text_table import (
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.files.first_bytes import FIRST_BYTES, MAX_MAGIC, named
+from robot_energy.foundation.files.regular_file import open_regular
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy_logs.cells import TableRows, as_numbers
+from robot_energy_logs.diadem import MAGIC as DIADEM
+from robot_energy_logs.diadem import read_diadem
+from robot_energy_logs.text_table import (
     BLOCK_ROWS,
     EXPECTED,
     GZIP,

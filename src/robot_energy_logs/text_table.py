@@ -21,9 +21,9 @@ from typing import BinaryIO, TextIO
 import numpy as np
 import polars as pl
 
-from robot_energy.blocks import Int
-from robot_energy.errors import LogFormatError
-from robot_energy.files.regular_file import open_regular
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.files.regular_file import open_regular
+from robot_energy.timeline.blocks import Int
 
 BLOCK_ROWS = 8192
 MAX_LINE = 2**20

@@ -8,11 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from robot_energy.errors import LogFormatError
-from robot_energy.logs.log_import import import_log, open_logs
-from robot_energy.logs.mapping import LogMapping, since_1970
-from robot_energy.logs.recording import ImportReport
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy_logs.log_import import import_log, open_logs
+from robot_energy_logs.mapping import LogMapping, since_1970
+from robot_energy_logs.recording import ImportReport
+from robot_energy_logs.table import LogTable
 
 UR_JOINTS = (
     "shoulder_pan_joint",

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.timeline.blocks import Float
 
 Definition = Literal["net", "absolute", "positive", "pointwise"]
 DEFINITIONS: dict[Definition, str] = {

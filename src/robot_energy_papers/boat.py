@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.timeline.blocks import Float
 
 LENGTH, BEAM, DEPTH = 1000.0, 500.0, 300.0  # of the hull [mm]
 KEEL = 0.7  # length and beam of the bottom over those of the deck [-]

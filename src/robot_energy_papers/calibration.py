@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RigError
-from robot_energy.motion import random_program, tool_above
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy.rig.plant import PlantDrives
-from robot_energy.rig.record import outputs
-from robot_energy.rig.supply import Supply
+from robot_energy.foundation.errors import RigError
+from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import FIRST_SEED, MIN_HEIGHT, SEED_STEP, TOOL
+from robot_energy_plan.motion import random_program, tool_above
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_rig.plant import PlantDrives
+from robot_energy_rig.record import outputs
+from robot_energy_rig.supply import Supply
 
 POSES, POSE_SHARE = 300, 0.9  # of every joint range
 HOLDING_DEGC = 60.0

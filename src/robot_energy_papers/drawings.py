@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ShapeError
-from robot_energy.report.canvas import COLOURS, SERIES, Axes, Target, canvas, named_ticks, panels
+from robot_energy.foundation.errors import ShapeError
+from robot_energy.timeline.blocks import Float
+from robot_energy_report.canvas import COLOURS, SERIES, Axes, Target, canvas, named_ticks, panels
 
 PERCENT = 100.0
 KILO = 1e-3

@@ -12,24 +12,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drives.drive_data import drive_data
-from robot_energy.identify.drives.drives import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.physics.drive import Drive, EfficiencyMaps, LossModel
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.drives.drive_data import drive_data
+from robot_energy_identify.drives.drives import (
     CONSTANT_EFFICIENCY,
     WAYS,
     DrivesFit,
     Way,
     fit_drives,
 )
-from robot_energy.identify.drives.efficiency import (
+from robot_energy_identify.drives.efficiency import (
     CUTOFF,
     POINTS,
     at_efficiency,
     fitted_efficiency,
     processed,
 )
-from robot_energy.physics.drive import Drive, EfficiencyMaps, LossModel
 from robot_energy_papers.mantis import RATE, PrintRun
 
 WAY_NAMES: dict[Way, str] = {

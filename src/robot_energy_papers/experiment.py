@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float
-from robot_energy.motion import (
+from robot_energy.timeline.blocks import NANOSECOND, Float
+from robot_energy_plan.motion import (
     JointMotion,
     MotionLimits,
     Program,
@@ -23,8 +23,8 @@ from robot_energy.motion import (
     random_program,
     tool_above,
 )
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy.rig.record import RigRecording, outputs, record
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_rig.record import RigRecording, outputs, record
 
 MOVES = 20  # paper A, section IV
 WARM_UP = 60.0  # s, paper A, section IV

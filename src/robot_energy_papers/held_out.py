@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, Quality
-from robot_energy.errors import RigError
-from robot_energy.identify.data.recordings import read_recording
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import RobotModel
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, Quality
+from robot_energy_identify.data.recordings import read_recording
 from robot_energy_papers.experiment import MotionSet
 
 

@@ -13,7 +13,7 @@ from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 
 Progress = Callable[[float], None]
 

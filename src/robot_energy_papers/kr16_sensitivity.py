@@ -7,10 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.motion import Program
-from robot_energy.rig import PlantProfile, RigOutput, VirtualRig, load_profile
-from robot_energy.rig.record import outputs
+from robot_energy.timeline.blocks import Float
 from robot_energy_papers.calibration import (
     HOLDING_DEGC,
     POSE_SHARE,
@@ -20,6 +17,9 @@ from robot_energy_papers.calibration import (
 )
 from robot_energy_papers.experiment import MOVES, make_programs
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
+from robot_energy_plan.motion import Program
+from robot_energy_rig import PlantProfile, RigOutput, VirtualRig, load_profile
+from robot_energy_rig.record import outputs
 
 HOLD, RISE = "greatest deviation of the HOLD power from its mean over poses", "rise of temperature"
 PUBLISHED_HOLD, PUBLISHED_RISE = 0.10, 2.0  # [-], [K]

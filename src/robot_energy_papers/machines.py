@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float, JointBlock, PowerBlock, TemperatureBlock
 from robot_energy.model import RobotModel, load
-from robot_energy.motion import InverseKinematics, Trajectory
-from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.tool_motion import ToolMotion, ToolPlacement
-from robot_energy.motion.tool_timing import TimedPath, ToolLimits
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.rig import RigOutput, VirtualRig, load_profile
-from robot_energy.rig.record import outputs
+from robot_energy.timeline.blocks import Float, JointBlock, PowerBlock, TemperatureBlock
 from robot_energy_papers.mantis import Smooth
 from robot_energy_papers.wall import Wall
+from robot_energy_plan.motion import InverseKinematics, Trajectory
+from robot_energy_plan.motion.gcode import read_gcode
+from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
+from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy_rig import RigOutput, VirtualRig, load_profile
+from robot_energy_rig.record import outputs
 
 QUARTER = 0.5 * np.pi
 MOTOR_DEGC = 25.0

@@ -14,25 +14,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, EffortMeaning, Float
-from robot_energy.identify.data.recordings import Recording, read_recording
-from robot_energy.identify.data.signals import Channels, stretches
-from robot_energy.identify.drives.drive_data import BRIDGED
-from robot_energy.identify.drives.drive_power import DrivePowerTopics, MeasuredDrivePower
-from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.torque_model import standard_columns
-from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
-from robot_energy.identify.excitation.limits import ExcitationLimits
 from robot_energy.model import RobotModel
-from robot_energy.motion import (
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float
+from robot_energy_identify.data.recordings import Recording, read_recording
+from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.drives.drive_data import BRIDGED
+from robot_energy_identify.drives.drive_power import DrivePowerTopics, MeasuredDrivePower
+from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.torque_model import standard_columns
+from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
+from robot_energy_identify.excitation.limits import ExcitationLimits
+from robot_energy_plan.motion import (
     FourierBasis,
     FourierMotion,
     JointMotion,
     Trajectory,
 )
-from robot_energy.motion.tool_motion import ToolMotion
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy.rig.record import DRIVE_POWER, record
+from robot_energy_plan.motion.tool_motion import ToolMotion
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_rig.record import DRIVE_POWER, record
 
 RATE = 500.0  # Hz; paper B samples at 2.5 kHz, which changes nothing at these speeds
 HARMONICS, PERIOD = 5, 20.0  # of the Fourier series; paper B: five, "20 Hz" (see decision 0042)

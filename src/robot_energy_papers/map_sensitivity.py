@@ -7,11 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from robot_energy.identify.drives.efficiency import CUTOFF, POINTS
-from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
-from robot_energy.motion import FourierMotion, JointMotion
-from robot_energy.rig import RigConfig, load_profile
+from robot_energy_identify.drives.efficiency import CUTOFF, POINTS
+from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.drive_study import PAPER, identify_drives, tested
 from robot_energy_papers.machines import MACHINES, wall_motion
 from robot_energy_papers.mantis import (
@@ -29,6 +27,8 @@ from robot_energy_papers.sensitivity import (
     open_figures,
     sensitivity,
 )
+from robot_energy_plan.motion import FourierMotion, JointMotion
+from robot_energy_rig import RigConfig, load_profile
 
 MAPS, SECOND = STAGES = "reduced maps", "reduced maps, second stage"
 ROUGH = 0.02  # of the values that are sought: maps are made of noisy samples

@@ -12,22 +12,22 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning, Float
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
-from robot_energy.identify.data.recordings import Recording, read_recording
-from robot_energy.identify.drives.drive_data import drive_data, location
-from robot_energy.identify.drives.total_power import TotalFit, fit_total, with_total
-from robot_energy.identify.drives.total_sums import sums
-from robot_energy.identify.friction.friction import FrictionFit, fit_friction, with_friction
-from robot_energy.identify.friction.samples import friction_data
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw
 from robot_energy.model.joint import JointFriction
 from robot_energy.model.schema import Capacitor
 from robot_energy.physics.friction import viscous_law
-from robot_energy.rig import SupplyProfile
+from robot_energy.timeline.blocks import EffortMeaning, Float
+from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy_identify.data.recordings import Recording, read_recording
+from robot_energy_identify.drives.drive_data import drive_data, location
+from robot_energy_identify.drives.total_power import TotalFit, fit_total, with_total
+from robot_energy_identify.drives.total_sums import sums
+from robot_energy_identify.friction.friction import FrictionFit, fit_friction, with_friction
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_rig import SupplyProfile
 
 FOLLOWS = "follows"  # the paper's proposed model: fv follows the motor temperature
 TABLE = "table"  # the same with fv as a table of points, "saved directly"

@@ -19,8 +19,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from robot_energy.report.document import Document
-from robot_energy.report.formats import percent, signed_percent
+from robot_energy_report.document import Document
+from robot_energy_report.formats import percent, signed_percent
 
 Piece = Callable[[Any], object]
 """Draws a figure into a buffer, or writes a part onto a page."""

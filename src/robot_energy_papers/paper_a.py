@@ -7,12 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import RobotModel, load
-from robot_energy.rig import RigConfig, load_profile
-from robot_energy.rig.plant import PlantFriction
-from robot_energy.rig.record import RigRecording
+from robot_energy.timeline.blocks import Float
 from robot_energy_papers.calibration import Calibration, calibrate
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
 from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
@@ -29,6 +26,9 @@ from robot_energy_papers.soaked_rigs import (
     plant_row,
     rig_seeds,
 )
+from robot_energy_rig import RigConfig, load_profile
+from robot_energy_rig.plant import PlantFriction
+from robot_energy_rig.record import RigRecording
 
 SHARE_BEFORE_FITS = 0.9  # of the work that the bar shows
 AXIS = 0  # of fig. 5

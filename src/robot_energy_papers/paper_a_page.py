@@ -8,15 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import Float
 from robot_energy.physics.friction import with_fixed_friction
-from robot_energy.report.friction_figure import friction_over_temperature
-from robot_energy.report.identification import friction_tables, losses_section
-from robot_energy.report.replay_figures import power_and_energy
-from robot_energy.report.series import Series, compared_series
+from robot_energy.replay.bag_replay import replay
 from robot_energy.results.base import json_value
-from robot_energy.results.identification import FrictionReport
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.results.identification import FrictionReport
 from robot_energy_papers.calibration import Calibration
 from robot_energy_papers.drawings import (
     EnergyStudy,
@@ -40,6 +36,10 @@ from robot_energy_papers.soaked_rigs import (
     EffectRow,
     error_spreads,
 )
+from robot_energy_report.friction_figure import friction_over_temperature
+from robot_energy_report.identification import friction_tables, losses_section
+from robot_energy_report.replay_figures import power_and_energy
+from robot_energy_report.series import Series, compared_series
 
 PAPER = (
     "Modeling and Experimental Validation of the Influence of Robot Temperature on Its Energy "

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
-from robot_energy.motion import JointMotion
-from robot_energy.rig import RigConfig, load_profile, random_profile
+from robot_energy_identify.drives.drives import DrivesFit
+from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
 from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
 from robot_energy_papers.job_pool import Steps, StudyRun
@@ -35,6 +33,8 @@ from robot_energy_papers.mantis import (
 from robot_energy_papers.map_sensitivity import map_tables
 from robot_energy_papers.sensitivity import SensitivityTable
 from robot_energy_papers.wall_sensitivity import wall_tables
+from robot_energy_plan.motion import JointMotion
+from robot_energy_rig import RigConfig, load_profile, random_profile
 
 SLOW = 0.4  # of the speed, for the second excitation
 STEPS = 11

@@ -8,12 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.identify.drives.drives import Way
-from robot_energy.report.canvas import COLOURS, SERIES
-from robot_energy.report.drives import efficiency_maps
-from robot_energy.report.formats import NOTHING
 from robot_energy.results.base import json_value
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.drives.drives import Way
 from robot_energy_papers.accuracy import DEFINITIONS, Accuracy
 from robot_energy_papers.drawings import (
     GREY,
@@ -36,6 +33,9 @@ from robot_energy_papers.paper_b import (
     PaperB,
     Trained,
 )
+from robot_energy_report.canvas import COLOURS, SERIES
+from robot_energy_report.drives import efficiency_maps
+from robot_energy_report.formats import NOTHING
 
 PAPER_JOINTS, PAPER_TOTAL = (0.868, 0.855, 0.935), 0.837  # accuracies, paper B
 RIG = "virtual rig, Printing Mantis class"

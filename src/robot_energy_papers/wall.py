@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
 MAX_LAYERS = 10_000

@@ -6,16 +6,16 @@ from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel, load
 from robot_energy.model.figure import Figure
 from robot_energy.model.friction_laws import ExponentialLaw
 from robot_energy.model.joint import Joint
-from robot_energy.motion import Trajectory
-from robot_energy.motion.tool_timing import ToolLimits
+from robot_energy.timeline.blocks import Float
 from robot_energy_papers.machines import ARM, MACHINES, Energies, predicted, wall_motion
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
+from robot_energy_plan.motion import Trajectory
+from robot_energy_plan.motion.tool_timing import ToolLimits
 
 GANTRY = "testbed"
 QUANTITIES = ("mechanical, magnitude", "electrical, drives")

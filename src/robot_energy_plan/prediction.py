@@ -15,18 +15,18 @@ import numpy as np
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
-from robot_energy.errors import MotionError, UnknownJointError
+from robot_energy.foundation.errors import MotionError, UnknownJointError
 from robot_energy.inputs.joint_states.decode import joint_block
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.payload import Payload, several_carried
-from robot_energy.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
-from robot_energy.motion.ptp import Trajectory
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.limit_utilisation import LimitUse
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
+from robot_energy_plan.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
+from robot_energy_plan.motion.ptp import Trajectory
 
 START_NS = 1_000_000_000  # stamps of 0 mean that there is none
 POINTS = 1500  # of the curve of power, at most

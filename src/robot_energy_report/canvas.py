@@ -12,10 +12,10 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from robot_energy.errors import ReportError
-from robot_energy.files.output_files import GENERATOR, PICTURE, write_file
-from robot_energy.report.formats import typeset
-from robot_energy.shown_text import shown, shown_lines
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files.output_files import GENERATOR, PICTURE, write_file
+from robot_energy.foundation.shown_text import shown, shown_lines
+from robot_energy_report.formats import typeset
 
 Axes = Any  # the annotations of matplotlib are partly unknown
 Target = str | Path | BytesIO  # a file, or a buffer for SVG

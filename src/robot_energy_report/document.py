@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Literal
 
-from robot_energy.errors import ReportError
-from robot_energy.page.energy_flow import FlowPicture
-from robot_energy.report.formats import NOTHING
+from robot_energy.foundation.errors import ReportError
+from robot_energy_report.formats import NOTHING
+from robot_energy_report.page.energy_flow import FlowPicture
 
 Where = Literal["both", "page", "terminal"]
 Kind = Literal["plain", "strong", "note", "problem", "command", "h2", "h3", "h4"]

@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.errors import ShapeError
-from robot_energy.identify.drives.drives import WAYS, AxisFit, DrivesFit
-from robot_energy.identify.drives.losses import TERMS
-from robot_energy.identify.drives.total_sums import COEFFICIENTS
-from robot_energy.identify.stats.lag import Delay
+from robot_energy.foundation.errors import ShapeError
 from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap
-from robot_energy.report.canvas import COLOURS, Target, panels
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import (
+from robot_energy.results.base import known
+from robot_energy_identify.drives.drives import WAYS, AxisFit, DrivesFit
+from robot_energy_identify.drives.losses import TERMS
+from robot_energy_identify.drives.total_sums import COEFFICIENTS
+from robot_energy_identify.results.drives import DrivesReport, LossTerm, TotalPower
+from robot_energy_identify.stats.lag import Delay
+from robot_energy_report.canvas import COLOURS, Target, panels
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import (
     fixed,
     grouped,
     percent,
@@ -23,9 +25,7 @@ from robot_energy.report.formats import (
     significant,
     uncertain,
 )
-from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_lines
-from robot_energy.results.base import known
-from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
+from robot_energy_report.identification import AT_BOUND, HELD_OUT, delay_lines
 
 WAY_NAMES = {
     "none": "no efficiency",

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.dynamics_model import friction_at_joints
-from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
-from robot_energy.identify.dynamics.sufficiency import temperature_remark
-from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.stats.cross_validation import FOLDS
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import (
+from robot_energy.results.base import known
+from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.dynamics_model import friction_at_joints
+from robot_energy_identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
+from robot_energy_identify.dynamics.sufficiency import temperature_remark
+from robot_energy_identify.dynamics.validation import TorqueError
+from robot_energy_identify.results.dynamics import KINDS, DynamicsReport, ExcitationReport
+from robot_energy_identify.stats.cross_validation import FOLDS
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import (
     NOTHING,
     fixed,
     percent,
@@ -22,9 +24,7 @@ from robot_energy.report.formats import (
     significant,
     uncertain,
 )
-from robot_energy.report.identification import delay_use
-from robot_energy.results.base import known
-from robot_energy.results.dynamics import KINDS, DynamicsReport, ExcitationReport
+from robot_energy_report.identification import delay_use
 
 
 @dataclass(frozen=True)

@@ -6,21 +6,21 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
-from robot_energy.blocks import NANOSECOND
+from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.page.energy_flow import FlowParts, flow_picture, known_label
-from robot_energy.report.document import Column, Document, FlowDiagram
-from robot_energy.report.formats import (
+from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_report.document import Column, Document, FlowDiagram
+from robot_energy_report.formats import (
     EnergyFormat,
     energy_text,
     fixed,
     percent,
     seconds,
 )
-from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
-from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
-from robot_energy.shown_text import shown
-from robot_energy.units import JOULE_PER_WH
+from robot_energy_report.page.energy_flow import FlowParts, flow_picture, known_label
 
 QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",

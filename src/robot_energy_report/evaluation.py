@@ -6,10 +6,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robot_energy.errors import ShapeError
-from robot_energy.report.canvas import COLOURS, Target, canvas, named_ticks
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import (
+from robot_energy.foundation.errors import ShapeError
+from robot_energy_identify.results.evaluation import (
+    FIXED,
+    MODEL,
+    ZERO,
+    EvaluationReport,
+    ModelScore,
+    RecordingScore,
+)
+from robot_energy_report.canvas import COLOURS, Target, canvas, named_ticks
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import (
     aligned,
     energy_text,
     fixed,
@@ -19,16 +27,8 @@ from robot_energy.report.formats import (
     significant,
     tags_text,
 )
-from robot_energy.report.headline import LOCATION_NAMES
-from robot_energy.report.series import Role
-from robot_energy.results.evaluation import (
-    FIXED,
-    MODEL,
-    ZERO,
-    EvaluationReport,
-    ModelScore,
-    RecordingScore,
-)
+from robot_energy_report.headline import LOCATION_NAMES
+from robot_energy_report.series import Role
 
 Bars = tuple[str, Role, Sequence[float]]  # label, role, and an error for each name [-]
 

@@ -11,8 +11,8 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 
-from robot_energy.page.energy_flow import rounded_parts
-from robot_energy.units import JOULE_PER_WH
+from robot_energy.foundation.units import JOULE_PER_WH
+from robot_energy_report.page.energy_flow import rounded_parts
 
 NOTHING = "-"
 MAX_PLAIN = 1e9  # greater numbers have an exponent

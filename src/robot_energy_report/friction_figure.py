@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.errors import ShapeError
-from robot_energy.identify.friction.friction import FrictionFit
+from robot_energy.foundation.errors import ShapeError
 from robot_energy.physics.friction import viscous_law
-from robot_energy.report.canvas import COLOURS, Target, panels
+from robot_energy_identify.friction.friction import FrictionFit
+from robot_energy_report.canvas import COLOURS, Target, panels
 
 MILLI = 1e3
 BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held

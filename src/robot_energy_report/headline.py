@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robot_energy.blocks import NANOSECOND
-from robot_energy.page.settings import PageSettings
-from robot_energy.report.document import Tiles
-from robot_energy.report.energy import scale_of
-from robot_energy.report.formats import counted, energy_text, percent, signed_percent
+from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.results.replay import ReplayReport
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_report.document import Tiles
+from robot_energy_report.energy import scale_of
+from robot_energy_report.formats import counted, energy_text, percent, signed_percent
+from robot_energy_report.page.settings import PageSettings
 
 LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
 

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.blocks import Float, MeterLocation
-from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
-from robot_energy.report.canvas import COLOURS, LINES, Target, panels
-from robot_energy.report.document import Column, Document
-from robot_energy.report.evaluation import error_bars
-from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
-from robot_energy.report.replay_figures import power_and_energy
-from robot_energy.report.series import Role, Series, series_of
+from robot_energy.timeline.blocks import Float, MeterLocation
 from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
+from robot_energy_report.canvas import COLOURS, LINES, Target, panels
+from robot_energy_report.document import Column, Document
+from robot_energy_report.evaluation import error_bars
+from robot_energy_report.formats import energy_text, fixed, percent, signed_percent, significant
+from robot_energy_report.replay_figures import power_and_energy
+from robot_energy_report.series import Role, Series, series_of
 
 KINDS = {
     "test": "recordings named for the test, not used for the fit",

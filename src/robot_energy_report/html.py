@@ -14,12 +14,10 @@ from html import escape as escaped
 from io import BytesIO
 from pathlib import Path
 
-from robot_energy.files.output_files import HTML, HTML_MARK, PDF, write_file
-from robot_energy.page.energy_flow import GRID
-from robot_energy.page.headless_browser import printed
-from robot_energy.page.json_numbers import json_text
-from robot_energy.page.saved_page import inline_parts
-from robot_energy.report.document import (
+from robot_energy.foundation.files.output_files import HTML, HTML_MARK, PDF, write_file
+from robot_energy.foundation.shown_text import shown_lines
+from robot_energy.foundation.units import JOULE_PER_WH
+from robot_energy_report.document import (
     HEADINGS,
     Document,
     FlowDiagram,
@@ -29,9 +27,11 @@ from robot_energy.report.document import (
     Text,
     Tiles,
 )
-from robot_energy.report.formats import number, percent, typeset
-from robot_energy.shown_text import shown_lines
-from robot_energy.units import JOULE_PER_WH
+from robot_energy_report.formats import number, percent, typeset
+from robot_energy_report.page.energy_flow import GRID
+from robot_energy_report.page.headless_browser import printed
+from robot_energy_report.page.json_numbers import json_text
+from robot_energy_report.page.saved_page import inline_parts
 
 NUMBER = ' class="n"'
 PROSE = 24  # characters from which a cell is read as a sentence

@@ -6,18 +6,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
-from robot_energy.identify.cabinet.dc_link import LinkFit
-from robot_energy.identify.friction.friction import FrictionFit
-from robot_energy.identify.friction.hold import HoldFit
-from robot_energy.identify.friction.laws import fitted_laws
-from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.thermal.gear import GearsFound
-from robot_energy.identify.thermal.network import ThermalFit
 from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.report.canvas import COLOURS, Target, canvas
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import (
+from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
+from robot_energy_identify.cabinet.dc_link import LinkFit
+from robot_energy_identify.friction.friction import FrictionFit
+from robot_energy_identify.friction.hold import HoldFit
+from robot_energy_identify.friction.laws import fitted_laws
+from robot_energy_identify.results.identification import (
+    CabinetReport,
+    FrictionReport,
+    FrictionStudyReport,
+    LoadStatesReport,
+    ThermalReport,
+)
+from robot_energy_identify.stats.lag import Delay
+from robot_energy_identify.thermal.gear import GearsFound
+from robot_energy_identify.thermal.network import ThermalFit
+from robot_energy_report.canvas import COLOURS, Target, canvas
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import (
     fixed,
     grouped,
     percent,
@@ -25,14 +32,7 @@ from robot_energy.report.formats import (
     significant,
     uncertain,
 )
-from robot_energy.report.friction_figure import friction_over_temperature
-from robot_energy.results.identification import (
-    CabinetReport,
-    FrictionReport,
-    FrictionStudyReport,
-    LoadStatesReport,
-    ThermalReport,
-)
+from robot_energy_report.friction_figure import friction_over_temperature
 
 AT_BOUND = "0, at bound"
 HELD_OUT = {

@@ -6,34 +6,34 @@ from math import isfinite
 from pathlib import Path
 
 from robot_energy import __version__
-from robot_energy.blocks import EffortMeaning
-from robot_energy.identify.cabinet.cabinet import CabinetFit
-from robot_energy.identify.cabinet.dc_link import LinkFit
-from robot_energy.identify.data.bags import VIRTUAL, BagFacts
-from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.steps import DynamicsFound
-from robot_energy.report.document import Column, Document
-from robot_energy.report.drives import drives_document
-from robot_energy.report.dynamics import dynamics_document
-from robot_energy.report.formats import NOTHING, counted, percent, tags_text
-from robot_energy.report.held_out import PLACES, held_out_document, verdict_line
-from robot_energy.report.identification import (
+from robot_energy.results.model import count_tags
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.cabinet.cabinet import CabinetFit
+from robot_energy_identify.cabinet.dc_link import LinkFit
+from robot_energy_identify.data.bags import VIRTUAL, BagFacts
+from robot_energy_identify.drives.drives import DrivesFit
+from robot_energy_identify.results.drives import DrivesReport, TotalPower
+from robot_energy_identify.results.dynamics import DynamicsReport
+from robot_energy_identify.results.identification import (
+    FrictionReport,
+    IdentificationReport,
+    StepReport,
+    ThermalReport,
+)
+from robot_energy_identify.steps import DynamicsFound
+from robot_energy_report.document import Column, Document
+from robot_energy_report.drives import drives_document
+from robot_energy_report.dynamics import dynamics_document
+from robot_energy_report.formats import NOTHING, counted, percent, tags_text
+from robot_energy_report.held_out import PLACES, held_out_document, verdict_line
+from robot_energy_report.identification import (
     delay_lines,
     friction_document,
     link_section,
     losses_section,
     thermal_document,
 )
-from robot_energy.report.parameters import changes_document
-from robot_energy.results.drives import DrivesReport, TotalPower
-from robot_energy.results.dynamics import DynamicsReport
-from robot_energy.results.identification import (
-    FrictionReport,
-    IdentificationReport,
-    StepReport,
-    ThermalReport,
-)
-from robot_energy.results.model import count_tags
+from robot_energy_report.parameters import changes_document
 
 TITLES = {
     "dynamics": "Dynamics: bodies, rotors and friction",

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from robot_energy.blocks import NANOSECOND
-from robot_energy.report.document import Column, Document
-from robot_energy.report.energy import scale_of
-from robot_energy.report.formats import EnergyFormat, counted, fixed, signed_percent, utc
-from robot_energy.report.headline import duration, place_of
 from robot_energy.results.replay import JobFigures, ReplayReport
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_report.document import Column, Document
+from robot_energy_report.energy import scale_of
+from robot_energy_report.formats import EnergyFormat, counted, fixed, signed_percent, utc
+from robot_energy_report.headline import duration, place_of
 
 MAX_ROWS = 100  # jobs that are listed one by one
 HOLD, MOTION = "hold", "motion"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from robot_energy.foundation.kinds import Kind
 from robot_energy.inputs.meter.kinds import METER_KINDS, OTHER
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
-from robot_energy.kinds import Kind
-from robot_energy.log_formats import LOG_FORMATS
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.presets import ROBOTS
+from robot_energy_logs.log_formats import LOG_FORMATS
 
 
 def kinds_listing() -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import significant
 from robot_energy.results.model import JointOfModel, ModelReport
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import significant
 
 
 def model_document(report: ModelReport, page: Document) -> None:

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.report.canvas import SERIES, Axes, Target, canvas, named_ticks
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import (
+from robot_energy_plan.results.optimization import CommonSupply, MeasureResult, OptimizationReport
+from robot_energy_report.canvas import SERIES, Axes, Target, canvas, named_ticks
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import (
     EnergyFormat,
     energy_text,
     fixed,
     percent,
     tags_text,
 )
-from robot_energy.results.optimization import CommonSupply, MeasureResult, OptimizationReport
 
 
 def optimization_document(report: OptimizationReport, page: Document) -> None:

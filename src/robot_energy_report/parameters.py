@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robot_energy.identify.bounds import not_identified
+from robot_energy.certainty.band import Z95
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Figure
 from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import viscous_law
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import significant
-from robot_energy.uncertainty.band import Z95
+from robot_energy_identify.bounds import not_identified
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import significant
 
 SHOWN_DEGC = (20.0, 40.0, 60.0)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from robot_energy.prediction import Prediction
-from robot_energy.report.document import Column, Document
-from robot_energy.report.energy import (
+from robot_energy_plan.prediction import Prediction
+from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
+from robot_energy_report.document import Column, Document
+from robot_energy_report.energy import (
     EnergySections,
     add_flow,
     auxiliary_section,
@@ -15,7 +16,7 @@ from robot_energy.report.energy import (
     scale_of,
     sum_of_known,
 )
-from robot_energy.report.formats import (
+from robot_energy_report.formats import (
     energy_text,
     fixed,
     percent,
@@ -23,8 +24,7 @@ from robot_energy.report.formats import (
     significant,
     tags_text,
 )
-from robot_energy.report.prediction_figure import energy_bars, power_curves
-from robot_energy.results.prediction import PredictionReport, PredictionsReport
+from robot_energy_report.prediction_figure import energy_bars, power_curves
 
 MINUTE = 60.0  # s
 

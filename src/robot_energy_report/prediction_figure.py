@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.prediction import START_NS, Prediction
-from robot_energy.report.canvas import PART_COLOURS, SERIES, Axes, Target, canvas, named_ticks
-from robot_energy.report.energy import scale_of
 from robot_energy.results.energy import EnergyBreakdown
+from robot_energy_plan.prediction import START_NS, Prediction
+from robot_energy_report.canvas import PART_COLOURS, SERIES, Axes, Target, canvas, named_ticks
+from robot_energy_report.energy import scale_of
 
 PARTS = {  # name, parts of the energy, and its colour
     "lifting and accelerating, net": (("rigid",), "motion"),

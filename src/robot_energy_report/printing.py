@@ -9,10 +9,10 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text as Line
 
-from robot_energy.report.document import HEADINGS, Document, Part, Table, Text
-from robot_energy.report.formats import typeset
-from robot_energy.report.layout import MIN_PROSE_WIDTH, fitted_table
-from robot_energy.shown_text import shown_lines
+from robot_energy.foundation.shown_text import shown_lines
+from robot_energy_report.document import HEADINGS, Document, Part, Table, Text
+from robot_energy_report.formats import typeset
+from robot_energy_report.layout import MIN_PROSE_WIDTH, fitted_table
 
 STYLES = {"strong": "bold", "problem": "bold red"}
 

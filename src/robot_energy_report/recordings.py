@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.page.settings import PageSettings
-from robot_energy.report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
-from robot_energy.report.document import Column, Document
-from robot_energy.report.energy import add_flow, scale_of
-from robot_energy.report.formats import (
+from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import JOULE_PER_WH
+from robot_energy.results.model import ModelUsed
+from robot_energy.results.replay import ReplayReport
+from robot_energy.timeline.blocks import Float
+from robot_energy_report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
+from robot_energy_report.document import Column, Document
+from robot_energy_report.energy import add_flow, scale_of
+from robot_energy_report.formats import (
     EnergyFormat,
     counted,
     fixed,
@@ -23,15 +26,12 @@ from robot_energy.report.formats import (
     signed_percent,
     utc,
 )
-from robot_energy.report.headline import error_of, headline, observed_time, tiles
-from robot_energy.report.jobs import job_kinds, kind_table, mean_energy
-from robot_energy.report.prediction_figure import energy_bars
-from robot_energy.report.repeats import given_once, overlaps
-from robot_energy.report.replay import FIRST, ReplayCurves, replay_document
-from robot_energy.results.model import ModelUsed
-from robot_energy.results.replay import ReplayReport
-from robot_energy.shown_text import shown
-from robot_energy.units import JOULE_PER_WH
+from robot_energy_report.headline import error_of, headline, observed_time, tiles
+from robot_energy_report.jobs import job_kinds, kind_table, mean_energy
+from robot_energy_report.page.settings import PageSettings
+from robot_energy_report.prediction_figure import energy_bars
+from robot_energy_report.repeats import given_once, overlaps
+from robot_energy_report.replay import FIRST, ReplayCurves, replay_document
 
 Recording = tuple[ReplayReport, ReplayCurves | None]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-from robot_energy.blocks import NANOSECOND
-from robot_energy.report.formats import some_names
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_report.formats import some_names
 
 MIN_OVERLAP = 1.0  # s; bags that follow each other may share a moment
 MAX_NAMES = 20  # of recordings that overlap

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from robot_energy.blocks import NANOSECOND
-from robot_energy.page.settings import PageSettings
-from robot_energy.report.document import HEADINGS, Column, Document, Text
-from robot_energy.report.energy import (
+from robot_energy.results.energy import JointEnergy
+from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_report.document import HEADINGS, Column, Document, Text
+from robot_energy_report.energy import (
     EnergySections,
     add_flow,
     auxiliary_section,
     flow_labels,
     scale_of,
 )
-from robot_energy.report.formats import (
+from robot_energy_report.formats import (
     EnergyFormat,
     counted,
     fixed,
@@ -25,17 +26,16 @@ from robot_energy.report.formats import (
     tags_text,
     utc,
 )
-from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
-from robot_energy.report.jobs import job_section, summary_section
-from robot_energy.report.prediction_figure import energy_bars
-from robot_energy.report.replay_figures import (
+from robot_energy_report.headline import beyond_constant, headline, place_of, tiles
+from robot_energy_report.jobs import job_section, summary_section
+from robot_energy_report.page.settings import PageSettings
+from robot_energy_report.prediction_figure import energy_bars
+from robot_energy_report.replay_figures import (
     TemperatureHistory,
     power_and_energy,
     temperature_and_friction,
 )
-from robot_energy.report.series import Series
-from robot_energy.results.energy import JointEnergy
-from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
+from robot_energy_report.series import Series
 
 INPUT_NAMES = {
     "joint_state_messages": "joint states",

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ShapeError
-from robot_energy.page.history import HistoryRing
+from robot_energy.foundation.errors import ShapeError
 from robot_energy.pipeline import Output
-from robot_energy.report.canvas import COLOURS, LINES, SERIES, Axes, Target, canvas
-from robot_energy.report.formats import EnergyFormat, typeset
-from robot_energy.report.series import Series
+from robot_energy.timeline.blocks import Float
+from robot_energy_report.canvas import COLOURS, LINES, SERIES, Axes, Target, canvas
+from robot_energy_report.formats import EnergyFormat, typeset
+from robot_energy_report.page.history import HistoryRing
+from robot_energy_report.series import Series
 
 MINUTE = 60.0  # s
 MAX_TIME_IN_SECONDS = 600.0  # s, from here on the axis counts minutes

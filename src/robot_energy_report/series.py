@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
-from robot_energy.bag_replay import Replay
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.replay.bag_replay import Replay
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
 
 MAX_POINTS = 2000

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Int, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.timeline.blocks import NANOSECOND, Int, MeterBlock, MeterLocation, MeterMeaning
 
 LOADS = ("pump", "extruder")
 STEP = 1e-3  # s, of the integral of the power

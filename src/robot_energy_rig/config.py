@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 
-from robot_energy.blocks import MeterMeaning
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
+from robot_energy.timeline.blocks import MeterMeaning
 
 HARD = (
     "elastic_joints",

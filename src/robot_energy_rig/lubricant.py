@@ -12,8 +12,8 @@ from math import log10
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
+from robot_energy.timeline.blocks import Float
 
 KELVIN = 273.15  # K at 0 degC
 SHIFT = 0.7  # mm^2/s

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robot_energy.blocks import Block, Float, MeterBlock, TemperatureBlock
+from robot_energy.timeline.blocks import Block, Float, MeterBlock, TemperatureBlock
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RigError
-from robot_energy.rig.config import RigConfig
-from robot_energy.rig.profile import PlantProfile
+from robot_energy.foundation.errors import RigError
+from robot_energy.timeline.blocks import Float
+from robot_energy_rig.config import RigConfig
+from robot_energy_rig.profile import PlantProfile
 
 REFERENCE_DEGC = 20.0  # of resistances and torque constants
 OIL_DEGC = 60.0  # of the oil while its temperature is switched off

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import load
-from robot_energy.motion import MotionLimits
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig.lubricant import OILS, Lubricant
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion import MotionLimits
+from robot_energy_rig.lubricant import OILS, Lubricant
 
 JERK_TIME = 0.05  # s over which acceleration builds up
 
@@ -247,7 +247,7 @@ def load_profile(name: str) -> PlantProfile:
     Raises:
         RigError: If there is no such plant, or a figure makes no sense.
     """
-    folder = resources.files("robot_energy.rig") / "profiles"
+    folder = resources.files("robot_energy_rig") / "profiles"
     files = {path.name.removesuffix(".yaml"): path for path in folder.iterdir()}
     if name not in files:
         raise RigError(f"there is no plant '{name}'", ", ".join(sorted(files)))

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig.lubricant import OILS
-from robot_energy.rig.profile import HardEffects, PlantProfile, SupplyProfile
+from robot_energy.timeline.blocks import Float
+from robot_energy_rig.lubricant import OILS
+from robot_energy_rig.profile import HardEffects, PlantProfile, SupplyProfile
 
 RATED_SHARE = 1.0 / 3.0  # of the effort limit, which a drive gives for a short time only
 SPREAD = 0.4  # of the log-normal draws

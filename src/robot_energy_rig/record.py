@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, TemperatureBlock
-from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.errors import RigError
-from robot_energy.rig.auxiliary import LoadRecord, auxiliary_loads
-from robot_energy.rig.output import RigJoints, RigOutput
-from robot_energy.rig.virtual_rig import VirtualRig
+from robot_energy.bag.cdr import Encoder, stamp_columns
+from robot_energy.foundation.errors import RigError
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, TemperatureBlock
+from robot_energy_rig.auxiliary import LoadRecord, auxiliary_loads
+from robot_energy_rig.output import RigJoints, RigOutput
+from robot_energy_rig.virtual_rig import VirtualRig
 
 JOINT_STATES = "/joint_states"
 MOTOR_TEMPERATURES = "/motor_temperatures"

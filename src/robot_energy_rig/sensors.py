@@ -9,7 +9,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from robot_energy.blocks import (
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
     Int,
@@ -18,10 +19,9 @@ from robot_energy.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy.motion import Trajectory
-from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.rig.config import RigConfig
-from robot_energy.rig.output import RigJoints, Truth
+from robot_energy_plan.motion import Trajectory
+from robot_energy_rig.config import RigConfig
+from robot_energy_rig.output import RigJoints, Truth
 
 TURN = 2.0 * np.pi  # rad
 JITTER_SPREAD = 3.0  # standard deviations at which the jitter is cut

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.rig.config import RigConfig
-from robot_energy.rig.profile import PlantProfile
+from robot_energy.timeline.blocks import Float
+from robot_energy_rig.config import RigConfig
+from robot_energy_rig.profile import PlantProfile
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from robot_energy.blocks import (
+from robot_energy.foundation.errors import RigError
+from robot_energy.model.payload import Payload
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     Block,
     Float,
@@ -26,22 +29,19 @@ from robot_energy.blocks import (
     TemperatureBlock,
     sum_over_joints,
 )
-from robot_energy.errors import RigError
-from robot_energy.model.payload import Payload
-from robot_energy.motion import JointMotion, Trajectory
-from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig.config import RigConfig
-from robot_energy.rig.output import RigJoints, RigOutput, Truth
-from robot_energy.rig.plant import (
+from robot_energy_plan.motion import JointMotion, Trajectory
+from robot_energy_rig.config import RigConfig
+from robot_energy_rig.output import RigJoints, RigOutput, Truth
+from robot_energy_rig.plant import (
     DriveFlows,
     PlantDrives,
     PlantFriction,
     ThermalNetwork,
     longest_step,
 )
-from robot_energy.rig.profile import HardEffects, PlantProfile
-from robot_energy.rig.sensors import GridMeter, JointSensors, TemperatureSensor
-from robot_energy.rig.supply import Supply
+from robot_energy_rig.profile import HardEffects, PlantProfile
+from robot_energy_rig.sensors import GridMeter, JointSensors, TemperatureSensor
+from robot_energy_rig.supply import Supply
 
 BLOCK = 1.0  # s of samples computed at once, at most
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001

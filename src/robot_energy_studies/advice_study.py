@@ -17,7 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.advice.claims import (
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy.replay.api import run_replay
+from robot_energy.timeline.blocks import Float
+from robot_energy_fleet.advice.claims import (
     REGENERATION,
     Claim,
     regenerative,
@@ -25,17 +28,14 @@ from robot_energy.advice.claims import (
     waiting_pose,
     warm_up,
 )
-from robot_energy.advice.evidence import EvidenceSums
-from robot_energy.api.replay import run_replay
-from robot_energy.blocks import Float
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.motion import Program, random_program, tool_above
-from robot_energy.optimization.rest_states import ASSUMED, rest_cost
-from robot_energy.rig import RigConfig, VirtualRig, random_profile
-from robot_energy.rig.record import record
-from robot_energy_papers.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig, Recorded
+from robot_energy_fleet.advice.evidence import EvidenceSums
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
-from robot_energy_papers.judged_savings import JudgedClaim
+from robot_energy_plan.motion import Program, random_program, tool_above
+from robot_energy_plan.optimization.rest_states import ASSUMED, rest_cost
+from robot_energy_rig import RigConfig, VirtualRig, random_profile
+from robot_energy_rig.record import record
+from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig, Recorded
+from robot_energy_studies.judged_savings import JudgedClaim
 
 COLD = 24.0  # degC
 SPEEDUP = 120.0  # of warming

@@ -19,19 +19,19 @@ from statistics import median
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.record import Calibrated
-from robot_energy.api.identify import identify_friction
-from robot_energy.api.identify_all import identify_all
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.blocks import Float, Int, Phase
+from robot_energy.certainty.band import Z90, power_std
+from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.model import RobotModel
-from robot_energy.motion import random_program, tool_above
 from robot_energy.pipeline import Output, Settings
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, load_profile, random_profile
-from robot_energy.rig.record import record
-from robot_energy.uncertainty.band import Z90, power_std
+from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.timeline.blocks import Float, Int, Phase
+from robot_energy_identify.api.identify import identify_friction
+from robot_energy_identify.api.identify_all import identify_all
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
+from robot_energy_plan.motion import random_program, tool_above
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, load_profile, random_profile
+from robot_energy_rig.record import record
 
 BODY = "kr16"
 AMBIENT = 22.0  # degC

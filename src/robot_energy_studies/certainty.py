@@ -10,28 +10,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.condition.learner import Learning
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.rig import load_profile, random_profile
-from robot_energy_papers.band_coverage import (
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy.timeline.blocks import Float
+from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_rig import load_profile, random_profile
+from robot_energy_studies.band_coverage import (
     SHORT_TRAINING,
     BandRuns,
     Covered,
     Recorded,
     band_coverage,
 )
-from robot_energy_papers.interval_coverage import (
+from robot_energy_studies.interval_coverage import (
     GROUPS,
     IntervalCoverage,
     Judged,
     coverages,
     repetitions,
 )
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
-from robot_energy_papers.learning_study import LearningRow, learning_study
-from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
-from robot_energy_papers.wear_shift import Shift, WearRow, detection
+from robot_energy_studies.learning_study import LearningRow, learning_study
+from robot_energy_studies.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
+from robot_energy_studies.wear_shift import Shift, WearRow, detection
 
 WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
 FRESH = 600  # first plant of the bands; their constants were chosen and proven on others

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from robot_energy.results.base import json_value
-from robot_energy_papers.band_coverage import summary
-from robot_energy_papers.certainty import Certainty, reliability_of
 from robot_energy_papers.drawings import reliability
 from robot_energy_papers.pages import Piece
+from robot_energy_studies.band_coverage import summary
+from robot_energy_studies.certainty import Certainty, reliability_of
 
 LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 

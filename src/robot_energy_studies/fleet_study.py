@@ -1,10 +1,10 @@
 """How often the report of a fleet finds the faults, and how often one that is not there.
 
-The fleets are those of `robot_energy_papers.generated_fleet`, without the way through bags: rig and
+The fleets are those of `robot_energy_studies.generated_fleet`, without the way through bags: rig and
 pipeline are joined directly, which takes a third of the time. All that the report reads comes from
 the same accumulators; only the energy of a job is summed here, from the samples and the meter.
 
-Run it with ``python -m robot_energy_papers.fleet_study SEEDS``.
+Run it with ``python -m robot_energy_studies.fleet_study SEEDS``.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.condition.learner import Learning
-from robot_energy.fleet.bag_sums import HourSums
-from robot_energy.fleet.joint_sums import JointSums
-from robot_energy.fleet.report import fleet_report
-from robot_energy.fleet.tables import FleetTables, Rows, tables_of
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Output
-from robot_energy.results.fleet import FleetReport
-from robot_energy.rig.output import RigOutput
-from robot_energy_papers.generated_fleet import ROBOT, FleetPlan, Visit, visits
-from robot_energy_papers.learning_study import joint_block, pipeline_of
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_fleet.bag_sums import HourSums
+from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_fleet.report import fleet_report
+from robot_energy_fleet.results.fleet import FleetReport
+from robot_energy_fleet.tables import FleetTables, Rows, tables_of
+from robot_energy_rig.output import RigOutput
+from robot_energy_studies.generated_fleet import ROBOT, FleetPlan, Visit, visits
+from robot_energy_studies.learning_study import joint_block, pipeline_of
 
 STEP = 30.0  # of rig and pipeline [s]
 CAUSES = {"wear": "friction"}  # kinds of findings that mean the same fault

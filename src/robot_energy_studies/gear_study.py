@@ -15,16 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.api.identify import identify_friction
-from robot_energy.api.identify_all import identify_all
-from robot_energy.blocks import EffortMeaning, Float
 from robot_energy.model import RobotModel
-from robot_energy.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, random_profile
-from robot_energy.rig.output import RigOutput
-from robot_energy.rig.record import outputs, record
-from robot_energy_papers.learning_study import joint_block
+from robot_energy.timeline.blocks import EffortMeaning, Float
+from robot_energy_identify.api.identify import identify_friction
+from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_plan.motion import JointMotion, Program, Trajectory, random_program, tool_above
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
+from robot_energy_rig.output import RigOutput
+from robot_energy_rig.record import outputs, record
+from robot_energy_studies.learning_study import joint_block
 
 RATE = 50.0  # Hz
 AMBIENT = 20.0  # degC

@@ -7,7 +7,7 @@ their classes. Halls, and how warm a robot has run, change from day to day. Of t
 an axis that wears from the third week on, one carries another payload than its model file says,
 and one stands with its drives on all night. Everything is simulated, with all effects of the rig.
 
-Run it with ``python -m robot_energy_papers.generated_fleet FOLDER``.
+Run it with ``python -m robot_energy_studies.generated_fleet FOLDER``.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import load
 from robot_energy.model.payload import payload
-from robot_energy.motion import MotionLimits, Program, random_program
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, load_profile
-from robot_energy.rig.record import record
-from robot_energy.units import SECOND_NS
+from robot_energy_plan.motion import MotionLimits, Program, random_program
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, load_profile
+from robot_energy_rig.record import record
 
 ROBOT = "kr16"
 BEGIN = datetime(2026, 3, 2, tzinfo=UTC)  # a Monday

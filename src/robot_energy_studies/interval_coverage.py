@@ -19,22 +19,22 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.drives.drive_power import DrivePowerTopics
-from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.dynamics_model import with_link_parameters
-from robot_energy.identify.run_all import FullIdentification, identify_everything
-from robot_energy.identify.stats.systematic import ROOT3, SensorLimits
-from robot_energy.identify.steps import DynamicsFound
+from robot_energy.certainty.band import Z95
 from robot_energy.model import RobotModel, load
 from robot_energy.model.figure import Figure
-from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.physics.friction import viscous_law
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
-from robot_energy.rig.record import DRIVE_POWER, record
-from robot_energy.uncertainty.band import Z95
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.drives.drive_power import DrivePowerTopics
+from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.dynamics_model import with_link_parameters
+from robot_energy_identify.run_all import FullIdentification, identify_everything
+from robot_energy_identify.stats.systematic import ROOT3, SensorLimits
+from robot_energy_identify.steps import DynamicsFound
+from robot_energy_plan.motion import Program, random_program, tool_above
+from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
+from robot_energy_rig.record import DRIVE_POWER, record
 
 BEYOND_MODEL = ("stribeck", "load_friction", "demagnetisation", "rectifier", "inverter", "warming")
 """Effects of the rig that the model file has no term for; off within its form."""

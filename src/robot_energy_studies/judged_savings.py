@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
-from robot_energy.motion import Program
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.motion.ptp_file import ProgramFile
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.order import best_order
-from robot_energy.optimization.place import best_place
-from robot_energy.optimization.plan import Cost, saving
-from robot_energy.optimization.ptp_form import PtpForm
-from robot_energy.optimization.task import Task, make_task
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy_papers.band_coverage import AMBIENT
+from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import TOOL
+from robot_energy_plan.motion import Program
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.motion.ptp_file import ProgramFile
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.order import best_order
+from robot_energy_plan.optimization.place import best_place
+from robot_energy_plan.optimization.plan import Cost, saving
+from robot_energy_plan.optimization.ptp_form import PtpForm
+from robot_energy_plan.optimization.task import Task, make_task
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_studies.band_coverage import AMBIENT
 
 RATE = 250.0  # Hz
 UNCHANGED = "unchanged"  # measure of the control

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_energy.model import load
-from robot_energy.motion import Program, random_program
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.optimization.chain import TORQUE_SHARE
-from robot_energy.optimization.search import cheapest
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import load_profile
-from robot_energy_papers.band_coverage import BODY, SHORT_TRAINING, TRAINING
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
-from robot_energy_papers.judged_savings import JudgedChoice, JudgedSaving, PlantAtWork
-from robot_energy_papers.savings_study import SavingsStudySize, judge_plant, run_as, task_of
+from robot_energy_plan.motion import Program, random_program
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.optimization.chain import TORQUE_SHARE
+from robot_energy_plan.optimization.search import cheapest
+from robot_energy_rig import load_profile
+from robot_energy_studies.band_coverage import BODY, SHORT_TRAINING, TRAINING
+from robot_energy_studies.judged_savings import JudgedChoice, JudgedSaving, PlantAtWork
+from robot_energy_studies.savings_study import SavingsStudySize, judge_plant, run_as, task_of
 
 FRESH = 500  # first plant on which no constant of the bands was chosen
 PER_JOB = 50  # programs whose limits are checked in one job

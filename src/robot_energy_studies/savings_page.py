@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.report.canvas import SERIES, Target, canvas
 from robot_energy.results.base import json_value
-from robot_energy_papers.judged_savings import UNCHANGED, JudgedSaving
 from robot_energy_papers.pages import Piece
-from robot_energy_papers.savings import OVERRIDES, STANDING, OverrideCurve, Savings
+from robot_energy_report.canvas import SERIES, Target, canvas
+from robot_energy_studies.judged_savings import UNCHANGED, JudgedSaving
+from robot_energy_studies.savings import OVERRIDES, STANDING, OverrideCurve, Savings
 
 LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 

@@ -14,20 +14,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
-from robot_energy.motion import Program, random_program, tool_above
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
-from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy.optimization.measures import Optimum, optimise
-from robot_energy.optimization.plan import CostTable, CyclePlan
-from robot_energy.optimization.search import cheapest
-from robot_energy.optimization.task import Task, make_task
-from robot_energy.rig import RigConfig, random_profile
-from robot_energy_papers.band_coverage import BODY, DrawnRig, Recorded
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
-from robot_energy_papers.judged_savings import (
+from robot_energy_plan.motion import Program, random_program, tool_above
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
+from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain, Use
+from robot_energy_plan.optimization.measures import Optimum, optimise
+from robot_energy_plan.optimization.plan import CostTable, CyclePlan
+from robot_energy_plan.optimization.search import cheapest
+from robot_energy_plan.optimization.task import Task, make_task
+from robot_energy_rig import RigConfig, random_profile
+from robot_energy_studies.band_coverage import BODY, DrawnRig, Recorded
+from robot_energy_studies.judged_savings import (
     RATE,
     UNCHANGED,
     DrawnWork,

@@ -13,7 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel, load
+from robot_energy.physics.motor_heat import MotorHeat
+from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.timeline.blocks import (
     EffortMeaning,
     Float,
     Int,
@@ -23,26 +27,22 @@ from robot_energy.blocks import (
     TemperatureBlock,
     TorqueBlock,
 )
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.friction.friction import fit_axes, with_friction
-from robot_energy.identify.friction.samples import friction_data
-from robot_energy.identify.thermal.network import (
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.friction.friction import fit_axes, with_friction
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_identify.thermal.network import (
     ambient_of,
     fit_network,
     fit_networks,
     free_run,
     with_networks,
 )
-from robot_energy.identify.thermal.windows import runs_of_log, runs_of_recordings
-from robot_energy.logs.recording import LogBlock
-from robot_energy.model import RobotModel, load
-from robot_energy.motion import Program, random_program, tool_above
-from robot_energy.physics.motor_heat import MotorHeat
-from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
-from robot_energy.rig.record import ORIGIN, outputs
-from robot_energy_papers.learning_study import joint_block
+from robot_energy_identify.thermal.windows import runs_of_log, runs_of_recordings
+from robot_energy_logs.recording import LogBlock
+from robot_energy_plan.motion import Program, random_program, tool_above
+from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
+from robot_energy_rig.record import ORIGIN, outputs
+from robot_energy_studies.learning_study import joint_block
 
 ROBOTS = ("kr16", "ur10e", "irb4600")
 SPEEDUP = 4.0

@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, PowerBlock
 from robot_energy.condition.joint_friction import MotionReader
 from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
-from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy.rig.plant import COULOMB_DEGC, PlantFriction
-from robot_energy_papers.learning_study import joint_block, pipeline_of
+from robot_energy.timeline.blocks import Float, Int, PowerBlock
+from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_rig.plant import COULOMB_DEGC, PlantFriction
+from robot_energy_studies.learning_study import joint_block, pipeline_of
 
 RATE = 25.0  # of the joint states [Hz]
 

@@ -23,23 +23,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.foundation.units import DAY
 from robot_energy.model import RobotModel, load
 from robot_energy.model.payload import Payload, payload
-from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.rig import PlantProfile, RigConfig
-from robot_energy.rig.plant import (
+from robot_energy.timeline.blocks import NANOSECOND, Float
+from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_rig import PlantProfile, RigConfig
+from robot_energy_rig.plant import (
     COULOMB_DEGC,
     MIN_COULOMB_SHARE,
     REFERENCE_DEGC,
     PlantFriction,
     ThermalNetwork,
 )
-from robot_energy.units import DAY
-from robot_energy_papers.learning_study import work
-from robot_energy_papers.wear_cycle import RATE, CycleSums, cycle_sums
+from robot_energy_studies.learning_study import work
+from robot_energy_studies.wear_cycle import RATE, CycleSums, cycle_sums
 
 PART = 15.0  # s summed up together
 LOADS = 8  # pairs of true and known payload of a plant

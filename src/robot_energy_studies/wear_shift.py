@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import TemperatureBlock
 from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.model import load
 from robot_energy.model.payload import payload
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy_papers.learning_study import joint_block, pipeline_of, work
-from robot_energy_papers.wear_rows import DAY_HOURS
+from robot_energy.timeline.blocks import TemperatureBlock
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_studies.learning_study import joint_block, pipeline_of, work
+from robot_energy_studies.wear_rows import DAY_HOURS
 
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]

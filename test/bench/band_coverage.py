@@ -11,8 +11,8 @@ import argparse
 import sys
 from statistics import NormalDist
 
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy_papers.band_coverage import (
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy_studies.band_coverage import (
     RUNS,
     SHARES,
     band_coverage,

@@ -14,10 +14,10 @@ import polars as pl
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from fleets import fleet, written
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.fleet.dataset import read_tables
-from robot_energy.fleet.report import fleet_report
-from robot_energy.fleet.tables import SCHEMAS, FleetTables
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy_fleet.dataset import read_tables
+from robot_energy_fleet.report import fleet_report
+from robot_energy_fleet.tables import SCHEMAS, FleetTables
 
 ROBOTS, WEEKS = 4, 5
 WEEK_NS = 7 * 86_400_000_000_000

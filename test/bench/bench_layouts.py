@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 
 NAMES = tuple(f"joint_{number}" for number in range(1, 7))

@@ -23,7 +23,7 @@ from typing import Any
 from bench_live import cpu_seconds
 from rich.table import Table
 
-from robot_energy.page.saved_page import FILES
+from robot_energy_report.page.saved_page import FILES
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from chromium import CHROMIUM, DRIVER, browser

@@ -13,7 +13,11 @@ import pinocchio as pin
 from recording import motion
 from rich.table import Table
 
-from robot_energy.blocks import (
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.condition.learner import Learning
+from robot_energy.model import RobotModel, load
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import (
     EffortMeaning,
     JointBlock,
     MeterBlock,
@@ -21,10 +25,6 @@ from robot_energy.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy.condition.learner import Learning
-from robot_energy.model import RobotModel, load
-from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 
 
 def per_sample(run: Callable[[], None], samples: int, repeats: int = 5) -> float:

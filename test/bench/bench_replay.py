@@ -21,7 +21,7 @@ def measure(script: str, *arguments: str, function: str = "main") -> dict[str, f
     code = (
         "import json, re, sys, time\n"
         f"sys.path.insert(0, {str(HERE)!r})\n"
-        f"import {script}, robot_energy.cdr.types as types; types.typestore()\n"
+        f"import {script}, robot_energy.bag.cdr.types as types; types.typestore()\n"
         f"begin = time.perf_counter(); out = {script}.{function}(*{list(arguments)!r}) or {{}}\n"
         "wall = time.perf_counter() - begin\n"
         "status = open('/proc/self/status').read()\n"

@@ -26,15 +26,16 @@ from rich.console import Console
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from places import ROOT
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.friction.friction import moving_samples
-from robot_energy.identify.friction.samples import FrictionData, friction_data_of_log
-from robot_energy.identify.friction.temperature_study import Span, temperature_split
-from robot_energy.logs import load_mapping, open_logs
-from robot_energy.motion import random_program, tool_above
-from robot_energy.report.printing import table
-from robot_energy.rig import RigConfig, Sensors, VirtualRig, random_profile
-from robot_energy.rig.record import outputs
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy_identify.friction.friction import moving_samples
+from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
+from robot_energy_identify.friction.temperature_study import Span, temperature_split
+from robot_energy_logs.log_import import open_logs
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_plan.motion import random_program, tool_above
+from robot_energy_report.printing import table
+from robot_energy_rig import RigConfig, Sensors, VirtualRig, random_profile
+from robot_energy_rig.record import outputs
 
 ROBOTS = ("kr16", "irb4600", "ur10e")
 SPEEDUP, SECONDS, RATE = 12.0, 900.0, 50.0

@@ -26,8 +26,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from mistakes import METER, Mistake, mistakes, rewrite
 from robot_energy.bag import BagReader
-from robot_energy.check import CheckResult, check
 from robot_energy.model import RobotModel, validate
+from robot_energy_identify.check import CheckResult, check
 from sound_recordings import Sound, plain, sound
 
 NAMED, EITHER, WRONG, SILENT, UNJUDGED, MISSING = (

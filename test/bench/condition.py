@@ -16,10 +16,10 @@ from rich.console import Console
 from rich.table import Table
 
 from robot_energy.condition.learner import Learning
-from robot_energy.rig import RigConfig, load_profile, random_profile
-from robot_energy_papers.learning_study import learning_study
-from robot_energy_papers.wear_shift import Shift, detection, stuck_thermometer
-from robot_energy_papers.wear_study import FoundRow, SimulatedRow, meter_only, simulated
+from robot_energy_rig import RigConfig, load_profile, random_profile
+from robot_energy_studies.learning_study import learning_study
+from robot_energy_studies.wear_shift import Shift, detection, stuck_thermometer
+from robot_energy_studies.wear_study import FoundRow, SimulatedRow, meter_only, simulated
 
 LAST = 10  # minutes over which the error at the end is taken
 PLANTS = (("kr16", 623), ("irb4600", 624), ("kr16", 625), ("kr16", 626))

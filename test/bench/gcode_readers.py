@@ -17,9 +17,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from robot_energy.errors import MotionError
-from robot_energy.motion.gcode import GcodeProgram, gcode_text, read_gcode
-from robot_energy.motion.tool_path import Dwell, LineSegment
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion.gcode import GcodeProgram, gcode_text, read_gcode
+from robot_energy_plan.motion.tool_path import Dwell, LineSegment
 
 CHORD, TURN = 0.02, 1.0  # mm and deg of an arc's pieces
 STATED = re.compile(

@@ -27,11 +27,11 @@ from rich.console import Console
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from mistakes import mistakes, rewrite
-from robot_energy.cli.main import main as command
-from robot_energy.errors import ImplausibleIdentificationError, RobotEnergyError
-from robot_energy.identify.causes import bodies_known
+from robot_energy.foundation.errors import ImplausibleIdentificationError, RobotEnergyError
 from robot_energy.model import RobotModel, load
-from robot_energy.report.printing import table
+from robot_energy_cli.main import main as command
+from robot_energy_identify.causes import bodies_known
+from robot_energy_report.printing import table
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "src/examples"

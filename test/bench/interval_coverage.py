@@ -3,7 +3,7 @@
     python test/bench/interval_coverage.py [--hard] [--quick] [--more]
 
 Every repetition draws a plant, its sensors and their constant errors, and motions; half of them
-have the power of each drive as well as the meter. `robot_energy_papers.interval_coverage` says
+have the power of each drive as well as the meter. `robot_energy_studies.interval_coverage` says
 what is drawn. 60 repetitions take about a quarter of an hour on a free core.
 """
 
@@ -24,8 +24,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from rich.console import Console
 
-from robot_energy.report.printing import table
-from robot_energy_papers.interval_coverage import DrawnPlant, coverages, repetitions
+from robot_energy_report.printing import table
+from robot_energy_studies.interval_coverage import DrawnPlant, coverages, repetitions
 
 GOAL = (0.90, 0.98)
 

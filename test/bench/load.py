@@ -18,7 +18,7 @@ from recording import JOINTS, motion
 from ros2_energy_msgs.msg import MotorTemperatures, PowerReading, PowerState
 from sensor_msgs.msg import JointState
 
-from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 
 WARM_UP = 2.0  # s
 PERIOD = 2 * np.pi / 0.7  # of `motion`: the positions go on where they begin again [s]

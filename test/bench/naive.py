@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from rosbags.highlevel import AnyReader
 
-from robot_energy.cdr.types import typestore
+from robot_energy.bag.cdr.types import typestore
 from robot_energy.model import load
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 
 from robot_energy.bag import BagReader
-from robot_energy.bag_replay import replay
+from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.process_memory import keep_freed_memory
+from robot_energy.replay.bag_replay import replay
 
 
 def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:

@@ -16,11 +16,11 @@ import scipy.ndimage
 import scipy.signal
 import scipy.stats  # noqa: F401
 
-from robot_energy.identify.data.log_channels import model_of, read_channels
-from robot_energy.identify.dynamics.dynamics import identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
-from robot_energy.logs import load_mapping
 from robot_energy.model import save
+from robot_energy_identify.data.log_channels import model_of, read_channels
+from robot_energy_identify.dynamics.dynamics import identify_dynamics
+from robot_energy_identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy_logs.mapping import load_mapping
 
 MAPPING = Path(__file__).resolve().parents[2] / "src/examples/identify/tx40.yaml"
 

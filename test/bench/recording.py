@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag import BagWriter
-from robot_energy.blocks import Float, Int
-from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.timeline.blocks import Float, Int
 
 JOINTS = tuple(f"joint_a{number}" for number in range(1, 7))
 START_NS = 1_700_000_000_000_000_000

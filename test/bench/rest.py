@@ -21,16 +21,16 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from robot_energy.api.identify_all import identify_all
-from robot_energy.blocks import EffortMeaning, Float, PowerBlock
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.report.printing import table
-from robot_energy.rig import RigConfig
-from robot_energy.rig.output import RigOutput
-from robot_energy.rig.record import outputs, record
-from robot_energy_papers.gear_study import BODIES, RATE, SOAKED, WarmPlant
-from robot_energy_papers.learning_study import joint_block
+from robot_energy.timeline.blocks import EffortMeaning, Float, PowerBlock
+from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_report.printing import table
+from robot_energy_rig import RigConfig
+from robot_energy_rig.output import RigOutput
+from robot_energy_rig.record import outputs, record
+from robot_energy_studies.gear_study import BODIES, RATE, SOAKED, WarmPlant
+from robot_energy_studies.learning_study import joint_block
 
 CONSOLE = Console(width=110)
 POSES, DWELL, SECONDS = 36, 4.0, 260.0

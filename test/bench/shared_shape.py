@@ -20,22 +20,23 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.cli.main import main as command
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.recordings import read_recording
-from robot_energy.identify.friction.friction import fit_axes, moving_samples
-from robot_energy.identify.friction.laws import fit_law, nuisance
-from robot_energy.identify.friction.samples import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import load
+from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_cli.main import main as command
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.friction.friction import fit_axes, moving_samples
+from robot_energy_identify.friction.laws import fit_law, nuisance
+from robot_energy_identify.friction.samples import (
     FrictionData,
     friction_data,
     friction_data_of_log,
 )
-from robot_energy.identify.friction.shape import TemperatureShape, common_shape, fit_shared
-from robot_energy.logs import load_mapping, open_logs
-from robot_energy.model import load
-from robot_energy.physics.friction import viscous_law
-from robot_energy.report.printing import table
+from robot_energy_identify.friction.shape import TemperatureShape, common_shape, fit_shared
+from robot_energy_logs.log_import import open_logs
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_report.printing import table
 
 ROOT = Path(__file__).resolve().parents[2]
 DEGC = (20, 35, 50, 65)

@@ -22,12 +22,13 @@ from rich.console import Console
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from places import ROOT
-from robot_energy.blocks import JointBlock, TemperatureBlock
-from robot_energy.logs import load_mapping, open_logs
 from robot_energy.model import RobotModel, load, validate
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.report.printing import table
-from robot_energy_papers.thermal_study import FreeRun, HiddenPlant, free_runs, study
+from robot_energy.timeline.blocks import JointBlock, TemperatureBlock
+from robot_energy_logs.log_import import open_logs
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_report.printing import table
+from robot_energy_studies.thermal_study import FreeRun, HiddenPlant, free_runs, study
 
 CONSOLE = Console(width=120)
 LOG = "ur3_cobotops/dataset_02052023.csv"

@@ -7,11 +7,11 @@ import pytest
 from chromium import browser, needs_browser
 from page_client import wait_until
 from page_messages import power_states, recorded, registers
-from robot_energy.page.access import page_access
-from robot_energy.page.hub import PageHub
-from robot_energy.page.saved_page import saved_page
-from robot_energy.page.settings import PageSettings
-from robot_energy.page.web_server import PageServer
+from robot_energy_report.page.access import page_access
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.saved_page import saved_page
+from robot_energy_report.page.settings import PageSettings
+from robot_energy_report.page.web_server import PageServer
 
 pytestmark = [needs_browser, pytest.mark.filterwarnings("ignore::ResourceWarning")]
 READY = "document.querySelector('#flow rect') && document.querySelector('#lines path')"

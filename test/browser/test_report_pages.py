@@ -6,7 +6,7 @@ import pytest
 
 from chromium import browser, needs_browser
 from places import ROOT
-from robot_energy.cli import main
+from robot_energy_cli import main
 
 pytestmark = [needs_browser, pytest.mark.filterwarnings("ignore::ResourceWarning")]
 BAGS = [str(ROOT / "bags" / name) for name in ("kr16_cold", "kr16_warm")]

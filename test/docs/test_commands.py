@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from places import ROOT
-from robot_energy.cli.main import build_parser
+from robot_energy_cli.main import build_parser
 
 DOCUMENTS = ("README.md", *sorted(p.name for p in (ROOT / "src/doc").glob("*.md")))
 

@@ -7,9 +7,15 @@ from itertools import pairwise
 import pytest
 
 from places import ROOT
-from robot_energy.blocks import MeterLocation, MeterMeaning, Phase, Quality, TemperatureOrigin
-from robot_energy.cli.main import build_parser, main
+from robot_energy.timeline.blocks import (
+    MeterLocation,
+    MeterMeaning,
+    Phase,
+    Quality,
+    TemperatureOrigin,
+)
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy_cli.main import build_parser, main
 
 README = (ROOT / "README.md").read_text()
 NOMENCLATURE = (ROOT / "src/doc/nomenclature.md").read_text()

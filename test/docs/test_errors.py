@@ -7,7 +7,7 @@ from pathlib import Path
 
 from places import ROOT
 
-ERRORS = ROOT / "src/robot_energy/errors.py"
+ERRORS = ROOT / "src/robot_energy/foundation/errors.py"
 PACKAGES = (
     "src/robot_energy",
     "src/robot_energy_papers",

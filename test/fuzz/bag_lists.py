@@ -7,10 +7,10 @@ from unittest import mock
 import fsspec
 from target import done, in_file, scratch
 
-from robot_energy.fleet import bag_places
-from robot_energy.fleet.bag_list import FleetModels, list_bags
-from robot_energy.fleet.bag_places import Folders, find_bags
-from robot_energy.fleet.bag_row import refused
+from robot_energy_fleet import bag_places
+from robot_energy_fleet.bag_list import FleetModels, list_bags
+from robot_energy_fleet.bag_places import Folders, find_bags
+from robot_energy_fleet.bag_row import refused
 
 MODELS = FleetModels()
 HEADER = b"bag,model,robot,programme,shift,jobs,effort\n"

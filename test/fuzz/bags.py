@@ -14,8 +14,9 @@ from target import JOINTS, done, in_file, scratch
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy.logs import import_log, import_ur_rtde
-from robot_energy.logs.mapping import load_mapping
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_logs.ur_rtde import import_ur_rtde
 
 
 def read_bag(path: Path) -> None:

@@ -18,6 +18,9 @@ from online import example
 from target import done, in_file, scratch
 
 from robot_energy.bag import BagReader, BagWriter
+from robot_energy.bag.cdr import Decoder, RawBatch, typestore
+from robot_energy.bag.cdr.schema import compile_schema, leaf_paths
+from robot_energy.bag.cdr.types import extended
 from robot_energy.bag.mcap_records import (
     CHUNK,
     CHUNK_INDEX,
@@ -30,10 +33,7 @@ from robot_energy.bag.mcap_records import (
     parse_chunk,
     unpack_chunk,
 )
-from robot_energy.cdr import Decoder, RawBatch, typestore
-from robot_energy.cdr.schema import compile_schema, leaf_paths
-from robot_energy.cdr.types import extended
-from robot_energy.errors import MessageTypeError
+from robot_energy.foundation.errors import MessageTypeError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.source import FLOAT64
 

@@ -15,10 +15,10 @@ import robots
 from faulty_disk import inventory
 from logbook import WHEEL_MAPPING, wheel_bag
 from robot_energy.bag import BagWriter
-from robot_energy.cli import main
-from robot_energy.files import output_files, output_streams
-from robot_energy.files.placement import PREFIX
+from robot_energy.foundation.files import output_files, output_streams
+from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.model import save
+from robot_energy_cli import main
 
 OWN = ("own_bag", "own.json", "own.svg", "own.yaml", "empty")  # may be replaced, as wholes
 NAMES = (

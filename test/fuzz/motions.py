@@ -7,17 +7,17 @@ import yaml
 from target import JOINTS, done, in_file
 
 import robots
-from robot_energy.cdr import typestore
-from robot_energy.motion.gcode import load_gcode, read_gcode
-from robot_energy.motion.joint_trajectory import read_points
-from robot_energy.motion.ptp_file import program_for, read_program
-from robot_energy.motion.slicing import Slicing, slice_stl
-from robot_energy.motion.tool_timing import TimedPath
-from robot_energy.motion.trajectory_io import MESSAGE as JOINT_TRAJECTORY
-from robot_energy.motion.trajectory_io import decode_trajectory, read_csv_trajectory
+from robot_energy.bag.cdr import typestore
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_papers.boat import stl
 from robot_energy_papers.wall import Wall
+from robot_energy_plan.motion.gcode import load_gcode, read_gcode
+from robot_energy_plan.motion.joint_trajectory import read_points
+from robot_energy_plan.motion.ptp_file import program_for, read_program
+from robot_energy_plan.motion.slicing import Slicing, slice_stl
+from robot_energy_plan.motion.tool_timing import TimedPath
+from robot_energy_plan.motion.trajectory_io import MESSAGE as JOINT_TRAJECTORY
+from robot_energy_plan.motion.trajectory_io import decode_trajectory, read_csv_trajectory
 
 
 def gcode(data: bytes) -> bool:

@@ -10,7 +10,7 @@ from target import JOINTS
 
 import robots
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.cdr import RawBatch, typestore
+from robot_energy.bag.cdr import RawBatch, typestore
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import (

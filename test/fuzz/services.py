@@ -14,7 +14,7 @@ from target import scratch
 import robots
 from accounts import SECOND, power_block, steady
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.errors import RegisterError
+from robot_energy.foundation.errors import RegisterError
 from robot_energy.messages import RegistersWriter, answer_set_payload, interval_fields
 from robot_energy.pipeline import TorqueStage
 from robot_energy.store import AccountStore, load_account

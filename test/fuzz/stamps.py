@@ -16,7 +16,7 @@ from target import JOINTS
 import robots
 from joint_messages import message
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.cdr import RawBatch
+from robot_energy.bag.cdr import RawBatch
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, POWER_READING

@@ -11,9 +11,10 @@ import bags
 import polars as pl
 from target import done, in_file, scratch
 
-from robot_energy.logs import LogMapping, import_log
-from robot_energy.logs.recording import MIN_ROWS
-from robot_energy.logs.table import PARQUET, LogTable
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.mapping import LogMapping
+from robot_energy_logs.recording import MIN_ROWS
+from robot_energy_logs.table import PARQUET, LogTable
 
 OPTIONS: tuple[dict[str, object], ...] = (
     {},

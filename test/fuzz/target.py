@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robot_energy.errors import RobotEnergyError
+from robot_energy.foundation.errors import RobotEnergyError
 
 JOINTS = ("shoulder", "elbow")  # of the robot that everything is about
 

@@ -11,9 +11,9 @@ import pytest
 
 from places import ROOT
 from robot_energy.bag import BagReader
-from robot_energy.bag_replay import replay
 from robot_energy.model import load
 from robot_energy.physics.friction import with_fixed_friction
+from robot_energy.replay.bag_replay import replay
 from robot_energy.results.replay import replay_report
 
 BAGS = ("kr16_cold", "kr16_warm")

@@ -42,7 +42,7 @@ def test_no_file_is_a_link_out_of_the_folder(package):
 
 
 def test_the_library_ships_the_definitions_of_the_interface_package():
-    shipped = FOLDERS["robot_energy"] / "robot_energy/cdr/msg"
+    shipped = FOLDERS["robot_energy"] / "robot_energy/bag/cdr/msg"
     defined = FOLDERS["ros2_energy_msgs"] / "msg"
     assert {path.name: path.read_text() for path in shipped.glob("*.msg")} == {
         path.name: path.read_text() for path in defined.glob("*.msg")
@@ -54,7 +54,7 @@ def test_a_copy_of_the_library_alone_knows_the_energy_messages(tmp_path):
         FOLDERS["robot_energy"] / "robot_energy", tmp_path / "robot_energy", symlinks=True
     )
     program = (
-        "import robot_energy.cdr.types as t; print(t.__file__);"
+        "import robot_energy.bag.cdr.types as t; print(t.__file__);"
         "print(*t.typestore().fielddefs); print(t.definition('PowerState'))"
     )
     done = subprocess.run(

@@ -41,7 +41,7 @@ def test_the_wheel_holds_library_models_and_messages_and_no_workspace(wheel):
     assert any(name.endswith("msg/PowerState.msg") for name in names)
     assert "robot_energy_papers/templates/paper_a.md.j2" in names
     assert not any(".data/" in name for name in names)
-    assert "robot_energy/kernels/_compiled.abi3.so" in names
+    assert "robot_energy/physics/kernels/_compiled.abi3.so" in names
     assert "-cp311-abi3-" in wheel.name  # one for all later versions of Python
 
 
@@ -50,8 +50,8 @@ def test_source_distribution_has_what_the_wheel_is_built_from(wheel):
     assert "package.xml" in listing
     assert "msg/PowerState.msg" in listing
     assert "templates/paper_b.md.j2" in listing
-    assert "kernels/inverse_dynamics.c" in listing
-    assert "kernels/kernels.h" in listing
+    assert "physics/kernels/inverse_dynamics.c" in listing
+    assert "physics/kernels/kernels.h" in listing
 
 
 def test_without_a_compiler_the_library_has_no_kernels(wheel, tmp_path):
@@ -63,7 +63,7 @@ def test_without_a_compiler_the_library_has_no_kernels(wheel, tmp_path):
         "--no-build-isolation", "--wheel-dir", tmp_path, source,
     )  # fmt: skip
     names = zipfile.ZipFile(next(tmp_path.glob("*.whl"))).namelist()
-    assert "robot_energy/kernels/__init__.py" in names
+    assert "robot_energy/physics/kernels/__init__.py" in names
     assert not any(name.endswith(".so") for name in names)
 
 

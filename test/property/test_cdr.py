@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
-from robot_energy.cdr import Decoder, Encoder, RawBatch, typestore
-from robot_energy.cdr.schema import compile_schema, leaf_paths
-from robot_energy.cdr.types import extended
+from robot_energy.bag.cdr import Decoder, Encoder, RawBatch, typestore
+from robot_energy.bag.cdr.schema import compile_schema, leaf_paths
+from robot_energy.bag.cdr.types import extended
 
 TYPES = [
     "sensor_msgs/msg/JointState",

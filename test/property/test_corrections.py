@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from logbook import mapping, write_csv
 from robot_energy.bag import BagReader
-from robot_energy.blocks import JointBlock
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
-from robot_energy.logs import import_log
+from robot_energy.timeline.blocks import JointBlock
+from robot_energy_logs.log_import import import_log
 
 NAMES = ("one", "two", "three")
 GROUPS = {

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 
 import robots
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.blocks import (
+from robot_energy.model.payload import Payload, payload
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import (
     EffortMeaning,
     JointBlock,
     MeterBlock,
@@ -19,9 +22,6 @@ from robot_energy.blocks import (
     TemperatureBlock,
     sum_over_joints,
 )
-from robot_energy.model.payload import Payload, payload
-from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.pipeline import EnergyPipeline, Settings
 
 MODEL = robots.two_link()
 

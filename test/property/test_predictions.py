@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
-from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.physics.cabinet import CabinetStage
-from robot_energy.prediction import predict
-from robot_energy.results.prediction import prediction_report
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.prediction import predict
+from robot_energy_plan.results.prediction import prediction_report
 from robots import figure, one_wheel, two_link
 
 GRID = 5e-3  # s, at which a trajectory is sampled at most

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from accounts import IDENTITY, power_block, restarted
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
 
 SIZE = 300
 indices = st.lists(st.integers(1, SIZE - 1), max_size=12, unique=True).map(sorted)

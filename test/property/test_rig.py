@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from moves import PointToPoint
-from robot_energy.motion import MotionLimits, random_program
-from robot_energy.rig import RigConfig, RigOutput, VirtualRig, load_profile
+from robot_energy_plan.motion import MotionLimits, random_program
+from robot_energy_rig import RigConfig, RigOutput, VirtualRig, load_profile
 
 PROFILE = load_profile("kr16")
 LIMITS = PROFILE.motion_limits(PROFILE.mechanics()[0])

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import robots
 import temperature_messages as says
-from robot_energy.blocks import TemperatureBlock
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
@@ -22,6 +21,7 @@ from robot_energy.inputs.temperatures.kinds import (
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.pipeline import FrictionStage
+from robot_energy.timeline.blocks import TemperatureBlock
 
 S = 10**9
 JOINTS = ("shoulder", "elbow")

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 import robots
 from joint_messages import SECOND, batch, message
-from robot_energy.blocks import Block, Int
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import Block, Int
 from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 from robot_energy.timeline.epochs import Reach, slow_reach
 from robot_energy.timeline.gaps import StampOrder, newer

@@ -11,17 +11,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_energy.identify.data.signals import stretches
-from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.torque_model import standard_columns
-from robot_energy.identify.dynamics.validation import torque_error
-from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
-from robot_energy.identify.excitation.limits import ExcitationLimits, Floor
 from robot_energy.model import load
-from robot_energy.motion import random_program
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy_identify.data.signals import stretches
+from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.torque_model import standard_columns
+from robot_energy_identify.dynamics.validation import torque_error
+from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
+from robot_energy_identify.excitation.limits import ExcitationLimits, Floor
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
 
 MODEL = load("kr16")
 PROFILE = load_profile("kr16")

@@ -11,21 +11,21 @@ from rosbags.rosbag2 import Writer
 from places import ROOT
 from plants import PROGRAM, two_link_profile
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import EffortMeaning
-from robot_energy.cdr import Decoder
-from robot_energy.cdr.types import extended, typestore
-from robot_energy.logs import import_ur_rtde
+from robot_energy.bag.cdr import Decoder
+from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.messages import PayloadWriter
 from robot_energy.messages.payload import PAYLOAD
 from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.replay_topics import Topics
+from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.replay import replay_report
-from robot_energy.rig import RigConfig, RigOutput, VirtualRig
-from robot_energy.rig.record import outputs, record
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_logs.ur_rtde import import_ur_rtde
+from robot_energy_rig import RigConfig, RigOutput, VirtualRig
+from robot_energy_rig.record import outputs, record
 from robots import two_link
 
 BAG = ROOT / "bags" / "kr16_cold"

@@ -13,10 +13,10 @@ import pytest
 
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.blocks import Quality
-from robot_energy.cdr.types import extended, typestore
+from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.timeline.blocks import Quality
 
 BAG = ROOT / "bags" / "kr16_cold"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"

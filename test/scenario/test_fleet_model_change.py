@@ -5,10 +5,10 @@ import polars as pl
 import pytest
 
 from fleets import fleet
-from robot_energy.fleet.joint_sums import MEASURED, UPPER, gram_of
-from robot_energy.fleet.report import fleet_report
-from robot_energy.fleet.tables import SCHEMAS, tables_of
-from robot_energy.units import HOUR_NS
+from robot_energy.foundation.units import HOUR_NS
+from robot_energy_fleet.joint_sums import MEASURED, UPPER, gram_of
+from robot_energy_fleet.report import fleet_report
+from robot_energy_fleet.tables import SCHEMAS, tables_of
 
 DAY_NS = 24 * HOUR_NS
 DAYS, WORN_FROM = 60, 30

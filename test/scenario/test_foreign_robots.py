@@ -13,8 +13,8 @@ import pytest
 
 from places import ROOT
 from robot_energy.bag import BagWriter
-from robot_energy.cdr.types import typestore
-from robot_energy.cli import main
+from robot_energy.bag.cdr.types import typestore
+from robot_energy_cli import main
 
 LIBRARY = ROOT / "build/robots/compas_fab/data/robot_library"
 ROBOTS = ["abb_irb120_3_58", "ur5_robot", "ur10e_robot"]

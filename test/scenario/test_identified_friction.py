@@ -7,17 +7,17 @@ and gears that lag the motor sensor; the model knows none of that.
 import numpy as np
 import pytest
 
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import EffortMeaning
-from robot_energy.cli.main import main
-from robot_energy.identify.data.recordings import read_recording
-from robot_energy.identify.friction.friction import fit_friction, with_friction
-from robot_energy.identify.friction.samples import friction_data
 from robot_energy.model import load
-from robot_energy.motion import random_program
 from robot_energy.physics.friction import viscous_law, with_fixed_friction
-from robot_energy.rig import VirtualRig, load_profile
-from robot_energy.rig.record import record
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_cli.main import main
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.friction.friction import fit_friction, with_friction
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import VirtualRig, load_profile
+from robot_energy_rig.record import record
 
 MODEL = load("kr16")
 TRAINED = (20.0, 40.0, 60.0, 80.0)

@@ -13,14 +13,14 @@ import pytest
 
 from pages import read
 from plants import PROGRAM, two_link_profile
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import EffortMeaning
-from robot_energy.cli.main import main
 from robot_energy.model import load
 from robot_energy.pipeline import Settings
+from robot_energy.replay.bag_replay import replay
 from robot_energy.results.replay import replay_report
-from robot_energy.rig import RigConfig, VirtualRig
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_cli.main import main
+from robot_energy_rig import RigConfig, VirtualRig
+from robot_energy_rig.record import record
 from terminal_tables import WIDTHS, lost, recorded_tables
 
 TEMPERATURES = (25, 55, 70)

@@ -11,14 +11,14 @@ import yaml
 import robots
 from places import ROOT
 from plants import LIMITS, two_link_profile
-from robot_energy.blocks import EffortMeaning
-from robot_energy.cli.main import main
-from robot_energy.identify.causes import notes_of_test, torque_evidence
-from robot_energy.identify.data.recordings import read_recording
 from robot_energy.model import load
-from robot_energy.motion import Program
-from robot_energy.rig import RigConfig, VirtualRig
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_cli.main import main
+from robot_energy_identify.causes import notes_of_test, torque_evidence
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_plan.motion import Program
+from robot_energy_rig import RigConfig, VirtualRig
+from robot_energy_rig.record import record
 
 VIA = np.array([[0.3, -1.0], [1.4, 0.8], [-0.6, 1.2]])
 SHOULDER, ELBOW = 1.0, 1.0  # torque constants that leave the recorded torque as it is

@@ -11,15 +11,15 @@ import pytest
 
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.blocks import MeterBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended, typestore
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, MeterSource
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.results.replay import replay_report
+from robot_energy.timeline.blocks import MeterBlock
 
 BAG = ROOT / "bags" / "kr16_cold"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"

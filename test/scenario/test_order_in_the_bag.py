@@ -7,8 +7,8 @@ import pytest
 
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import replay
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import replay
 
 BAG = ROOT / "bags/kr16_cold"
 

@@ -10,7 +10,7 @@ from target import JOINTS
 
 import robots
 from joint_messages import SECOND, batch, message
-from robot_energy.cdr import typestore
+from robot_energy.bag.cdr import typestore
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.messages import FrictionWriter
 from robot_energy.messages.friction import JOINT_FRICTION

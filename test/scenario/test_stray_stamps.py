@@ -16,11 +16,11 @@ import stray_stamps
 
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.blocks import Quality
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.results.replay import replay_report
+from robot_energy.timeline.blocks import Quality
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 
 BAG = ROOT / "bags" / "kr16_warm"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from plants import joint_block
-from robot_energy.blocks import Quality, TemperatureBlock
 from robot_energy.model import load
-from robot_energy.motion import random_program
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy.timeline.blocks import Quality, TemperatureBlock
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
 
 PROFILE = load_profile("kr16")
 PROGRAM = random_program(PROFILE.motion_limits(PROFILE.mechanics()[0]), 1)

@@ -13,10 +13,8 @@ import pytest
 import temperature_messages as says
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.blocks import Quality
-from robot_energy.cdr.decode import Decoder, stamp_ns
-from robot_energy.errors import MissingTopicError
+from robot_energy.bag.cdr.decode import Decoder, stamp_ns
+from robot_energy.foundation.errors import MissingTopicError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.sources import Inputs, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import (
@@ -29,8 +27,10 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE,
 )
 from robot_energy.model import load
-from robot_energy.replay_topics import Topics
+from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.replay import replay_report
+from robot_energy.timeline.blocks import Quality
 
 BAG = ROOT / "bags" / "kr16_cold"
 TEMPERATURES = "/motor_temperatures"

@@ -8,8 +8,8 @@ import numpy as np
 from figure import Figure
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.errors import BagError
+from robot_energy.bag.cdr import Encoder, stamp_columns
+from robot_energy.foundation.errors import BagError
 
 MINUTES = (0.5, 0.1)
 

@@ -29,8 +29,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from robot_energy.bag import BagReader
-from robot_energy.bag_replay import replay
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import replay
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 from ros2_energy_monitor.base.shared_memory import clear_ports
 

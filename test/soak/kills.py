@@ -42,7 +42,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import save
 from robot_energy.store.envelope import unwrap
 from robots import one_wheel

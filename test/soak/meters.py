@@ -18,7 +18,7 @@ from pathlib import Path
 
 from figure import Figure
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError
 
 NETWORK = Path(__file__).resolve().parents[2] / "ros2_energy_monitor" / "test" / "network"
 sys.path.append(str(NETWORK))

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from reference import Reference
 
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.blocks import Float, Int, Quality
-from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import load
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import Float, Int, Quality
 
 T = TypeVar("T")
 

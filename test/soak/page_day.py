@@ -16,10 +16,10 @@ from figure import Figure, resident_kib, slope
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from page_messages import power_states, registers
-from robot_energy.page.access import page_access
-from robot_energy.page.hub import PageHub
-from robot_energy.page.settings import PageSettings
-from robot_energy.page.web_server import PageServer
+from robot_energy_report.page.access import page_access
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.settings import PageSettings
+from robot_energy_report.page.web_server import PageServer
 
 MINUTES = (4.0, 0.2)
 PER_TICK = 50  # power states in a second

@@ -16,18 +16,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ImplausibleIdentificationError, NotIdentifiableError
-from robot_energy.identify.data.recordings import Recording, channels_of, read_recording
-from robot_energy.identify.dynamics.dynamics import identify_dynamics
-from robot_energy.identify.friction.friction import fit_axes
-from robot_energy.identify.friction.samples import friction_data
-from robot_energy.identify.plausibility import check_dynamics, check_friction, check_signs
+from robot_energy.foundation.errors import ImplausibleIdentificationError, NotIdentifiableError
 from robot_energy.model import RobotModel, load
-from robot_energy.motion import random_program
-from robot_energy.report.printing import table
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.recordings import Recording, channels_of, read_recording
+from robot_energy_identify.dynamics.dynamics import identify_dynamics
+from robot_energy_identify.friction.friction import fit_axes
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_identify.plausibility import check_dynamics, check_friction, check_signs
+from robot_energy_plan.motion import random_program
+from robot_energy_report.printing import table
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig.record import record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from plants import PROGRAM, two_link_profile

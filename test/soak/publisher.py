@@ -16,7 +16,7 @@ import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 
 SECOND_NS = 1_000_000_000
 MATCHING = 2.0  # s from match to first message

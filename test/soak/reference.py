@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.blocks import Float, Int, PowerBlock
+from robot_energy.timeline.blocks import Float, Int, PowerBlock
 
 
 def exact_sum(values: Float, weights: Int) -> Fraction:

@@ -17,7 +17,7 @@ from figure import Figure
 MINUTES = (2.0, 1.0)
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS = ROOT / "src" / "robot_energy" / "kernels"
-NAME = "robot_energy.kernels._compiled"
+NAME = "robot_energy.physics.kernels._compiled"
 FLAGS = (
     "-shared", "-fPIC", "-O1", "-g", "-DPy_LIMITED_API=0x030b0000", "-ffp-contract=off",
     "-fno-math-errno", "-Wno-psabi", "-fsanitize=address,undefined",

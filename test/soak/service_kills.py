@@ -32,7 +32,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval, ResetRegisters, SetPayload
 
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.store.envelope import is_newer, unwrap
 
 MINUTES = (45.0, 1.5)

@@ -33,11 +33,11 @@ from rich.console import Console
 from rich.table import Table
 
 from robot_energy.bag import BagWriter
-from robot_energy.blocks import Float
-from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.cli import main
+from robot_energy.bag.cdr import Encoder, stamp_columns
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 LISTED = ROOT / "build/urdfs"

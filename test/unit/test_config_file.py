@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import robots
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import load, parse_yaml
 
 

@@ -29,7 +29,7 @@ MODULES = {
         plain_text prediction_errors record record_repair registers sample_counts settings
         shaft_comparison totals
     """,
-    "robot_energy.advice": """
+    "robot_energy_fleet.advice": """
         claims dataset_evidence evidence run speeds
     """,
     "robot_energy.api": """
@@ -40,13 +40,13 @@ MODULES = {
         by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader
         sources sqlite_source time_range writer
     """,
-    "robot_energy.cdr": """
+    "robot_energy.bag.cdr": """
         batch decode encode plan schema types walk
     """,
-    "robot_energy.check": """
+    "robot_energy_identify.check": """
         evidence finding hypotheses meter motion payload process remedies run torque
     """,
-    "robot_energy.cli": """
+    "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run help_text
         identify_all identify_drives identify_dynamics identify_excitation identify_friction
         identify_inputs identify_metered identify_thermal import_logs info
@@ -57,45 +57,45 @@ MODULES = {
         baseline buckets drift_test joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
-    "robot_energy.files": """
+    "robot_energy.foundation.files": """
         first_bytes output_files output_folder output_streams placement private_file
         regular_file temporary_folder xml_encoding
     """,
-    "robot_energy.fleet": """
+    "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
         identify joint_sums merged_friction merged_laws report run sisters tables wear_history
         workers
     """,
-    "robot_energy.identify": """
+    "robot_energy_identify": """
         bounds causes plausibility provenance run_all steps
     """,
-    "robot_energy.identify.auxiliary": """
+    "robot_energy_identify.auxiliary": """
         readings states
     """,
-    "robot_energy.identify.cabinet": """
+    "robot_energy_identify.cabinet": """
         cabinet dc_link link_errors link_readings supply
     """,
-    "robot_energy.identify.data": """
+    "robot_energy_identify.data": """
         bags log_channels observations recordings signals
     """,
-    "robot_energy.identify.drives": """
+    "robot_energy_identify.drives": """
         all_drives delays drive_data drive_power drives efficiency losses total_power
         total_sums
     """,
-    "robot_energy.identify.dynamics": """
+    "robot_energy_identify.dynamics": """
         base_parameters consistent dynamics dynamics_model leave_one_out
         sufficiency torque_model validation
     """,
-    "robot_energy.identify.excitation": """
+    "robot_energy_identify.excitation": """
         excitation limits
     """,
-    "robot_energy.identify.friction": """
+    "robot_energy_identify.friction": """
         friction hold laws samples shape temperature_study
     """,
-    "robot_energy.identify.stats": """
+    "robot_energy_identify.stats": """
         autocorrelation cross_validation held_out_energy lag regression systematic
     """,
-    "robot_energy.identify.thermal": """
+    "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
     """,
     "robot_energy.inputs": """
@@ -111,10 +111,10 @@ MODULES = {
     "robot_energy.inputs.temperatures": """
         filter kinds reader stuck temperatures
     """,
-    "robot_energy.layouts": """
+    "robot_energy_report.layouts": """
         foxglove plotjuggler plots viewers
     """,
-    "robot_energy.logs": """
+    "robot_energy_logs": """
         cells columns diadem instants log_import mapped_log mapping recording rows table text_table
         ur_rtde
     """,
@@ -125,17 +125,17 @@ MODULES = {
         auxiliary drive_models figure friction_laws joint load open_schema payload
         reference schema
     """,
-    "robot_energy.motion": """
+    "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
         joint_trajectory load_motion planar planned point_columns ptp ptp_file ptp_loop sequence
         slicing tool_corners tool_motion tool_path tool_timing trajectory_io
     """,
-    "robot_energy.optimization": """
+    "robot_energy_plan.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures
         order place plan program_form ptp_form recorded_motion rest_states search task
         time_law timed_moves trajectory_form
     """,
-    "robot_energy.page": """
+    "robot_energy_report.page": """
         access alarms energy_flow headless_browser history hub json_numbers messages metrics
         monitoring phase_totals recording robot_state rows saved_page settings web_app web_server
     """,
@@ -151,7 +151,7 @@ MODULES = {
         consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
         payload_timeline power_stage settings torque_stage
     """,
-    "robot_energy.report": """
+    "robot_energy_report": """
         advice canvas document drives dynamics energy evaluation fleet fleet_figures formats
         friction_figure headline held_out html identification identify_all jobs kinds layout model
         optimization parameters prediction prediction_figure printing recordings repeats replay
@@ -161,11 +161,11 @@ MODULES = {
         advice auxiliary base check condition drives dynamics energy evaluation fleet identification
         model optimization prediction replay schema
     """,
-    "robot_energy.rig": """
+    "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply
         virtual_rig
     """,
-    "robot_energy.starter": """
+    "robot_energy_identify.starter": """
         arm description joints model_text priors
     """,
     "robot_energy.store": """
@@ -174,7 +174,7 @@ MODULES = {
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces stamps streams
     """,
-    "robot_energy.uncertainty": """
+    "robot_energy.certainty": """
         band deviation priors
     """,
     "robot_energy_papers": """
@@ -352,7 +352,7 @@ def test_nothing_online_imports_what_only_reports_need(heavy):
 
 def test_a_replay_with_its_report_loads_no_identification():
     code = (
-        "import sys, robot_energy.api.replay, robot_energy.report.replay; "
-        "sys.exit(any(name.startswith('robot_energy.identify') for name in sys.modules))"
+        "import sys, robot_energy.replay.api, robot_energy_report.replay; "
+        "sys.exit(any(name.startswith('robot_energy_identify') for name in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from robot_energy.blocks import Phase, Quality
-from robot_energy.errors import MotionError, UnknownJointError
+from robot_energy.foundation.errors import MotionError, UnknownJointError
 from robot_energy.model.payload import payload
-from robot_energy.motion import MotionLimits, Program
-from robot_energy.motion.planned import SampledMotion, repeated
-from robot_energy.prediction import START_NS, predict
-from robot_energy.results.prediction import FrictionReach, prediction_report
+from robot_energy.timeline.blocks import Phase, Quality
+from robot_energy_plan.motion import MotionLimits, Program
+from robot_energy_plan.motion.planned import SampledMotion, repeated
+from robot_energy_plan.prediction import START_NS, predict
+from robot_energy_plan.results.prediction import FrictionReach, prediction_report
 from robots import G, figure, joint_block, one_wheel, two_link
 
 # The wheel of robots.one_wheel, joint side: inertia 2 + 0.01 10^2 = 3 kg m^2, Coulomb friction

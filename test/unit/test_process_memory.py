@@ -3,9 +3,9 @@
 import subprocess
 import sys
 
-from robot_energy.process_memory import peak_memory
+from robot_energy.foundation.process_memory import peak_memory
 
-OWN = "from robot_energy.process_memory import peak_memory; print(peak_memory())"
+OWN = "from robot_energy.foundation.process_memory import peak_memory; print(peak_memory())"
 
 
 def test_a_process_does_not_count_what_the_one_held_that_started_it():

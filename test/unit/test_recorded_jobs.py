@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from places import ROOT
-from robot_energy.api.replay import replay
-from robot_energy.config_file import validated
-from robot_energy.errors import RegisterError
-from robot_energy.recorded_jobs import STEP_NS, JobList, load_jobs
+from robot_energy.foundation.config_file import validated
+from robot_energy.foundation.errors import RegisterError
+from robot_energy.replay.api import replay
+from robot_energy.replay.recorded_jobs import STEP_NS, JobList, load_jobs
 
 BAG = ROOT / "bags/kr16_cold"
 START = 1_000_000_000

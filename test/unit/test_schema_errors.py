@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 import robots
-from robot_energy.errors import ModelFileError, MotionError
+from robot_energy.foundation.errors import ModelFileError, MotionError
 from robot_energy.model import parse_yaml, validate
-from robot_energy.motion.ptp_file import read_program
+from robot_energy_plan.motion.ptp_file import read_program
 from robots import figure
 
 PYDANTIC = (

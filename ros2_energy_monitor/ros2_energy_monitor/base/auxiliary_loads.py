@@ -18,11 +18,11 @@ from rclpy.node import Node
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended, typestore
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.replay_steps import LoadIngest, LoadReadings
+from robot_energy.replay.replay_steps import LoadIngest, LoadReadings
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import SLOW_DEPTH, messages_in, wanted_class
 from ros2_energy_monitor.base.message_definitions import definitions_of

@@ -23,10 +23,10 @@ from robot_energy.condition.buckets import BUCKET_DEGC, BUCKET_SPEED
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import REMEDY, WearAlarm
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.store.condition_store import ConditionStore
 from robot_energy.timeline.stamps import bounded
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.checkpoints import CLOSING, OPENING, folder_of
 from ros2_energy_monitor.base.publishers import latched
 from ros2_energy_monitor.diagnostics.reporter import WARN, StatusBuilder

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 from pydantic import BaseModel, ConfigDict, SecretStr
 
-from robot_energy.config_file import load
-from robot_energy.errors import CredentialsError
-from robot_energy.files.private_file import require_private
+from robot_energy.foundation.config_file import load
+from robot_energy.foundation.errors import CredentialsError
+from robot_energy.foundation.files.private_file import require_private
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 

@@ -25,8 +25,8 @@ from rclpy.context import Context
 from rclpy.logging import get_logger
 from rclpy.utilities import get_default_context
 
+from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.shown_text import shown
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
 
 T = TypeVar("T")

@@ -35,7 +35,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.message_loss import MessageLossCounter
 from ros2_energy_monitor.base.resubscribe import ResubscribePolicy

@@ -16,9 +16,10 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended, typestore
-from robot_energy.errors import MessageTypeError
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended, typestore
+from robot_energy.foundation.errors import MessageTypeError
+from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -26,7 +27,6 @@ from robot_energy.inputs.sources import TemperatureInputs
 from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
-from robot_energy.shown_text import shown
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.message_definitions import definitions_of

@@ -26,8 +26,8 @@ from typing import Any
 
 from ament_index_python import get_resource
 
-from robot_energy.errors import MessageTypeError
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import MessageTypeError
+from robot_energy.foundation.shown_text import shown
 
 NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 MAX_NAME = 255  # characters, as much as any file name can have

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robot_energy.condition.learner import Learning
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import parameter

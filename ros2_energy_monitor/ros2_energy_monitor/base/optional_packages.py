@@ -13,7 +13,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from robot_energy.errors import RobotEnergyError
+from robot_energy.foundation.errors import RobotEnergyError
 
 
 def require(package: str, distribution: str, user: str, error: type[RobotEnergyError]) -> Any:

@@ -21,7 +21,7 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import Parameter
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 

@@ -21,7 +21,7 @@ from typing import Any, cast
 
 import yaml
 
-from robot_energy.files.regular_file import read_regular_text
+from robot_energy.foundation.files.regular_file import read_regular_text
 from robot_energy.inputs.inputs_file import MAX_BYTES
 
 OPTION = "--params-file"

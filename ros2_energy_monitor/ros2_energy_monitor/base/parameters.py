@@ -29,9 +29,9 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
-from robot_energy.shown_text import shown_lines
 from ros2_energy_monitor.base.parameter_files import files_without_section
 
 TYPES: dict[Any, RosParameter.Type] = {

@@ -25,8 +25,8 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import bounded
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.publishers import reliable
 
 CLOCK_TOPIC = "/clock"

@@ -15,11 +15,11 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from robot_energy.errors import RobotEnergyError
+from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.compare import disagreements
-from robot_energy.shown_text import shown
 from ros2_energy_monitor.base.publishers import latched
 
 MAX_FOUND = 20  # disagreements that are named

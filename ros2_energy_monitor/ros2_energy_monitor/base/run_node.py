@@ -34,8 +34,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from robot_energy.errors import RobotEnergyError
-from robot_energy.kinds import load_kinds
+from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.kinds import load_kinds
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.shared_memory import clear_ports
 

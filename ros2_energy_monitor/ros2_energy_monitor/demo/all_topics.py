@@ -28,10 +28,10 @@ from rclpy.parameter import Parameter
 from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagWriter
-from robot_energy.errors import BagError, RobotEnergyError
+from robot_energy.foundation.errors import BagError, RobotEnergyError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy.layouts.plots import DIAGNOSTICS, JOINT_STATES, TOPICS
-from robot_energy.rig.record import ORIGIN
+from robot_energy_report.layouts.plots import DIAGNOSTICS, JOINT_STATES, TOPICS
+from robot_energy_rig.record import ORIGIN
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.base.run_node import StopSignal, ros

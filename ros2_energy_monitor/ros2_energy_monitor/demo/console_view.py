@@ -19,10 +19,10 @@ from rich.console import Group
 from rich.text import Text
 from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 
-from robot_energy.report.formats import summing
-from robot_energy.report.layout import fitted_table, width_of
-from robot_energy.shown_text import MAX_LINE, shown
-from robot_energy.units import JOULE_PER_WH
+from robot_energy.foundation.shown_text import MAX_LINE, shown
+from robot_energy.foundation.units import JOULE_PER_WH
+from robot_energy_report.formats import summing
+from robot_energy_report.layout import fitted_table, width_of
 from ros2_energy_monitor.diagnostics.reporter import ALL_IS_WELL
 
 PHASES = {

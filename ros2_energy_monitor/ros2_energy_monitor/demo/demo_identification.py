@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
 
 PLANT_SEED = 1  # the first one; figures of the plant were not looked at
 BAGS = ("drawn_train_cold", "drawn_train_middle", "drawn_train_warm")
@@ -59,10 +59,10 @@ def identify_plant(bags: Path, out: Path) -> str:
         RobotEnergyError: If nothing can be identified.
     """
     # Slow to import, and of no use to the live part.
-    from robot_energy.api.identify_all import identify_all
-    from robot_energy.report.document import Document
-    from robot_energy.report.identify_all import identification_overview
-    from robot_energy.report.printing import print_document
+    from robot_energy_identify.api.identify_all import identify_all
+    from robot_energy_report.document import Document
+    from robot_energy_report.identify_all import identification_overview
+    from robot_energy_report.printing import print_document
 
     paths, file = bundled(bags, BAGS), out / FILE
     out.mkdir(parents=True, exist_ok=True)

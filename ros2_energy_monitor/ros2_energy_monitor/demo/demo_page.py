@@ -14,8 +14,8 @@ import socket
 import urllib.request
 from pathlib import Path
 
-from robot_energy.errors import PageError
-from robot_energy.page.headless_browser import find_browser, run_browser
+from robot_energy.foundation.errors import PageError
+from robot_energy_report.page.headless_browser import find_browser, run_browser
 
 PAGE, PICTURE = "energy_page.html", "energy_page.png"
 PATIENCE = 30.0  # for the page [s]

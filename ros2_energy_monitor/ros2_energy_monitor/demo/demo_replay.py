@@ -15,12 +15,12 @@ from pathlib import Path
 
 from rich.console import Console as Terminal
 
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.friction import with_fixed_friction
-from robot_energy.report.printing import table
-from robot_energy.units import JOULE_PER_WH
+from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy_report.printing import table
 from ros2_energy_monitor.demo.demo_identification import bundled
 
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
@@ -90,8 +90,8 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
 
 def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     # Matplotlib is slow to import and of no use to the live part.
-    from robot_energy.report.replay_figures import power_and_energy
-    from robot_energy.report.series import compared_series
+    from robot_energy_report.replay_figures import power_and_energy
+    from robot_energy_report.series import compared_series
 
     first = replay(bag, model, keep_curves=True)
     fixed = {

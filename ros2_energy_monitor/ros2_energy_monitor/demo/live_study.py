@@ -31,7 +31,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
-from robot_energy.errors import ReportError, RobotEnergyError
+from robot_energy.foundation.errors import ReportError, RobotEnergyError
 from ros2_energy_monitor.base.checkpoints import NO_FOLDER
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros

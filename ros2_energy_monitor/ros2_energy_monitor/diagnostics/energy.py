@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.blocks import NANOSECOND, Quality
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -24,11 +23,12 @@ from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
-from robot_energy.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
 from robot_energy.pipeline import FrictionStage, TorqueStage
 from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy.timeline.epochs import EpochSplitter
 from robot_energy.timeline.streams import sentence_of
+from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.diagnostics.inputs import InputWatch, accounting
 from ros2_energy_monitor.diagnostics.reporter import (

@@ -26,17 +26,17 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import (
+from robot_energy.inputs.sources import Inputs
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import EnergyPipeline, Output
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     EffortMeaning,
     MeterBlock,
     PowerBlock,
     TorqueBlock,
 )
-from robot_energy.inputs.sources import Inputs
-from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.model import RobotModel
-from robot_energy.pipeline import EnergyPipeline, Output
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import EnergyParameters
 from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
@@ -120,7 +120,7 @@ class ModelCheck:
 
     def _run(self, outputs: list[Output], settings: dict[str, Any]) -> Answer:
         """Have a process make the checks; runs in a thread that waits for it."""
-        command = [sys.executable, "-m", "robot_energy.check.process", str(NICENESS)]
+        command = [sys.executable, "-m", "robot_energy_identify.check.process", str(NICENESS)]
         threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **threads}

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from robot_energy.shown_text import MAX_LINE, shown, shown_lines
+from robot_energy.foundation.shown_text import MAX_LINE, shown, shown_lines
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import bounded
-from robot_energy.units import SECOND_NS
 
 Number = float | int
 Value = Number | str

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.foundation.kinds import Kind, Kinds
 from ros2_energy_monitor.exporters.exporter import Exporter
 from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters
 from ros2_energy_monitor.exporters.opcua import OpcUaExporter, OpcUaParameters

@@ -32,8 +32,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from robot_energy import __version__
-from robot_energy.errors import ExporterError
-from robot_energy.files.private_file import require_private
+from robot_energy.foundation.errors import ExporterError
+from robot_energy.foundation.files.private_file import require_private
 from robot_energy.inputs.parameters import parameter
 from robot_energy.model.auxiliary import MAX_LOADS
 from ros2_energy_monitor.base.credentials import read_credentials

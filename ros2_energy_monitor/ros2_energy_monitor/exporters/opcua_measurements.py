@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from robot_energy.blocks import MeterLocation
-from robot_energy.units import ENERGY_UNITS
+from robot_energy.foundation.units import ENERGY_UNITS
+from robot_energy.timeline.blocks import MeterLocation
 from ros2_energy_monitor.exporters.exporter import Newest
 from ros2_energy_monitor.exporters.values import Topic, stamp_of
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from robot_energy.blocks import NANOSECOND, Phase
-from robot_energy.units import ENERGY_UNITS, SECOND_NS
+from robot_energy.foundation.units import ENERGY_UNITS, SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, Phase
 
 MAX_JOINTS = 32  # that an exporter lists one by one
 

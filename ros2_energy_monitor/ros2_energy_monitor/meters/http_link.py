@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.meters.http_transport import BoundedTransport

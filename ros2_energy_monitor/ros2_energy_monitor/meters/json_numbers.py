@@ -18,7 +18,7 @@ from typing import Annotated, Any, cast
 
 from pydantic import Field
 
-from robot_energy.errors import MeterAnswerError
+from robot_energy.foundation.errors import MeterAnswerError
 from ros2_energy_monitor.meters.link import MAX_ANSWER
 from ros2_energy_monitor.meters.profile import MAX_TERMS, NumberEntry, ProfileEntry
 from ros2_energy_monitor.meters.reading import MeterTerm

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from robot_energy.errors import KindError, MeterProfileError
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.foundation.errors import KindError, MeterProfileError
+from robot_energy.foundation.kinds import Kind, Kinds
 from ros2_energy_monitor.meters.http_link import HttpLink, HttpProfile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.modbus_link import ModbusLink, ModbusProfile

@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robot_energy.errors import MeterLinkError
+from robot_energy.foundation.errors import MeterLinkError
 from ros2_energy_monitor.base.credentials import Credentials
 from ros2_energy_monitor.meters.reading import Exchange
 

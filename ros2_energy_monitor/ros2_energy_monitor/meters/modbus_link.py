@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry, ProfileEntry

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from robot_energy.errors import MeterLinkError, MeterProfileError
+from robot_energy.foundation.errors import MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.meters.link import MeterLink
 from ros2_energy_monitor.meters.reading import NetworkReading, ReadingFilter
 

@@ -21,9 +21,9 @@ from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from robot_energy.config_file import parse_yaml, read_text, validated
-from robot_energy.errors import MeterProfileError
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS
+from robot_energy.foundation.config_file import parse_yaml, read_text, validated
+from robot_energy.foundation.errors import MeterProfileError
+from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS
 
 FOLDER = Path(str(resources.files("ros2_energy_monitor") / "meters" / "profiles"))
 UNITS = {**POWER_UNITS, **ENERGY_UNITS}

@@ -27,8 +27,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from robot_energy.errors import MeterAnswerError
-from robot_energy.units import ENERGY_UNITS
+from robot_energy.foundation.errors import MeterAnswerError
+from robot_energy.foundation.units import ENERGY_UNITS
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.modbus_link import REGISTERS, Address, Registers
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry

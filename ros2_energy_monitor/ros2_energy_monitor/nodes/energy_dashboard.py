@@ -21,10 +21,10 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from robot_energy.page.access import page_access
-from robot_energy.page.hub import PageHub
-from robot_energy.page.settings import load_settings
-from robot_energy.page.web_server import PageServer
+from robot_energy_report.page.access import page_access
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.settings import load_settings
+from robot_energy_report.page.web_server import PageServer
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import DashboardParameters
 from ros2_energy_monitor.base.parameters import declare

@@ -20,7 +20,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, REGISTERS_TOPIC, best_effort

@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.blocks import EffortMeaning, JointBlock
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
+from robot_energy.timeline.blocks import EffortMeaning, JointBlock
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
 from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
 from ros2_energy_monitor.base.condition_publisher import ConditionPublisher

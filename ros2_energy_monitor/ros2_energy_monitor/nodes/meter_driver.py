@@ -25,11 +25,11 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from ros2_energy_msgs.msg import PowerReading
 
-from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE
+from robot_energy.timeline.blocks import NANOSECOND, MeterLocation, MeterMeaning
 from robot_energy.timeline.stamps import bounded
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare

@@ -37,14 +37,14 @@ from rclpy.utilities import remove_ros_args
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended
-from robot_energy.errors import BagError, MissingTopicError, RobotEnergyError
+from robot_energy.foundation.errors import BagError, MissingTopicError, RobotEnergyError
+from robot_energy.foundation.shown_text import shown, shown_lines
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy.shown_text import shown, shown_lines
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.message_definitions import definitions_of
 from ros2_energy_monitor.base.playback_clock import CLOCK_RATE, CLOCK_TOPIC, PlaybackClock

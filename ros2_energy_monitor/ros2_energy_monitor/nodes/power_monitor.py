@@ -20,9 +20,15 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
-from robot_energy.blocks import NANOSECOND, FrictionBlock, MeterBlock, PowerBlock, TorqueBlock
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import PowerStage
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    FrictionBlock,
+    MeterBlock,
+    PowerBlock,
+    TorqueBlock,
+)
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
 from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
 from ros2_energy_monitor.base.condition_publisher import ConditionPublisher

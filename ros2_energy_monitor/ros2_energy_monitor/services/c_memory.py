@@ -29,11 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_energy.errors import MotionError
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.units import SECOND_NS
 
 if TYPE_CHECKING:
-    from robot_energy.motion.point_columns import PointColumns
+    from robot_energy_plan.motion.point_columns import PointColumns
 
 MAX_NAMES = 1000  # joints of a request
 NUMBERS: dict[str, Any] = {
@@ -270,7 +270,7 @@ def time_of(points: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def _columns(trajectory: Any) -> PointColumns:
-    from robot_energy.motion.point_columns import KINDS, PointColumns  # heavy, for the process
+    from robot_energy_plan.motion.point_columns import KINDS, PointColumns  # heavy, for the process
 
     names = _read("sequence<string>", trajectory.joint_names)
     points = points_of(trajectory)

@@ -15,11 +15,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from robot_energy.accounting.record import Calibrated
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError, UnknownJointError
+from robot_energy.foundation.errors import MotionError, UnknownJointError
+from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload, several_carried
-from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.timeline.blocks import Float
 from ros2_energy_monitor.services.predict_trajectory import (
     MAX_SAMPLES,
     Answer,
@@ -54,8 +54,8 @@ def compared(
         UnknownJointError: If a temperature is that of another robot's joint.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
-    from robot_energy.motion.joint_trajectory import JointTrajectory, through_points
-    from robot_energy.optimization.comparison import compare_motions
+    from robot_energy_plan.motion.joint_trajectory import JointTrajectory, through_points
+    from robot_energy_plan.optimization.comparison import compare_motions
 
     def candidate(number: int) -> Callable[[], JointTrajectory]:
         return lambda: through_points(request.trajectories[number], f"trajectory {number}")

@@ -16,9 +16,9 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import Payload
 from ros2_energy_msgs.srv import SetPayload
 
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.messages import PayloadWriter, answer_set_payload
 from robot_energy.pipeline import TorqueStage
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.publishers import RowPublisher, latched
 
 DEPTH = 100  # changes that a late subscriber gets at most

@@ -18,11 +18,11 @@ import numpy as np
 
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import Registers
-from robot_energy.blocks import NANOSECOND, Float, known_part
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload, payload
+from robot_energy.timeline.blocks import NANOSECOND, Float, known_part
 
 MAX_SAMPLES = 1_000_000  # of all repetitions; the srv file says so
 NAME = "the trajectory"
@@ -54,8 +54,8 @@ def predicted(
         RobotEnergyError: If the trajectory cannot be made or is too long.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
-    from robot_energy.motion.joint_trajectory import through_points
-    from robot_energy.prediction import predict
+    from robot_energy_plan.motion.joint_trajectory import through_points
+    from robot_energy_plan.prediction import predict
 
     motion = through_points(request.trajectory, NAME)
     degc = temperatures_of(model, motion.joint_names, request.motor_temperature_degc, newest_degc)

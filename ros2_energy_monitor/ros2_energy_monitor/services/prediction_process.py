@@ -25,8 +25,8 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from robot_energy.errors import RobotEnergyError
-from robot_energy.kinds import load_kinds
+from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.kinds import load_kinds
 
 Answer = dict[str, Any]
 
@@ -102,8 +102,8 @@ def main() -> None:
     import scipy.interpolate  # noqa: F401
     from ros2_energy_msgs.srv import CompareTrajectories, PredictTrajectory
 
-    import robot_energy.optimization.comparison
-    import robot_energy.prediction  # noqa: F401
+    import robot_energy_plan.optimization.comparison
+    import robot_energy_plan.prediction  # noqa: F401
     from ros2_energy_monitor.services.c_memory import CMessage
     from ros2_energy_monitor.services.compare_trajectories import compared
     from ros2_energy_monitor.services.predict_trajectory import predicted

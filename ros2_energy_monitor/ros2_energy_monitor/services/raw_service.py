@@ -25,7 +25,7 @@ from typing import Any
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
-from robot_energy.process_memory import give_back_freed_memory
+from robot_energy.foundation.process_memory import give_back_freed_memory
 from ros2_energy_monitor.base.inbox import NeverReady
 from ros2_energy_monitor.services.c_memory import CMessage
 

@@ -22,11 +22,11 @@ from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, Res
 
 from robot_energy.accounting import record
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.errors import RegisterError
+from robot_energy.foundation.errors import RegisterError
+from robot_energy.foundation.shown_text import MAX_LINE, shown
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.messages import interval_fields
 from robot_energy.model import RobotModel
-from robot_energy.shown_text import MAX_LINE, shown
-from robot_energy.units import SECOND_NS
 from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 

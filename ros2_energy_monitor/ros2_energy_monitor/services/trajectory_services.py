@@ -28,12 +28,12 @@ from ros2_energy_msgs.srv import CompareTrajectories, PredictTrajectory
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_energy.accounting.record import Calibrated
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError, RobotEnergyError
+from robot_energy.foundation.errors import MotionError, RobotEnergyError
+from robot_energy.foundation.process_memory import give_back_freed_memory
+from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
-from robot_energy.process_memory import give_back_freed_memory
-from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.timeline.blocks import Float
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.services.c_memory import elements, points_of, time_of
 from ros2_energy_monitor.services.compare_trajectories import MAX_CANDIDATES
@@ -165,7 +165,7 @@ class PredictionService:
 
     def _checked_size(self, fields: Any) -> int:
         """Samples of a request, at most; it is refused if they are too many."""
-        from robot_energy.motion.planned import grid_steps  # once a client asks
+        from robot_energy_plan.motion.planned import grid_steps  # once a client asks
 
         samples, duration = 0, 0.0
         for trajectory in self.trajectories(fields):

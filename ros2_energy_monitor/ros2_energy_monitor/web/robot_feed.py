@@ -21,9 +21,9 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, JointFriction, PowerState
 from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
 
-from robot_energy.page.alarms import PageFinding
-from robot_energy.page.robot_state import RobotState
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy_report.page.alarms import PageFinding
+from robot_energy_report.page.robot_state import RobotState
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.publishers import (
     FRICTION_TOPIC,

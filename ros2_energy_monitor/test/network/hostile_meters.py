@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 from documented_devices import shelly_status, tasmota_sensor
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.base.credentials import Credentials
 from ros2_energy_monitor.meters.kinds import load_profile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.meters.link import MAX_ANSWER
 from ros2_energy_monitor.meters.poller import Poller

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from ros2_energy_msgs.msg import PowerReading
 
-from robot_energy.errors import MeterProfileError, ParameterError
+from robot_energy.foundation.errors import MeterProfileError, ParameterError
 from ros2_energy_monitor.nodes import meter_driver
 from ros2_energy_monitor.nodes.meter_driver import MeterDriver
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.credentials import Credentials
 from ros2_energy_monitor.meters.kinds import METER_LINKS, load_profile
 from ros2_energy_monitor.meters.link import Endpoint

@@ -11,7 +11,7 @@
 from contextlib import suppress
 from typing import Any
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
+from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.meters.poller import MAX_REFUSALS, MIN_BACKOFF, Poller
 from ros2_energy_monitor.meters.reading import ReadingFilter
 

@@ -15,7 +15,7 @@ import struct
 
 import pytest
 
-from robot_energy.errors import CredentialsError
+from robot_energy.foundation.errors import CredentialsError
 from ros2_energy_monitor.base.credentials import read_credentials
 from ros2_energy_monitor.meters.kinds import load_profile
 from ros2_energy_monitor.meters.link import Endpoint

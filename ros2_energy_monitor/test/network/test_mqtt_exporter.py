@@ -21,7 +21,7 @@ import time
 import pytest
 from ros2_energy_msgs.msg import EnergyRegisters, JointPower, LoadEnergy, LoadPower, PowerState
 
-from robot_energy.errors import CredentialsError, ExporterError
+from robot_energy.foundation.errors import CredentialsError, ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 from ros2_energy_monitor.exporters.exporter import Newest
 from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters

@@ -16,7 +16,6 @@ import numpy as np
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
 from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
-from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.exact_sum import SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
@@ -36,7 +35,10 @@ from robot_energy.accounting.sample_counts import CountMark, SampleCounts, great
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.shaft_comparison import ShaftEnergySums
 from robot_energy.accounting.totals import Totals
-from robot_energy.blocks import (
+from robot_energy.certainty.band import EnergyBand
+from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.foundation.errors import RegisterError
+from robot_energy.timeline.blocks import (
     Int,
     MeterBlock,
     MeterLocation,
@@ -44,11 +46,9 @@ from robot_energy.blocks import (
     PowerBlock,
     SupplyBlock,
 )
-from robot_energy.errors import RegisterError
 from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
-from robot_energy.uncertainty.band import EnergyBand
 
 _Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it

@@ -21,7 +21,7 @@ from robot_energy.accounting.totals import (
     Totals,
     saturated,
 )
-from robot_energy.blocks import Float, Int, Phase, Quality
+from robot_energy.timeline.blocks import Float, Int, Phase, Quality
 from robot_energy.timeline.coverage import Coverage
 
 if TYPE_CHECKING:

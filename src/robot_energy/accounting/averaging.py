@@ -10,7 +10,8 @@ from robot_energy.accounting.integration import SampleIntervals
 from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.accounting.settings import HOLD_NS
-from robot_energy.blocks import (
+from robot_energy.certainty.band import Z90, BandKind, power_std
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
     Block,
@@ -21,7 +22,6 @@ from robot_energy.blocks import (
     differences,
 )
 from robot_energy.timeline.pieces import Compared
-from robot_energy.uncertainty.band import Z90, BandKind, power_std
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class MeanBlock(Block):
         joints: Mean of each joint register's power, shape (W, 5, n). [W]
         deviation: Mean of the deviations of the power, shape (W, K). [W]
         band_half: Half width of the 90 % band about the mean grid power, shape (W,). [W]
-        band: What kind of band it is, `robot_energy.uncertainty.band.BandKind`, shape (W,).
+        band: What kind of band it is, `robot_energy.certainty.band.BandKind`, shape (W,).
         shaft_power_measured: Mean, shape (W, n); NaN unless the effort covers all of the
             time integrated, so that it compares with the predicted mean. [W]
         motor_velocity, motor_torque, motor_torque_measured, coulomb, viscous,

@@ -21,11 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy import kernels
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.integration import NO_SEGMENT
 from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
-from robot_energy.blocks import (
+from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.physics import kernels
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
     Int,
@@ -34,9 +36,7 @@ from robot_energy.blocks import (
     MeterMeaning,
     differences,
 )
-from robot_energy.inputs.meter.power_curve import MAX_POWER, MeterCurve
 from robot_energy.timeline.pieces import Compared, CoveredPieces
-from robot_energy.units import SECOND_NS
 
 MAX_PIECES = 1_000_000
 MAX_BEGINNING = 2  # readings of a first epoch that may have been none

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.blocks import NANOSECOND, Block, Float, Int
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
 from robot_energy.timeline.pieces import Compared
 
 MAX_ROWS = 2**16  # many more than the points of a figure

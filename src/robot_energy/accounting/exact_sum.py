@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy import kernels
-from robot_energy.blocks import Float, Int
+from robot_energy.foundation.units import MAX_COUNTER
+from robot_energy.physics import kernels
 from robot_energy.physics.equations import CACHED
-from robot_energy.units import MAX_COUNTER
+from robot_energy.timeline.blocks import Float, Int
 
 PER_JOULE = 1e6  # microjoules
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule

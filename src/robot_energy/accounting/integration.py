@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Block, Float, Int, PowerBlock, differences
 from robot_energy.physics.equations import interval_energy
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, PowerBlock, differences
 from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 
 MAX_ENERGY = 2e6  # of one interval, which sums exactly [J]

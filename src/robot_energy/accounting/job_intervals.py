@@ -10,9 +10,9 @@ import numpy as np
 from robot_energy.accounting.plain_text import MAX_NAME, require_plain_text
 from robot_energy.accounting.record import EnergyInterval, OpenInterval
 from robot_energy.accounting.totals import Totals
-from robot_energy.errors import RegisterError
-from robot_energy.shown_text import shown
-from robot_energy.units import MAX_COUNTER
+from robot_energy.foundation.errors import RegisterError
+from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import MAX_COUNTER
 
 MAX_OPEN = 16
 MAX_CLOSED = 16

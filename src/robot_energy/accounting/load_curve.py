@@ -7,10 +7,10 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
 from robot_energy.accounting.settings import HOLD_NS
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.inputs.meter.power_curve import MeterCurve, MeterLimits
 from robot_energy.model.auxiliary import AuxiliaryLoad
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.timeline.pieces import CoveredPieces
 
 PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet

@@ -8,9 +8,9 @@ from collections import deque
 import numpy as np
 
 from robot_energy.accounting.comparison import EARLY_NS, Comparison
-from robot_energy.blocks import NANOSECOND, MeterMeaning
+from robot_energy.foundation.units import ENERGY_UNITS, NANOJOULE_PER_JOULE, POWER_UNITS, SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, MeterMeaning
 from robot_energy.timeline.pieces import Compared
-from robot_energy.units import ENERGY_UNITS, NANOJOULE_PER_JOULE, POWER_UNITS, SECOND_NS
 
 WINDOW = 60  # of the rolling residual [s]
 MIN_COMPARED_TIME = 30.0  # compared time in it before a unit is doubted [s]

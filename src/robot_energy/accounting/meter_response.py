@@ -24,10 +24,10 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Block, Float, Int
+from robot_energy.foundation.units import NANOJOULE_PER_JOULE
 from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
 from robot_energy.timeline.pieces import Compared, closed_sums
-from robot_energy.units import NANOJOULE_PER_JOULE
 
 STRETCH_NS = 5_000_000_000  # whose energies show the lag: about a motion
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster

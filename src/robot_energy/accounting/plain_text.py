@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robot_energy.errors import RobotEnergyError
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.shown_text import shown
 
 MAX_NAME = 100  # characters of an interval's name
 MAX_REASON = 200  # characters of the reason of a reset

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy.timeline.pieces import CoveredPieces
 

@@ -33,8 +33,8 @@ from robot_energy.accounting.totals import (
     Text,
     Totals,
 )
-from robot_energy.errors import StateFileError
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.foundation.shown_text import shown
 
 KEPT = 16  # latest trace entries of each kind, so that restarts never push out a reset
 FORMAT_VERSION = 4  # 1 had no node, 2 no calibration, 3 no auxiliary loads
@@ -189,7 +189,7 @@ class Identity(RecordPart):
 
 
 class Calibrated(RecordPart):
-    """How wide bands must be, see `robot_energy.accounting.band_calibration`.
+    """How wide bands must be, see `robot_energy.certainty.band_calibration`.
 
     Attributes:
         location: Where the meter sat, name of a `MeterLocation`.

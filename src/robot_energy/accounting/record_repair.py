@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import AfterValidator, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from robot_energy.shown_text import shown
+from robot_energy.foundation.shown_text import shown
 
 MAX_NAMED = 3  # fields of a record that are named
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy import kernels
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.integration import (
     HeldEnergies,
@@ -17,10 +16,11 @@ from robot_energy.accounting.integration import (
     SampleIntervals,
     TrapezoidIntegrator,
 )
-from robot_energy.blocks import Float, PowerBlock
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.physics import kernels
 from robot_energy.physics.equations import interval_energy
+from robot_energy.timeline.blocks import Float, PowerBlock
 from robot_energy.timeline.coverage import Coverage
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")

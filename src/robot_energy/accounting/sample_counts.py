@@ -13,8 +13,8 @@ from math import isfinite, isnan, nan
 import numpy as np
 
 from robot_energy.accounting.exact_sum import SETTLED, ExactSum, SumMark, add_saturating
-from robot_energy.blocks import Float, Int, Phase, PowerBlock, Quality
-from robot_energy.units import MAX_COUNTER
+from robot_energy.foundation.units import MAX_COUNTER
+from robot_energy.timeline.blocks import Float, Int, Phase, PowerBlock, Quality
 
 BITS = tuple(int(bit) for bit in Quality)
 CountMark = tuple[list[SumMark], dict[str, object]]

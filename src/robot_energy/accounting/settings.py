@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robot_energy.inputs.meter.power_curve import MAX_POWER
+from robot_energy.accounting.power_curve import MAX_POWER
 
 HOLD_NS = 2_000_000_000
 """A reading counts as the newest for so long, or for twice the time it covers."""

@@ -14,7 +14,7 @@ import numpy as np
 from robot_energy.accounting.exact_sum import ExactSum, add_saturating
 from robot_energy.accounting.integration import SampleIntervals
 from robot_energy.accounting.registers import CABINET_REGISTERS, SHAFT_REGISTERS
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock
 
 PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
 MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is no measurement, and would not fit the sums

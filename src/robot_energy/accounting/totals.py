@@ -11,10 +11,10 @@ from robot_energy.accounting.exact_sum import REMAINDER_BITS
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_TEXT
 from robot_energy.accounting.record_repair import one_line
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
-from robot_energy.errors import StateFileError
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
-from robot_energy.units import MAX_COUNTER
 
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
 CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)

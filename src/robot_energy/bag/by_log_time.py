@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.units import SECOND_NS
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.foundation.units import SECOND_NS
 
 MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""

@@ -10,8 +10,8 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy import kernels
 from robot_energy.bag.mcap_records import CHANNEL, FRAME, MESSAGE, MESSAGE_FIXED, SCHEMA
+from robot_energy.physics import kernels
 
 _MESSAGE_FRAME = np.dtype(
     [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"),

@@ -12,14 +12,14 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy import kernels
 from robot_energy.bag import mcap_records as records
 from robot_energy.bag.mcap_block import McapChunk, indexed_block, walked_block
 from robot_energy.bag.mcap_records import FRAME, LogTimes, RecordError
 from robot_energy.bag.mcap_summary import IN_SUMMARY, read_closing
-from robot_energy.errors import BagError
-from robot_energy.files.first_bytes import MAX_MAGIC, named
-from robot_energy.files.regular_file import open_regular
+from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.files.first_bytes import MAX_MAGIC, named
+from robot_energy.foundation.files.regular_file import open_regular
+from robot_energy.physics import kernels
 
 _MIN_LOOSE_BYTES, _LOOSE_BYTES = 2**12, 2**20
 _LOOSE_MESSAGES = 8192

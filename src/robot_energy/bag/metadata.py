@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, cast
 
-from robot_energy.config_file import MAX_BYTES, parse_yaml
-from robot_energy.errors import BagError
-from robot_energy.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.foundation.config_file import MAX_BYTES, parse_yaml
+from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
 
 FILE_NAME = "metadata.yaml"
 ORIGIN_KEY = "origin"

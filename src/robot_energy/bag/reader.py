@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_energy.bag.by_log_time import MAX_OVERLAP_NS, merged, rises
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
 from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
 from robot_energy.bag.sources import BagContents, TopicInfo
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended, typestore
-from robot_energy.errors import BagError, MissingTopicError
-from robot_energy.files.regular_file import open_regular
+from robot_energy.foundation.errors import BagError, MissingTopicError
+from robot_energy.foundation.files.regular_file import open_regular
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.mcap_block import McapChunk, Messages
 from robot_energy.bag.mcap_file import McapFile
 from robot_energy.bag.mcap_records import LogTimes
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import valid_stamps
-from robot_energy.units import SECOND_NS
 
 MANY_STEPS_BACK = 3  # of over a second in one chunk: no clock was set, the times are broken
 BATCH_MESSAGES = 8192

@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import (
     BATCH_BYTES,
@@ -18,10 +19,9 @@ from robot_energy.bag.sources import (
     TopicInfo,
     broken_times,
 )
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.errors import BagError
-from robot_energy.files.regular_file import open_regular
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.files.regular_file import open_regular
+from robot_energy.foundation.units import SECOND_NS
 
 MAGIC = b"SQLite format 3\x00"
 MAX_VALUE_BYTES = 64 * 2**20

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.reader import BagReader
-from robot_energy.blocks import NANOSECOND
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
+from robot_energy.timeline.blocks import NANOSECOND
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robot_energy.bag.cdr.types import typestore as default_typestore
 from robot_energy.bag.metadata import (
     DEFAULT_QOS,
     FILE_NAME,
@@ -20,9 +21,8 @@ from robot_energy.bag.metadata import (
     qos_yaml,
 )
 from robot_energy.bag.ownership import LIBRARY, foreign_entries
-from robot_energy.cdr.types import typestore as default_typestore
-from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
-from robot_energy.files.output_folder import OutputFolder
+from robot_energy.foundation.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
+from robot_energy.foundation.files.output_folder import OutputFolder
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -8,8 +8,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS
+from robot_energy.timeline.blocks import Float
 
 Z90 = 1.6448536269514722
 """Half width of the middle 90 % of a normal distribution, over its standard deviation."""

@@ -23,13 +23,10 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.accounting.energy_calibration import EnergyCalibration
 from robot_energy.accounting.integration import HeldEnergies
 from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
-from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
-from robot_energy.timeline.pieces import Compared, closed_sums, starts_of
-from robot_energy.uncertainty.band import (
+from robot_energy.certainty.band import (
     BUS,
     FORM,
     LOSS_GRID,
@@ -41,7 +38,10 @@ from robot_energy.uncertainty.band import (
     half_width,
     scores,
 )
-from robot_energy.units import MAX_COUNTER, NANOJOULE_PER_JOULE, SECOND_NS
+from robot_energy.certainty.energy_calibration import EnergyCalibration
+from robot_energy.foundation.units import MAX_COUNTER, NANOJOULE_PER_JOULE, SECOND_NS
+from robot_energy.timeline.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
+from robot_energy.timeline.pieces import Compared, closed_sums, starts_of
 
 COVERED = 0.9  # share of the readings that a band holds
 SLOT_NS = 20_000_000  # of deviations that wait for the meter

@@ -25,7 +25,7 @@ from functools import partial
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, differences
+from robot_energy.certainty.priors import MISSING_LOSS, figure_std, relative_std
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag, least_known, tag_of
@@ -33,7 +33,7 @@ from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.uncertainty.priors import MISSING_LOSS, figure_std, relative_std
+from robot_energy.timeline.blocks import Float, Int, differences
 
 CABINET_DEVIATIONS = (
     "bodies", "payload", "loss_dc", "loss_grid", "temperature", "form", "random", "bus",

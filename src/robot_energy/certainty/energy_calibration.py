@@ -29,8 +29,7 @@ from collections import deque
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.uncertainty.band import (
+from robot_energy.certainty.band import (
     FORM,
     LOSS_GRID,
     TEMPERATURE,
@@ -39,6 +38,7 @@ from robot_energy.uncertainty.band import (
     figures_of,
     scores,
 )
+from robot_energy.timeline.blocks import Float
 
 MAX_WINDOWS = 120  # behind the band of energies: ten minutes
 MIN_WINDOWS = 12  # of them: a minute

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.certainty.priors import relative_std
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import tag_of
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.uncertainty.priors import relative_std
+from robot_energy.timeline.blocks import Float
 
 COLDER, WARMER = 0.05, 0.02
 """Growth of the deviation below and above the fitted range, as a share of the coefficient. [1/K]

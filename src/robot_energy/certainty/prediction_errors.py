@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import DOUBTFUL, NANOSECOND, Float, Int, PowerBlock, differences
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.blocks import DOUBTFUL, NANOSECOND, Float, Int, PowerBlock, differences
 from robot_energy.timeline.pieces import Compared
 
 NO_READING = -(2**62)  # ns, before all stamps

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
-from robot_energy.api.inputs import ModelName, model_of
-from robot_energy.api.replay import ReplayOptions, run_replay
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
+from robot_energy.replay.api import ReplayOptions, run_replay
+from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.results.condition import ConditionReport, condition_report
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.condition.programs import OWN, columns
 from robot_energy.condition.record import ContrastEntry, filled, flat
@@ -22,6 +21,7 @@ from robot_energy.condition.wear_records import (
     RECORD_TIME,
     WearRecord,
 )
+from robot_energy.timeline.blocks import Float
 
 # Standard deviations of the coefficients, before any record.
 LEVEL = 1.0  # the same at all speeds and temperatures [-]

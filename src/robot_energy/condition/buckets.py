@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
+from robot_energy.timeline.blocks import Float, Int
 
 SLOWEST = 0.05  # speed of the slowest bucket, joint side [rad/s] or [m/s]
 SPEED_STEP = 4.0  # from one bucket of speed to the next

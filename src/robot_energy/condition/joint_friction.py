@@ -19,15 +19,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import (
-    DOUBTFUL,
-    NANOSECOND,
-    Bits,
-    Block,
-    Float,
-    Int,
-    PowerBlock,
-)
 from robot_energy.condition.buckets import (
     DEGC_BUCKETS,
     SPEED_BUCKETS,
@@ -36,7 +27,16 @@ from robot_energy.condition.buckets import (
     speed_place,
 )
 from robot_energy.condition.record import FrictionRecord, filled, flat
-from robot_energy.held_rows import taken
+from robot_energy.timeline.blocks import (
+    DOUBTFUL,
+    NANOSECOND,
+    Bits,
+    Block,
+    Float,
+    Int,
+    PowerBlock,
+)
+from robot_energy.timeline.held_rows import taken
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
 MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]
@@ -51,7 +51,7 @@ GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows i
 
 @dataclass(frozen=True)
 class FrictionSamples(Block):
-    """What is learned from of power samples; as in `robot_energy.blocks.PowerBlock`."""
+    """What is learned from of power samples; as in `robot_energy.timeline.blocks.PowerBlock`."""
 
     segment: Int
     quality: Bits

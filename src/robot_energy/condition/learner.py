@@ -17,7 +17,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import (
+from robot_energy.accounting.power_curve import MeterCurve
+from robot_energy.condition.buckets import interpolated
+from robot_energy.condition.joint_friction import FrictionLearner, FrictionSamples, MotionReader
+from robot_energy.condition.meter_fit import MeterFit
+from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
+from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
+from robot_energy.condition.wear import WearMonitor, WearState
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
+from robot_energy.timeline.blocks import (
     Float,
     Int,
     MeterBlock,
@@ -28,16 +38,6 @@ from robot_energy.blocks import (
     differences,
     sum_over_joints,
 )
-from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, FrictionSamples, MotionReader
-from robot_energy.condition.meter_fit import MeterFit
-from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
-from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
-from robot_energy.condition.wear import WearMonitor, WearState
-from robot_energy.errors import StateFileError
-from robot_energy.inputs.meter.power_curve import MeterCurve
-from robot_energy.model import RobotModel
-from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 
 SLOT_NS = 10_000_000  # of each, the first sample is learned from [ns]
 PART_NS = 5_000_000_000  # of stamps that are learned from together, whole slots [ns]

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.condition.joint_friction import BOUNDS, GRID
 from robot_energy.condition.record import MeterRecord, filled, flat
+from robot_energy.timeline.blocks import Float
 
 MEMORY = 400.0  # of the past; a gear that lags its motor makes the residual drift [s]
 PRIOR_FACTOR = 0.5  # standard deviation of the factor before any reading [-]

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation
-from robot_energy.inputs.meter.power_curve import MeterCurve
+from robot_energy.accounting.power_curve import MeterCurve
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
 
 WINDOW = 5.0  # shortest window [s]

@@ -7,10 +7,10 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from robot_energy.blocks import Float
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.foundation.units import MAX_COUNTER
+from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
-from robot_energy.units import MAX_COUNTER
 
 FORMAT_VERSION = 3  # 1 had no contrasts: its records of wear are dropped; 2 had no programs
 

@@ -17,7 +17,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import (
+from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
+from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows
+from robot_energy.condition.record import ThermalRecord, filled, flat
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.inputs.temperatures.stuck import WINDOW_NS
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.motor_heat import GearHeat, MotorHeat
+from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
     PLAUSIBLE_DEGC,
@@ -29,14 +37,6 @@ from robot_energy.blocks import (
     PowerBlock,
     differences,
 )
-from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows
-from robot_energy.condition.record import ThermalRecord, filled, flat
-from robot_energy.errors import StateFileError
-from robot_energy.inputs.meter.power_curve import MeterCurve, MeterLimits
-from robot_energy.inputs.temperatures.stuck import WINDOW_NS
-from robot_energy.model import RobotModel
-from robot_energy.physics.friction import FrictionModel
-from robot_energy.physics.motor_heat import GearHeat, MotorHeat
 
 WINDOW = WINDOW_NS * NANOSECOND  # s
 AMBIENT_STD = 3.0  # K, where the model file gives none

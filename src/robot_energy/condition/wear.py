@@ -9,7 +9,6 @@ from typing import Annotated
 
 from pydantic import PlainSerializer
 
-from robot_energy.blocks import NANOSECOND
 from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
@@ -23,7 +22,8 @@ from robot_energy.condition.record import (
     filled,
 )
 from robot_energy.condition.wear_records import FEATURES, MeterGatherer, MotionGatherer, WearRecord
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.timeline.blocks import NANOSECOND
 
 WHOLE_ROBOT = ""  # name of what one power meter sees
 MAX_SURE = 0.9999  # more is not claimed

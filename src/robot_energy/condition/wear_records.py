@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.record import Number, Numbers, Stamp
-from robot_energy.uncertainty.band import MEDIAN_TO_STD
+from robot_energy.timeline.blocks import NANOSECOND, Float
 
 RECORD_TIME = 300.0  # motion of a record [s]
 MIN_DIRECTION = 60.0  # of it in each direction [s]

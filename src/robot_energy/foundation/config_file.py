@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from robot_energy.errors import ModelFileError, RobotEnergyError
-from robot_energy.files.regular_file import read_regular_text, why_unreadable
-from robot_energy.files.xml_encoding import DECLARE
-from robot_energy.schema_errors import described, listed, refusal
+from robot_energy.foundation.errors import ModelFileError, RobotEnergyError
+from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.foundation.files.xml_encoding import DECLARE
+from robot_energy.foundation.schema_errors import described, listed, refusal
 
 if TYPE_CHECKING:
     _Base = yaml.SafeLoader

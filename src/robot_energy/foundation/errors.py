@@ -5,7 +5,7 @@ Every message is one sentence that says what was found, what was expected and wh
 
 from __future__ import annotations
 
-from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.foundation.shown_text import MAX_LINE, shown
 
 
 class RobotEnergyError(Exception):

@@ -19,7 +19,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar, cast
 
-from robot_energy.errors import KindError
+from robot_energy.foundation.errors import KindError
 
 LIKELY = 0.6  # likeness of two words from which one may be a misspelling of the other
 GROUP = "robot_energy.kinds"  # of entry points: modules that register kinds when imported

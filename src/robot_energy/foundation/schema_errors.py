@@ -11,9 +11,9 @@ from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
-from robot_energy.errors import RobotEnergyError
-from robot_energy.kinds import LIKELY
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.kinds import LIKELY
+from robot_energy.foundation.shown_text import shown
 
 MAX_PROBLEMS = 8  # said at once
 MAX_KEYS = 20  # of a schema, listed where an unknown key resembles none

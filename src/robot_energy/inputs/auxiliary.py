@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.inputs.meter.source import MeterSource, stamps_by_type
 from robot_energy.inputs.parameters import named_groups, parameter
 from robot_energy.model.auxiliary import AuxiliaryLoad

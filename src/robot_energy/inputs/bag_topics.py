@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from robot_energy.bag import BagReader
-from robot_energy.errors import MissingTopicError
+from robot_energy.foundation.errors import MissingTopicError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs, LoadTopics
 from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.inputs.meter.kinds import meter_kind

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from robot_energy.config_file import parse_yaml, read_text
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.config_file import parse_yaml, read_text
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
 from robot_energy.inputs.sources import Inputs
 from robot_energy.presets import ROBOTS, RobotPreset

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

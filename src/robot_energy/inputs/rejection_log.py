@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.shown_text import shown
+from robot_energy.foundation.shown_text import shown
 
 MAX_NAMES = 100  # of joints remembered at most, whatever the messages say
 MAX_KEPT_CHARACTERS = 1_000_000  # of names that messages are matched by

@@ -15,8 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import MeterInputs
@@ -34,6 +33,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE_KINDS,
     TemperatureKind,
 )
+from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, checked_max_gap
 
 NO_JOINT = "-"  # a place of an array that is none of the model's joints

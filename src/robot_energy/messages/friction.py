@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, FrictionBlock, TemperatureOrigin
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import NANOSECOND, FrictionBlock, TemperatureOrigin
 from robot_energy.timeline.epochs import slow_reach
 from robot_energy.timeline.stamps import valid_stamps
 from robot_energy.timeline.streams import StreamRun, joined

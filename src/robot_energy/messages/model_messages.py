@@ -9,10 +9,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Block
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Run
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Run
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.blocks import Block
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.stamps import BAD_STAMP
 from robot_energy.timeline.streams import StreamSplitter

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.plain_text import MAX_LINK, require_plain_text
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Encoder, Run, stamp_columns
-from robot_energy.cdr.types import typestore as default_typestore
-from robot_energy.errors import PayloadError, RobotEnergyError
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Encoder, Run, stamp_columns
+from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.foundation.errors import PayloadError, RobotEnergyError
+from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.model.payload import Payload, payload, several_carried
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.shown_text import shown
 from robot_energy.timeline.stamps import (
     BAD_STAMP,
     MAX_STAMP_NS,

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.load_curve import COLUMNS
-from robot_energy.blocks import MeterLocation, known_part, sum_over_joints
-from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.certainty.band import power_std
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.uncertainty.band import power_std
+from robot_energy.timeline.blocks import MeterLocation, known_part, sum_over_joints
 
 POWER_STATE = "ros2_energy_msgs/msg/PowerState"
 LOAD_KINDS = {"state": np.int16, "remarks": np.uint8}  # of fields that are no float64

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.account_record import deviation_of
-from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.record import EnergyInterval
 from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.accounting.totals import Totals
-from robot_energy.blocks import NANOSECOND, known_part
-from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.model.auxiliary import AuxiliaryLoad
+from robot_energy.timeline.blocks import NANOSECOND, known_part
 
 ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
 JOINT_FIELDS = {

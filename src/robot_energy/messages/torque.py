@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Quality, TorqueBlock, differences, mark
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.model_messages import ModelMessageReader
+from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer
 from robot_energy.timeline.stamps import valid_stamps

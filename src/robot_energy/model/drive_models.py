@@ -1,7 +1,7 @@
 """Table of the drive models: from shaft power to electrical input, motor side.
 
 Here stand the entries of the model file; `robot_energy.physics.drive` adds the physics and
-`robot_energy.identify.drives` the fits.
+`robot_energy_identify.drives` the fits.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, model_validator
 
-from robot_energy.kinds import Kind, Kinds, Part
+from robot_energy.foundation.kinds import Kind, Kinds, Part
 from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag
 
 if TYPE_CHECKING:
@@ -80,15 +80,15 @@ class DriveModel(Kind):
         physics: Makes a `robot_energy.physics.drive.Drive` of the entries of all joints.
         constant_loss: Loss of an entry that flows whether the drive moves or not. [W]
         lossless: Whether drive losses are missing from the energy.
-        deviation: Makes a `robot_energy.uncertainty.deviation.DriveDeviation` of the entries of
+        deviation: Makes a `robot_energy.certainty.deviation.DriveDeviation` of the entries of
             all joints; None for a share of the loss.
-        loss_deviations: Makes a `robot_energy.uncertainty.deviation.LossDeviations` of the entries
+        loss_deviations: Makes a `robot_energy.certainty.deviation.LossDeviations` of the entries
             of all joints: what the error of each figure alone does; None: a share of the loss.
         figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
         fitted: Makes an entry from what was identified of one axis, a
-            `robot_energy.identify.drives.drives.AxisFit` with the samples of the drive, and the
+            `robot_energy_identify.drives.drives.AxisFit` with the samples of the drive, and the
             source; None where they do not determine it. None for a kind that has no fit. A kind
             with one takes part in the comparison on held-out data, and is chosen if it is best.
         way: Name of that fit in the comparison; empty: the name of the kind.
@@ -139,7 +139,7 @@ DRIVE_MODELS = Kinds(
         key="efficiency_map",
         entry=EfficiencyMap,
         physics=Part("robot_energy.physics.drive:EfficiencyMaps"),
-        fitted=Part("robot_energy.identify.drives.drives:fitted_map"),
+        fitted=Part("robot_energy_identify.drives.drives:fitted_map"),
         way="map",
         in_identity=True,
     ),
@@ -150,9 +150,9 @@ DRIVE_MODELS = Kinds(
         key="losses",
         entry=LossDrive,
         physics=Part("robot_energy.physics.drive:LossModel"),
-        deviation=Part("robot_energy.uncertainty.deviation:loss_model_deviation"),
-        loss_deviations=Part("robot_energy.uncertainty.deviation:loss_model_deviations"),
-        fitted=Part("robot_energy.identify.drives.drives:fitted_losses"),
+        deviation=Part("robot_energy.certainty.deviation:loss_model_deviation"),
+        loss_deviations=Part("robot_energy.certainty.deviation:loss_model_deviations"),
+        fitted=Part("robot_energy_identify.drives.drives:fitted_losses"),
         way="losses",
         in_identity=True,
         constant_loss=lambda entry: entry.constant.value,

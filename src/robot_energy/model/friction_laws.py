@@ -1,7 +1,7 @@
 """Table of the laws of viscous friction over motor temperature, motor side.
 
 Here stand the entries of the model file; curves are those of `robot_energy.physics.friction`,
-fits those of `robot_energy.identify.friction.laws` and `robot_energy.fleet.merged_laws`.
+fits those of `robot_energy_identify.friction.laws` and `robot_energy_fleet.merged_laws`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from robot_energy.kinds import Kind, Kinds, Part
+from robot_energy.foundation.kinds import Kind, Kinds, Part
 from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag, without_absent
 
 Outside = Literal["hold", "extend", "auto"]
@@ -157,7 +157,7 @@ class FrictionLaw(Kind):
         fit: Fits an entry to samples in motion: samples and source to the entry and the
             regression behind it; None for a law that has no fit.
         merged_fit: Fits an entry to the sums of a fleet, a
-            `robot_energy.fleet.merged_laws.MergedSums`: the entry and the regression behind it;
+            `robot_energy_fleet.merged_laws.MergedSums`: the entry and the regression behind it;
             None for a law that a fleet cannot fit.
         text: What tables of identified friction show of the entry's values.
     """
@@ -184,8 +184,8 @@ FRICTION_LAWS = Kinds(
         line="one viscous coefficient at every temperature",
         entry=ConstantLaw,
         curve=Part("robot_energy.physics.friction:constant_law"),
-        fit=Part("robot_energy.identify.friction.laws:fit_constant"),
-        merged_fit=Part("robot_energy.fleet.merged_laws:fit_constant"),
+        fit=Part("robot_energy_identify.friction.laws:fit_constant"),
+        merged_fit=Part("robot_energy_fleet.merged_laws:fit_constant"),
         follows_temperature=False,
         text=lambda law: (
             f"{1e3 * law['viscous']['value']:.3g}" if law["viscous"]["value"] else "0, at bound"
@@ -197,8 +197,8 @@ FRICTION_LAWS = Kinds(
         line="`a + b exp(-T/c)` (paper A, section III)",
         entry=ExponentialLaw,
         curve=Part("robot_energy.physics.friction:exponential_law"),
-        fit=Part("robot_energy.identify.friction.laws:fit_exponential"),
-        merged_fit=Part("robot_energy.fleet.merged_laws:fit_exponential"),
+        fit=Part("robot_energy_identify.friction.laws:fit_exponential"),
+        merged_fit=Part("robot_energy_fleet.merged_laws:fit_exponential"),
         beyond_range=True,
         text=_exponential_text,
     ),
@@ -208,8 +208,8 @@ FRICTION_LAWS = Kinds(
         line="monotone interpolation of identified points",
         entry=TableLaw,
         curve=Part("robot_energy.physics.friction:table_law"),
-        fit=Part("robot_energy.identify.friction.laws:fit_table"),
-        merged_fit=Part("robot_energy.fleet.merged_laws:fit_table"),
+        fit=Part("robot_energy_identify.friction.laws:fit_table"),
+        merged_fit=Part("robot_energy_fleet.merged_laws:fit_table"),
         text=lambda law: " ".join(f"{1e3 * value:.3g}" for value in law["viscous"]),
     ),
 )

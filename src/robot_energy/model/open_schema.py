@@ -6,11 +6,11 @@ from typing import Any, Union
 
 from pydantic.fields import FieldInfo
 
+from robot_energy.foundation.schema_errors import forget_schemas
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import Joint, JointFriction
 from robot_energy.model.schema import RobotModel
-from robot_energy.schema_errors import forget_schemas
 
 OWN_KEYS = frozenset(Joint.model_fields)  # declared in the class
 

@@ -8,10 +8,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from robot_energy.errors import PayloadError
+from robot_energy.foundation.errors import PayloadError
+from robot_energy.foundation.schema_errors import refusal
+from robot_energy.foundation.shown_text import shown
 from robot_energy.model.figure import ModelEntry, Number, Tag
-from robot_energy.schema_errors import refusal
-from robot_energy.shown_text import shown
 
 MAX_MASS = 10_000.0  # kg; the strongest industrial robots carry 2,300 kg
 MAX_DISTANCE = 10.0  # m from the frame of the link to the centre of mass, along each axis

@@ -20,7 +20,6 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from robot_energy.blocks import MeterLocation
 from robot_energy.model.auxiliary import MAX_LOADS, AuxiliaryLoad
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import (
@@ -33,6 +32,7 @@ from robot_energy.model.figure import (
 )
 from robot_energy.model.joint import Joint
 from robot_energy.model.payload import Payload
+from robot_energy.timeline.blocks import MeterLocation
 
 SCHEMA_VERSION = 1
 

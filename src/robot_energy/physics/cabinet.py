@@ -18,9 +18,9 @@ from math import isfinite
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.equations import Balance, grid_balance
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
 
 class CabinetStage:

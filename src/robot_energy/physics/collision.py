@@ -15,10 +15,10 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RobotDescriptionError, check_shape
+from robot_energy.foundation.errors import RobotDescriptionError, check_shape
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.urdf.checks import for_dynamics, parse, take_inventory
+from robot_energy.timeline.blocks import Float
 
 SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 """Shapes that are looked at, and their lengths."""

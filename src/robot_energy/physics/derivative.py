@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy import kernels
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
+from robot_energy.physics import kernels
 from robot_energy.physics.equations import CACHED
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
 
 FULL_TURN = 2 * np.pi  # rad
 POSITIONS_RATIO = 2.5  # window of positions over that of velocities [-]

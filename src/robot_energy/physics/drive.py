@@ -13,11 +13,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.errors import KindError, ModelFileError
+from robot_energy.foundation.errors import KindError, ModelFileError
 from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.equations import loss_model_power
+from robot_energy.timeline.blocks import Float
 
 
 class Drive(Protocol):

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ModelFileError, ShapeError
+from robot_energy.foundation.errors import ModelFileError, ShapeError
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.transmission import mapped, torque_map
+from robot_energy.timeline.blocks import Float
 
 
 class Drivetrain:

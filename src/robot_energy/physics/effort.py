@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning, Float
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.blocks import EffortMeaning, Float
 
 
 class Effort:

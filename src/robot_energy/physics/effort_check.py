@@ -12,10 +12,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning, Float
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
+from robot_energy.timeline.blocks import EffortMeaning, Float
 
 MIN_SAMPLES = 100  # with an effort, before anything is said
 MAX_FACTOR = 3.0  # either way; friction, payload and a wrong torque constant stay below it

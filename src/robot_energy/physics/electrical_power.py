@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robot_energy.blocks import Float
-from robot_energy.units import DQ_FACTORS, DqScaling
+from robot_energy.foundation.units import DQ_FACTORS, DqScaling
+from robot_energy.timeline.blocks import Float
 
 
 def electrical_power(

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ShapeError
+from robot_energy.foundation.errors import ShapeError
+from robot_energy.timeline.blocks import Float
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator

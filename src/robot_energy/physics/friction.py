@@ -17,8 +17,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import PLAUSIBLE_DEGC, Float
-from robot_energy.errors import KindError
+from robot_energy.foundation.errors import KindError
 from robot_energy.model.figure import PositiveFigure, tag_of
 from robot_energy.model.friction_laws import (
     FRICTION_LAWS,
@@ -35,6 +34,7 @@ from robot_energy.physics.equations import (
     friction_torque,
     table_curve,
 )
+from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
 
 SPREAD_POINTS = 101  # of a law, over its range
 REACH_POINTS = 401  # between an edge of the fitted range and the end of what motors can read

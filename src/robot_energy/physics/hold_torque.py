@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import EffortMeaning, Float
 from robot_energy.model import RobotModel
 from robot_energy.physics.drive import Drive
 from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.timeline.blocks import EffortMeaning, Float
 
 UNKNOWN = 0.58
 """Standard deviation of the torque at rest over the Coulomb torque where no recording showed it:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 
 ROUNDING = 1e-6  # by which a use may exceed 1 and still be within the limit
 SAME = 0.02  # of the limit, within which two motions use as much of it

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.model.joint import JointGear, JointThermal
+from robot_energy.timeline.blocks import Float
 
 AT_ONCE = 1.0  # s, in which the structure follows the ambient where there is none
 HELD = 1e12  # s, in which a motor cools whose temperature is held

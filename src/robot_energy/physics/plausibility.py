@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.limits import limit_remarks
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
 from robot_energy.physics.urdf.parse import inertia_remarks, prefix_remarks
+from robot_energy.timeline.blocks import Float
 
 CONFIGURATIONS = 200  # drawn for the largest torque of gravity
 MAX_GRAVITY_RATIO = 3.0  # gravity over the effort limit, where springs may balance a part

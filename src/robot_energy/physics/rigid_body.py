@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from robot_energy import kernels
-from robot_energy.blocks import Float
-from robot_energy.errors import RobotDescriptionError, check_shape
+from robot_energy.foundation.errors import RobotDescriptionError, check_shape
 from robot_energy.model.payload import Payload
 from robot_energy.model.schema import RobotModel
+from robot_energy.physics import kernels
 from robot_energy.physics.urdf.checks import (
     for_dynamics,
     joint_limits,
@@ -25,6 +24,7 @@ from robot_energy.physics.urdf.checks import (
     parse,
     take_inventory,
 )
+from robot_energy.timeline.blocks import Float
 
 
 class Robot:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import JointBlock, TorqueBlock
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import JointBlock, TorqueBlock
 
 
 @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else

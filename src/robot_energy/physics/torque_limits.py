@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import DOUBTFUL, Float, TorqueBlock
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import DOUBTFUL, Float, TorqueBlock
 
 OFTEN = 0.05  # share of the samples; identified friction and peak torques of a sound robot: 0.01
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ShapeError
+from robot_energy.foundation.errors import ShapeError
+from robot_energy.timeline.blocks import Float
 
 MAX_CONDITION = 1e9  # of a transmission matrix
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, PowerBlock
+from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock
 
 
 class ConsecutiveBlocks:

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
-from robot_energy.blocks import (
+from robot_energy.model import RobotModel
+from robot_energy.pipeline.friction_stage import FrictionStage
+from robot_energy.pipeline.power_stage import PowerStage
+from robot_energy.pipeline.settings import Settings
+from robot_energy.pipeline.torque_stage import TorqueStage
+from robot_energy.timeline.blocks import (
     FrictionBlock,
     JointBlock,
     MeterBlock,
@@ -15,11 +20,6 @@ from robot_energy.blocks import (
     TemperatureBlock,
     TorqueBlock,
 )
-from robot_energy.model import RobotModel
-from robot_energy.pipeline.friction_stage import FrictionStage
-from robot_energy.pipeline.power_stage import PowerStage
-from robot_energy.pipeline.settings import Settings
-from robot_energy.pipeline.torque_stage import TorqueStage
 
 TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at least [ns]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
 APART_NS = 5_000_000_000  # stamps that far from the torques' are another clock's [ns]
 

@@ -7,7 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import (
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.temperatures.filter import ReadingStatus, TemperatureFilter
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.timeline.blocks import (
     Float,
     FrictionBlock,
     Int,
@@ -15,11 +20,6 @@ from robot_energy.blocks import (
     TemperatureBlock,
     mark,
 )
-from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.inputs.temperatures.filter import ReadingStatus, TemperatureFilter
-from robot_energy.model import RobotModel
-from robot_energy.physics.friction import FrictionModel
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
 
 REASONS = {
     ReadingStatus.IMPLAUSIBLE: "temperature_implausible",

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import FrictionBlock, Int, differences
+from robot_energy.timeline.blocks import FrictionBlock, Int, differences
 from robot_energy.timeline.epochs import SLOW_NS
 from robot_energy.timeline.hold import first_needed, held_rows
 

@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.api.inputs import ModelName, effort_meaning, model_of
-from robot_energy.api.power_table import empty_table, sample_table
-from robot_energy.blocks import EffortMeaning, Int, MeterLocation, MeterMeaning
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Encoder, stamp_columns
-from robot_energy.errors import ParameterError, ShapeError
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.foundation.errors import ParameterError, ShapeError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.kinds import MOTOR_TEMPERATURES
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.replay.inputs import ModelName, effort_meaning, model_of
+from robot_energy.replay.power_table import empty_table, sample_table
 from robot_energy.results.energy import EnergyBreakdown, energy_of
-from robot_energy.time_series import TimeSeries
+from robot_energy.timeline.blocks import EffortMeaning, Int, MeterLocation, MeterMeaning
+from robot_energy.timeline.time_series import TimeSeries
 
 OptionalArray = ArrayLike | None
 JOINT_STATES_TOPIC = "/joint_states"

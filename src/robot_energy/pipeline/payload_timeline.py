@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robot_energy.blocks import JointBlock
-from robot_energy.errors import PayloadError
+from robot_energy.foundation.errors import PayloadError
 from robot_energy.model.payload import Payload
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import JointBlock
 
 MAX_COMING = 100  # changes that may wait for their stamps
 

@@ -5,7 +5,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import (
+from robot_energy.accounting.power_curve import MeterCurve
+from robot_energy.certainty.deviation import (
+    CABINET_DEVIATIONS,
+    JOINT_DEVIATIONS,
+    PowerDeviation,
+)
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.condition.learner import ConditionLearner, Learning
+from robot_energy.condition.thermal_observer import ThermalObserver
+from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.model import RobotModel
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.equations import Balance
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.hold_torque import HoldTorque
+from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.pipeline.friction_stage import FrictionStage
+from robot_energy.pipeline.friction_timeline import FrictionTimeline
+from robot_energy.pipeline.settings import Settings
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
     Float,
@@ -20,28 +41,7 @@ from robot_energy.blocks import (
     mark,
     sum_over_joints,
 )
-from robot_energy.condition.learner import ConditionLearner, Learning
-from robot_energy.condition.thermal_observer import ThermalObserver
-from robot_energy.held_rows import HeldRows
-from robot_energy.inputs.meter.power_curve import MeterCurve
-from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
-from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage
-from robot_energy.physics.drive import drive_from_model
-from robot_energy.physics.drivetrain import motor_standstill
-from robot_energy.physics.equations import Balance
-from robot_energy.physics.friction import FrictionModel
-from robot_energy.physics.hold_torque import HoldTorque
-from robot_energy.pipeline.fallback_use import FallbackUse
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.pipeline.friction_stage import FrictionStage
-from robot_energy.pipeline.friction_timeline import FrictionTimeline
-from robot_energy.pipeline.settings import Settings
-from robot_energy.uncertainty.deviation import (
-    CABINET_DEVIATIONS,
-    JOINT_DEVIATIONS,
-    PowerDeviation,
-)
+from robot_energy.timeline.held_rows import HeldRows
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from robot_energy.blocks import JointBlock, TorqueBlock
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
@@ -13,6 +12,7 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.torque import rigid_torque
 from robot_energy.pipeline.payload_timeline import PayloadChange, PayloadTimeline
 from robot_energy.pipeline.settings import Settings
+from robot_energy.timeline.blocks import JointBlock, TorqueBlock
 
 
 class TorqueStage:

@@ -11,9 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, cast
 
-from robot_energy.config_file import parse_yaml
-from robot_energy.errors import ModelFileError
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.foundation.config_file import parse_yaml
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.kinds import Kind, Kinds
 
 INIT = "robot-energy model init"
 

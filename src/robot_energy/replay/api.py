@@ -9,32 +9,32 @@ from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 
-from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.api.inputs import (
+from robot_energy.bag.time_range import TimeRange
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.condition.learner import ConditionRecord, Learning
+from robot_energy.foundation.errors import ParameterError
+from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
+from robot_energy.inputs.sources import JointStateSource
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel, with_fixed_friction
+from robot_energy.pipeline import Output, Settings
+from robot_energy.replay import bag_replay
+from robot_energy.replay.bag_replay import Replay
+from robot_energy.replay.inputs import (
     ModelName,
     driver_inputs,
     effort_meaning,
     member_named,
     model_of,
 )
-from robot_energy.api.power_table import empty_table, period_table, sample_table
-from robot_energy.bag.time_range import TimeRange
-from robot_energy.bag_replay import Replay
-from robot_energy.blocks import PowerBlock
-from robot_energy.condition.learner import ConditionRecord, Learning
-from robot_energy.errors import ParameterError
-from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
-from robot_energy.inputs.sources import JointStateSource
-from robot_energy.model import RobotModel
-from robot_energy.physics.friction import FrictionModel, with_fixed_friction
-from robot_energy.pipeline import Output, Settings
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.recorded_jobs import load_jobs
-from robot_energy.replay_topics import Topics
+from robot_energy.replay.power_table import empty_table, period_table, sample_table
+from robot_energy.replay.recorded_jobs import load_jobs
+from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
-from robot_energy.time_series import TimeSeries
+from robot_energy.timeline.blocks import PowerBlock
+from robot_energy.timeline.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's
 FALLBACK = "fallback"  # instead of a temperature: the model's

@@ -11,17 +11,16 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.accounting.integration import MAX_ENERGY
-from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.record import Calibrated
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.blocks import NANOSECOND, EffortMeaning
+from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.condition.learner import ConditionRecord
-from robot_energy.energy_bag import EnergyBagWriter
-from robot_energy.errors import BagError, UnknownJointError
-from robot_energy.files.output_folder import check_folder
+from robot_energy.foundation.errors import BagError, UnknownJointError
+from robot_energy.foundation.files.output_folder import check_folder
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.bag_topics import (
     find_auxiliary,
     find_meter,
@@ -39,12 +38,13 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.torque_limits import TorqueLimitWatch
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.read_ahead import can_read_ahead, read_ahead
-from robot_energy.recorded_jobs import Job, RecordedJobs
-from robot_energy.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
-from robot_energy.replay_topics import Topics, find_topics
+from robot_energy.replay.energy_bag import EnergyBagWriter
+from robot_energy.replay.read_ahead import can_read_ahead, read_ahead
+from robot_energy.replay.recorded_jobs import Job, RecordedJobs
+from robot_energy.replay.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
+from robot_energy.replay.replay_topics import Topics, find_topics
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning
 from robot_energy.timeline.pieces import Compared
-from robot_energy.units import SECOND_NS
 
 MAX_STRAY = 0.1  # share of the temperatures of another clock, beyond which friction is not known
 LONGER_WINDOW = "lengthen derivative_window, or check units, payload and limits"

@@ -10,7 +10,6 @@ import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagWriter
-from robot_energy.blocks import FrictionBlock
 from robot_energy.messages import (
     FrictionWriter,
     PayloadWriter,
@@ -26,6 +25,7 @@ from robot_energy.messages.torque import JOINT_TORQUE
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.timeline.blocks import FrictionBlock
 
 
 class EnergyBagWriter:

@@ -9,20 +9,20 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ModelFileError, ParameterError
+from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import RobotModel, load
 from robot_energy.presets import ROBOTS
+from robot_energy.timeline.blocks import EffortMeaning
 
 if TYPE_CHECKING:
-    from robot_energy.identify.data.bags import Bag
-    from robot_energy.identify.data.recordings import Recording
-    from robot_energy.identify.data.signals import Channels
-    from robot_energy.identify.drives.drive_power import DrivePowerTopics
-    from robot_energy.identify.friction.samples import FrictionData
-    from robot_energy.identify.stats.systematic import SensorLimits
     from robot_energy.inputs.sources import Inputs
+    from robot_energy_identify.data.bags import Bag
+    from robot_energy_identify.data.recordings import Recording
+    from robot_energy_identify.data.signals import Channels
+    from robot_energy_identify.drives.drive_power import DrivePowerTopics
+    from robot_energy_identify.friction.samples import FrictionData
+    from robot_energy_identify.stats.systematic import SensorLimits
 
 Member = TypeVar("Member", bound=StrEnum)
 ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
@@ -154,8 +154,8 @@ class BagSource:
         Raises:
             RobotEnergyError: If a bag cannot be used.
         """
-        from robot_energy.identify.data.recordings import read_recording
-        from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
+        from robot_energy_identify.data.recordings import read_recording
+        from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 
         meaning, read = self.meaning()
         sensors = self.sensors or DEFAULT_LIMITS
@@ -177,8 +177,8 @@ class BagSource:
             ImplausibleIdentificationError: If the torque contradicts the model, naming the cause.
             RobotEnergyError: If a bag cannot be used.
         """
-        from robot_energy.identify.causes import refuse_torque, torque_evidence
-        from robot_energy.identify.plausibility import check_signs
+        from robot_energy_identify.causes import refuse_torque, torque_evidence
+        from robot_energy_identify.plausibility import check_signs
 
         meaning, _ = self.meaning()
         if meaning is EffortMeaning.NONE:
@@ -200,7 +200,7 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
-        from robot_energy.identify.friction.samples import friction_data
+        from robot_energy_identify.friction.samples import friction_data
 
         recordings = self.with_effort(model)
         return [friction_data(recordings, joint) for joint in range(len(model.joints))]
@@ -210,7 +210,7 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
-        from robot_energy.identify.data.recordings import channels_of
+        from robot_energy_identify.data.recordings import channels_of
 
         found: dict[str, list[Channels]] = {}
         rate: float | None = None
@@ -236,9 +236,9 @@ class BagSource:
         Raises:
             RobotEnergyError: If a bag or the parameter file cannot be used.
         """
-        from robot_energy.identify.data.bags import Bag
-        from robot_energy.identify.run_all import usable_effort
-        from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
+        from robot_energy_identify.data.bags import Bag
+        from robot_energy_identify.run_all import usable_effort
+        from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 
         meaning, read = self.meaning()
         refused = usable_effort(model, meaning)

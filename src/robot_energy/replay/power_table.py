@@ -9,10 +9,17 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, known_part, sum_over_joints
-from robot_energy.time_series import TimeSeries
+from robot_energy.certainty.band import power_std
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    PowerBlock,
+    known_part,
+    sum_over_joints,
+)
 from robot_energy.timeline.pieces import Compared
-from robot_energy.uncertainty.band import power_std
+from robot_energy.timeline.time_series import TimeSeries
 
 UNITS = {
     "predicted_grid_power": "W",

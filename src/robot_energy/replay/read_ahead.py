@@ -12,7 +12,7 @@ from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
 
 T = TypeVar("T")
 

@@ -13,11 +13,11 @@ from pydantic import Field, field_validator, model_validator
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.plain_text import MAX_NAME, require_plain_text
 from robot_energy.accounting.record import EnergyInterval
-from robot_energy.blocks import Int
-from robot_energy.config_file import load
-from robot_energy.errors import RegisterError
+from robot_energy.foundation.config_file import load
+from robot_energy.foundation.errors import RegisterError
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model.figure import ModelEntry
-from robot_energy.units import SECOND_NS
+from robot_energy.timeline.blocks import Int
 
 MAX_JOBS = 20_000
 STEP_NS = 20_000_000  # of the pipeline while jobs may begin or end [ns]

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_energy.bag import BagReader
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
-from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
@@ -24,9 +24,9 @@ from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.recorded_jobs import RecordedJobs
-from robot_energy.replay_topics import Topics
-from robot_energy.units import SECOND_NS
+from robot_energy.replay.recorded_jobs import RecordedJobs
+from robot_energy.replay.replay_topics import Topics
+from robot_energy.timeline.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

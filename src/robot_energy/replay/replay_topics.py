@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robot_energy.bag import BagReader
-from robot_energy.errors import BagError, MissingTopicError
+from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.inputs.bag_topics import resolve
 from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.inputs.sources import Inputs

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
-from robot_energy.blocks import NANOSECOND
 from robot_energy.results.base import Number, Result
+from robot_energy.timeline.blocks import NANOSECOND
 
 
 class LoadState(Result):

@@ -6,14 +6,14 @@ from typing import Annotated, Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
-from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality, known_part
+from robot_energy.certainty.band import energy_variances
+from robot_energy.certainty.deviation import names_of
+from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
-from robot_energy.uncertainty.band import energy_variances
-from robot_energy.uncertainty.deviation import names_of
+from robot_energy.timeline.blocks import NANOSECOND, MeterLocation, Phase, Quality, known_part
 
 BALANCE_RELATIVE = 1e-9
 

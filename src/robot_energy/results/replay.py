@@ -3,13 +3,12 @@
 from dataclasses import replace
 from typing import Annotated
 
-from robot_energy.bag_replay import Replay
-from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.messages import interval_fields
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.replay_topics import Topics
+from robot_energy.replay.bag_replay import Replay
+from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.auxiliary import (
     AuxiliaryReport,
     auxiliary_report,
@@ -24,6 +23,7 @@ from robot_energy.results.energy import (
     comparison_of,
     unbalanced,
 )
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning
 
 LITTLE = 0.5  # share of the recorded time, below which that is said [-]
 

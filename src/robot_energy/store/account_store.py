@@ -17,9 +17,9 @@ from robot_energy.accounting.record import (
     TraceKind,
 )
 from robot_energy.accounting.totals import DEVIATION_KEYS
-from robot_energy.errors import RegisterError, StateFileError
+from robot_energy.foundation.errors import RegisterError, StateFileError
+from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
-from robot_energy.shown_text import shown
 from robot_energy.store.envelope import follows, is_newer
 from robot_energy.store.slot_store import SlotStore, Submit, at_once
 from robot_energy.store.slots import SlotPair, Stored

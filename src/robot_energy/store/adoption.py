@@ -12,7 +12,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from robot_energy.files.placement import sync_folder
+from robot_energy.foundation.files.placement import sync_folder
 from robot_energy.store.state_files import open_regular, read_regular
 
 BEGUN, COMPLETE = "begun", "complete"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import zlib
 
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 
 MAGIC = "robot-energy-registers"
 MAX_BYTES = 16 * 1024 * 1024  # written at most; 49 tallies of a thousand joints

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any, Generic, TypeVar, cast
 
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.store.slots import SlotPair, Stored
 
 T = TypeVar("T")

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from robot_energy.errors import StateFileError
-from robot_energy.files.placement import sync_folder
+from robot_energy.foundation.errors import StateFileError
+from robot_energy.foundation.files.placement import sync_folder
 from robot_energy.store.adoption import Adoption
 from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_newer, unwrap, wrap
 from robot_energy.store.state_files import open_regular, read_regular

@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.held_rows import HeldRows, joined, taken
+from robot_energy.timeline.held_rows import HeldRows, joined, taken
 
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
@@ -327,7 +327,7 @@ class PowerBlock(Block):
         brake_power: Dissipated in the brake resistor, >= 0, shape (N,). [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
         grid_power: Drawn from the grid; negative while fed back, shape (N,). [W]
-        deviation: How sure it is, see `robot_energy.uncertainty.deviation`, K columns. [W]
+        deviation: How sure it is, see `robot_energy.certainty.deviation`, K columns. [W]
     """
 
     segment: Int

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Int
-from robot_energy.units import MAX_COUNTER
+from robot_energy.foundation.units import MAX_COUNTER
+from robot_energy.timeline.blocks import Int
 
 MAX_GAP_NS = 90 * 86_400 * 10**9  # a longer step between two samples is one of the clock [ns]
 

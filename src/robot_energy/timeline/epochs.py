@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robot_energy.blocks import Int, differences
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Int, differences
 
 STRAY_STAMP = "stray_stamp"  # the reason under which outliers are counted
 HISTORY = 31  # periods behind the median

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Int, differences
-from robot_energy.errors import ParameterError
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, Int, differences
 
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
 HISTORY = 31  # periods behind the median

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Int
+from robot_energy.timeline.blocks import Int
 
 
 def held_rows(times_ns: Int, at_ns: Int, max_age_ns: int | None = None) -> Int:

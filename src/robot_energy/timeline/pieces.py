@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Block, Float, Int, differences
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, differences
 
 
 @dataclass(frozen=True)

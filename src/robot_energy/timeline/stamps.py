@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.units import SECOND_NS
 
 MIN_STAMP_NS = 0  # 1970-01-01; zero itself means "not set" and has its own reason
 # A day before the int32 seconds of builtin_interfaces/Time end: deadlines and periods that

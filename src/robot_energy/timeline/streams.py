@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Block, Int
+from robot_energy.timeline.blocks import NANOSECOND, Block, Int
 from robot_energy.timeline.epochs import SLOW_NS, STRAY_STAMP, EpochSplitter, Reach, Sorted
 
 OLDER = "older_stamp"  # the reason under which messages that come too late are counted

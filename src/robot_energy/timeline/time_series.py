@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.errors import ShapeError
-from robot_energy.files.output_files import GENERATOR
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.errors import ShapeError
+from robot_energy.foundation.files.output_files import GENERATOR
+from robot_energy.foundation.units import SECOND_NS
 
 Column = NDArray[Any]
 

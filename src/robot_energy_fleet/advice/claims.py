@@ -2,7 +2,7 @@
 
 A saving is ``S = sum over the recording of (power now - power with the change) dt`` and errs by
 ``sum_k D_k x_k`` with independent ``x_k`` of variance 1, as in
-`robot_energy.optimization.deviations`; what both powers have in common cancels in ``D_k``.
+`robot_energy_plan.optimization.deviations`; what both powers have in common cancels in ``D_k``.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.advice.evidence import DEGC_MIDDLES, RecordedEvidence, RecordedRest
-from robot_energy.blocks import Float, Int
+from robot_energy.certainty.band import Z90
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.model import RobotModel
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.deviations import FORM_FED_BACK
-from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.report.formats import percent
-from robot_energy.uncertainty.band import Z90
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_fleet.advice.evidence import DEGC_MIDDLES, RecordedEvidence, RecordedRest
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.deviations import FORM_FED_BACK
+from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
+from robot_energy_report.formats import percent
 
 LONG_REST = 60.0  # s; from here on the drives are left on for nothing
 NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.advice.claims import LONG_REST, Claim
-from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
-from robot_energy.api.replay import ReplayOptions
-from robot_energy.errors import DatasetError
-from robot_energy.fleet.dataset import collected, read_tables, scan
-from robot_energy.fleet.tables import counted_twice
+from robot_energy.certainty.band import Z90
+from robot_energy.foundation.errors import DatasetError
+from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import RobotModel
-from robot_energy.report.formats import counted
-from robot_energy.uncertainty.band import Z90
-from robot_energy.units import HOUR_NS
+from robot_energy.replay.api import ReplayOptions
+from robot_energy_fleet.advice.claims import LONG_REST, Claim
+from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy_fleet.dataset import collected, read_tables, scan
+from robot_energy_fleet.tables import counted_twice
+from robot_energy_report.formats import counted
 
 FULL = 0.99  # of an hour in standby: it was one rest
 MAX_BAGS = 5

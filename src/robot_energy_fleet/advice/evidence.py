@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
-from robot_energy.optimization.deviations import DeviationSums
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
+from robot_energy_plan.optimization.deviations import DeviationSums
 
 WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the work

@@ -9,27 +9,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
-from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
-from robot_energy.advice.dataset_evidence import (
+from robot_energy.foundation.errors import ParameterError, RobotEnergyError
+from robot_energy.foundation.units import DAY, JOULE_PER_KWH
+from robot_energy.model import RobotModel
+from robot_energy.replay.api import ReplayOptions, run_replay
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.results.model import model_used
+from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
+from robot_energy_fleet.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy_fleet.advice.dataset_evidence import (
     MIN_BAGS,
     SampledBag,
     dataset_evidence,
     evenly,
     of_all,
 )
-from robot_energy.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
-from robot_energy.advice.speeds import speeds
-from robot_energy.api.inputs import ModelName, model_of
-from robot_energy.api.replay import ReplayOptions, run_replay
-from robot_energy.blocks import NANOSECOND, MeterLocation
-from robot_energy.errors import ParameterError, RobotEnergyError
-from robot_energy.model import RobotModel
-from robot_energy.optimization.rest_states import ASSUMED, RestState
-from robot_energy.report.formats import percent
-from robot_energy.report.repeats import given_once, overlaps
-from robot_energy.results.advice import Advice, AdviceBasis, AdviceReport
-from robot_energy.results.model import model_used
-from robot_energy.units import DAY, JOULE_PER_KWH
+from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
+from robot_energy_fleet.advice.speeds import speeds
+from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
+from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
+from robot_energy_report.formats import percent
+from robot_energy_report.repeats import given_once, overlaps
 
 MIN_SAVING = 5e-4  # of the energy from the grid; what is less is not listed [-]
 WORKING_DAYS = 250.0  # a year, assumed where the recordings do not say

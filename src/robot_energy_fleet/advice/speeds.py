@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.advice.claims import LONG_REST, Claim
-from robot_energy.advice.evidence import RecordedEvidence
-from robot_energy.api.optimize import optimize
-from robot_energy.api.replay import ReplayOptions
-from robot_energy.blocks import NANOSECOND
-from robot_energy.errors import MotionError
+from robot_energy.certainty.band import Z90
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.report.formats import percent
-from robot_energy.uncertainty.band import Z90
+from robot_energy.replay.api import ReplayOptions
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_fleet.advice.claims import LONG_REST, Claim
+from robot_energy_fleet.advice.evidence import RecordedEvidence
+from robot_energy_plan.api.optimize import optimize
+from robot_energy_report.formats import percent
 
 MAX_PART = 30.0  # s of one bag that are looked at
 MIN_MOVES = 2

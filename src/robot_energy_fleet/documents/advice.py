@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.report.canvas import SERIES, Target, canvas, named_ticks
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import energy_text, fixed, percent, significant
-from robot_energy.results.advice import Advice, AdviceReport
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.foundation.units import JOULE_PER_KWH
+from robot_energy_fleet.results.advice import Advice, AdviceReport
+from robot_energy_report.canvas import SERIES, Target, canvas, named_ticks
+from robot_energy_report.document import Column, Document
+from robot_energy_report.formats import energy_text, fixed, percent, significant
 
 
 def advice_document(report: AdviceReport, page: Document) -> None:

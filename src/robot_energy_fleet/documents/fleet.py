@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import nullcontext
 
-from robot_energy.page.settings import PageSettings
-from robot_energy.report.document import Column, Document, Tiles
-from robot_energy.report.fleet_figures import (
+from robot_energy.foundation.units import JOULE_PER_KWH
+from robot_energy_fleet.documents.fleet_figures import (
     energy_of_robots,
     error_by_temperature,
     friction_by_temperature,
     friction_by_week,
 )
-from robot_energy.report.formats import (
+from robot_energy_fleet.results.fleet import FleetFinding, FleetFriction, FleetReport, RobotEnergy
+from robot_energy_identify.results.identification import FrictionReport
+from robot_energy_report.document import Column, Document, Tiles
+from robot_energy_report.formats import (
     aligned,
     counted,
     fixed,
@@ -25,11 +27,9 @@ from robot_energy.report.formats import (
     uncertain,
     utc,
 )
-from robot_energy.report.headline import duration
-from robot_energy.report.identification import friction_document
-from robot_energy.results.fleet import FleetFinding, FleetFriction, FleetReport, RobotEnergy
-from robot_energy.results.identification import FrictionReport
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy_report.headline import duration
+from robot_energy_report.identification import friction_document
+from robot_energy_report.page.settings import PageSettings
 
 HOUR = 3600.0  # s
 MAX_LISTED = 50  # bags that could not be read, and damaged ones

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.report.canvas import (
+from robot_energy.foundation.units import JOULE_PER_KWH, SECOND_NS
+from robot_energy_fleet.results.fleet import FrictionCurve, ModelError, RobotEnergy
+from robot_energy_report.canvas import (
     COLOURS,
     PART_COLOURS,
     SERIES,
@@ -17,8 +19,6 @@ from robot_energy.report.canvas import (
     named_ticks,
     panels,
 )
-from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
-from robot_energy.units import JOULE_PER_KWH, SECOND_NS
 
 PANELS = 2  # in a row: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn

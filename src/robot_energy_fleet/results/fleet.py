@@ -2,8 +2,8 @@
 
 from typing import Annotated
 
-from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.results.base import Number, Result, Texts
+from robot_energy_identify.friction.friction import FrictionFit
 
 
 class RefusedBag(Result):

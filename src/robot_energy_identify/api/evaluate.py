@@ -10,15 +10,17 @@ from typing import Literal, Unpack
 
 import numpy as np
 
-from robot_energy.accounting.prediction_errors import TorqueErrorSums
-from robot_energy.api.inputs import ModelName, model_of
-from robot_energy.api.replay import FALLBACK, ReplayOptions, fixed_friction, run_replay
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import BagError
-from robot_energy.identify.data.bags import Bag
+from robot_energy.certainty.prediction_errors import TorqueErrorSums
+from robot_energy.foundation.errors import BagError
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output
-from robot_energy.results.evaluation import (
+from robot_energy.replay.api import FALLBACK, ReplayOptions, fixed_friction, run_replay
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.results.model import model_used
+from robot_energy.results.replay import ReplayReport, replay_report
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.results.evaluation import (
     FIXED,
     MODEL,
     EvaluationReport,
@@ -26,8 +28,6 @@ from robot_energy.results.evaluation import (
     ScoreSums,
     seen_in_fit,
 )
-from robot_energy.results.model import model_used
-from robot_energy.results.replay import ReplayReport, replay_report
 
 
 def evaluate(

@@ -7,34 +7,32 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.auxiliary.readings import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel, save
+from robot_energy.replay.inputs import ModelName, Stages, model_of, silent
+from robot_energy.results.base import Result
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.api.bag_source import BagSource
+from robot_energy_identify.auxiliary.readings import (
     outlet_readings,
     own_readings,
     read_loads,
 )
-from robot_energy.identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
-from robot_energy.identify.cabinet.supply import fit_supply
-from robot_energy.identify.causes import (
+from robot_energy_identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
+from robot_energy_identify.cabinet.supply import fit_supply
+from robot_energy_identify.causes import (
     cause_named,
     evidence_of_rows,
     refuse_meter,
     torque_evidence,
 )
-from robot_energy.identify.dynamics.dynamics import DynamicsSettings
-from robot_energy.identify.dynamics.dynamics import identify_dynamics as fit_dynamics
-from robot_energy.identify.dynamics.dynamics_model import to_model
-from robot_energy.identify.plausibility import check_cabinet, check_dynamics
-from robot_energy.identify.provenance import hashed, identified_from, require_distinct, require_some
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
-from robot_energy.identify.steps import find_friction, find_thermal
-from robot_energy.identify.thermal.windows import without_networks
-from robot_energy.model import RobotModel, save
-from robot_energy.results.base import Result
-from robot_energy.results.dynamics import DynamicsReport, dynamics_report
-from robot_energy.results.identification import (
+from robot_energy_identify.dynamics.dynamics import DynamicsSettings
+from robot_energy_identify.dynamics.dynamics import identify_dynamics as fit_dynamics
+from robot_energy_identify.dynamics.dynamics_model import to_model
+from robot_energy_identify.plausibility import check_cabinet, check_dynamics
+from robot_energy_identify.provenance import hashed, identified_from, require_distinct, require_some
+from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy_identify.results.identification import (
     CabinetReport,
     FrictionReport,
     LoadStatesReport,
@@ -43,6 +41,9 @@ from robot_energy.results.identification import (
     friction_report,
     thermal_report,
 )
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy_identify.steps import find_friction, find_thermal
+from robot_energy_identify.thermal.windows import without_networks
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]

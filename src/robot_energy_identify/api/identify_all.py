@@ -5,27 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from robot_energy.api.identify import IdentificationResult, Names
-from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
-from robot_energy.check.evidence import Evidence
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.causes import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.units import DqScaling
+from robot_energy.replay.inputs import ModelName, Stages, model_of, silent
+from robot_energy_identify.api.bag_source import BagSource
+from robot_energy_identify.api.identify import IdentificationResult, Names
+from robot_energy_identify.causes import (
     cause_named,
     notes_of_test,
     refuse_meter,
     refuse_torque,
     torque_evidence,
 )
-from robot_energy.identify.data.bags import BagFacts, Span, facts, folds_of
-from robot_energy.identify.drives.drive_power import drive_topics
-from robot_energy.identify.plausibility import check_signs
-from robot_energy.identify.provenance import require_distinct
-from robot_energy.identify.run_all import FullIdentification, identify_everything, with_provenance
-from robot_energy.identify.stats.held_out_energy import held_out_energy
-from robot_energy.identify.stats.systematic import SensorLimits
-from robot_energy.identify.steps import Subject
-from robot_energy.results.identification import IdentificationReport, identification_report
-from robot_energy.units import DqScaling
+from robot_energy_identify.check.evidence import Evidence
+from robot_energy_identify.data.bags import BagFacts, Span, facts, folds_of
+from robot_energy_identify.drives.drive_power import drive_topics
+from robot_energy_identify.plausibility import check_signs
+from robot_energy_identify.provenance import require_distinct
+from robot_energy_identify.results.identification import IdentificationReport, identification_report
+from robot_energy_identify.run_all import FullIdentification, identify_everything, with_provenance
+from robot_energy_identify.stats.held_out_energy import held_out_energy
+from robot_energy_identify.stats.systematic import SensorLimits
+from robot_energy_identify.steps import Subject
 
 
 def identify_all(

@@ -10,16 +10,16 @@ import numpy as np
 
 from robot_energy.accounting.load_curve import UNKNOWN
 from robot_energy.bag import BagReader
-from robot_energy.blocks import Float, Int, MeterBlock
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.cabinet import BEFORE_MOTION, SETTLED, holding, readings_inside
-from robot_energy.identify.data.recordings import Recording
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.bag_topics import find_auxiliary
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.replay_steps import LoadIngest
+from robot_energy.replay.replay_steps import LoadIngest
+from robot_energy.timeline.blocks import Float, Int, MeterBlock
 from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy_identify.cabinet.cabinet import BEFORE_MOTION, SETTLED, holding, readings_inside
+from robot_energy_identify.data.recordings import Recording
 
 AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.auxiliary.readings import StateReadings
-from robot_energy.identify.bounds import identified
-from robot_energy.identify.stats.regression import Fit, regress
-from robot_energy.identify.stats.systematic import METER, total, with_systematic
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.auxiliary.readings import StateReadings
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.stats.regression import Fit, regress
+from robot_energy_identify.stats.systematic import METER, total, with_systematic
 
 MIN_READINGS = 5  # of a state
 CHUNKS = 8  # that the readings of a state are cut into where it was in force fewer times

@@ -4,7 +4,7 @@ While nothing moves (HOLD) the grid delivers ``P_l,grid + P_l,DC`` and what the 
 take at rest. While the drives feed back more than the DC side uses (GENERATING) it
 delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first tells
 the sum and the second splits it. Rest is found from the noise of the velocities
-(`robot_energy.identify.data.recordings`), braking through the model, and only readings that lie
+(`robot_energy_identify.data.recordings`), braking through the model, and only readings that lie
 inside one whole phase count.
 """
 
@@ -16,23 +16,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import identified, only_the_sum
-from robot_energy.identify.data.recordings import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation, Phase
+from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy_identify.bounds import identified, only_the_sum
+from robot_energy_identify.data.recordings import (
     Recording,
     rest_of,
     still_joints,
     window,
     with_meter,
 )
-from robot_energy.identify.drives.drive_data import DriveData
-from robot_energy.identify.drives.total_sums import sums
-from robot_energy.identify.stats.regression import SCATTER, student
-from robot_energy.identify.stats.systematic import DRIVE_POWER, METER, SMALL, total
-from robot_energy.model import RobotModel
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy_identify.drives.drive_data import DriveData
+from robot_energy_identify.drives.total_sums import sums
+from robot_energy_identify.stats.regression import SCATTER, student
+from robot_energy_identify.stats.systematic import DRIVE_POWER, METER, SMALL, total
 
 MILLISECOND = 1_000_000  # ns
 SETTLED = 500 * MILLISECOND  # after a motion, until the DC link and the drives are at rest

@@ -16,10 +16,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.link_errors import energy_errors
-from robot_energy.identify.cabinet.link_readings import (
+from robot_energy.certainty.band import Z95
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.schema import Cabinet, Capacitor
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
+from robot_energy_identify.cabinet.link_errors import energy_errors
+from robot_energy_identify.cabinet.link_readings import (
     MIN_FLOW,
     LinkReadings,
     best_energy,
@@ -28,23 +33,18 @@ from robot_energy.identify.cabinet.link_readings import (
     tried,
     with_energy,
 )
-from robot_energy.identify.data.recordings import Recording, with_meter
-from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drive_data import held_energy
-from robot_energy.identify.stats.cross_validation import (
+from robot_energy_identify.data.recordings import Recording, with_meter
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.drive_data import held_energy
+from robot_energy_identify.stats.cross_validation import (
     EnergyScore,
     Kind,
     energy_score,
     jackknife_std,
     recordings_or_blocks,
 )
-from robot_energy.identify.stats.regression import SCATTER, student
-from robot_energy.identify.stats.systematic import total
-from robot_energy.model import RobotModel
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.schema import Cabinet, Capacitor
-from robot_energy.physics.cabinet import CabinetStage
-from robot_energy.uncertainty.band import Z95
+from robot_energy_identify.stats.regression import SCATTER, student
+from robot_energy_identify.stats.systematic import total
 
 NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
 CHOPPER_VOLTAGE = 700.0  # V: the same

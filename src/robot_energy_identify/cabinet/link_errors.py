@@ -12,17 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.identify.cabinet.link_readings import LinkReadings, readings_of
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drive_data import COOL
-from robot_energy.identify.drives.losses import COPPER_COEFFICIENT, loss_columns
-from robot_energy.identify.drives.total_sums import COEFFICIENTS
-from robot_energy.identify.friction.samples import bodies_identified
-from robot_energy.identify.stats.regression import SCATTER
-from robot_energy.identify.stats.systematic import BODIES, METER, THERMOMETER, TORQUE
 from robot_energy.model.schema import Cabinet
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.cabinet.link_readings import LinkReadings, readings_of
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.drive_data import COOL
+from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, loss_columns
+from robot_energy_identify.drives.total_sums import COEFFICIENTS
+from robot_energy_identify.friction.samples import bodies_identified
+from robot_energy_identify.stats.regression import SCATTER
+from robot_energy_identify.stats.systematic import BODIES, METER, THERMOMETER, TORQUE
 
 DRIVES = "drives"  # the scatter of their fit
 

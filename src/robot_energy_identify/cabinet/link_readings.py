@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.drive_data import block_length
-from robot_energy.identify.drives.total_sums import joined, piece_means
-from robot_energy.identify.stats.lag import minimum
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
 from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.drive_data import block_length
+from robot_energy_identify.drives.total_sums import joined, piece_means
+from robot_energy_identify.stats.lag import minimum
 
 COARSE = 16  # energies tried first,
 FINE = 9  # and between the neighbours of the best one, twice

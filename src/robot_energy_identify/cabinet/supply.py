@@ -10,20 +10,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
-from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.delays import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.schema import Cabinet
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.delays import (
     meter_lags,
     with_meters_earlier,
     with_response,
 )
-from robot_energy.identify.drives.drive_data import DriveData, drive_data
-from robot_energy.identify.stats.lag import Delay, applied
-from robot_energy.model import RobotModel
-from robot_energy.model.schema import Cabinet
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy_identify.drives.drive_data import DriveData, drive_data
+from robot_energy_identify.stats.lag import Delay, applied
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag_replay import Replay
-from robot_energy.blocks import (
+from robot_energy.inputs.joint_states.plausibility import JointStateProblem
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import RobotModel
+from robot_energy.model.payload import Payload
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.torque_limits import TorqueLimitWatch
+from robot_energy.replay.bag_replay import Replay
+from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
@@ -21,13 +28,6 @@ from robot_energy.blocks import (
     SupplyBlock,
     TorqueBlock,
 )
-from robot_energy.inputs.joint_states.plausibility import JointStateProblem
-from robot_energy.inputs.sources import Inputs
-from robot_energy.model import RobotModel
-from robot_energy.model.payload import Payload
-from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.torque_limits import TorqueLimitWatch
 
 BY_SAMPLE = (
     "stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",

@@ -5,7 +5,7 @@ again, and friction of any size but never of the wrong sign is fitted for each j
 
 ``measured = rigid + rotor + coulomb sign(w) + viscous w + offset``, coulomb, viscous >= 0.
 
-`robot_energy.check.torque` names the cause that lowers the unexplained torque most.
+`robot_energy_identify.check.torque` names the cause that lowers the unexplained torque most.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import EffortMeaning, Float
-from robot_energy.check.evidence import Evidence
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
+from robot_energy.timeline.blocks import EffortMeaning, Float
+from robot_energy_identify.check.evidence import Evidence
 
 MIN_SAMPLES = 80  # moving samples of a joint, below which nothing is said of its torque
 MIN_MOTION = 6.0  # s of it: 24 independent samples of what a model leaves unexplained

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
-from robot_energy.check import remedies
-from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
+from robot_energy_identify.check import remedies
+from robot_energy_identify.check.evidence import Evidence
+from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
 
 MIN_INTERVALS = 20
 MIN_CORRELATION = 0.4

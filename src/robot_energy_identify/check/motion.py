@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.bag_replay import LONGER_WINDOW
-from robot_energy.blocks import NANOSECOND, Float
-from robot_energy.check import remedies
-from robot_energy.check.evidence import Evidence, velocity_noise
-from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO, FAR
+from robot_energy.replay.bag_replay import LONGER_WINDOW
+from robot_energy.timeline.blocks import NANOSECOND, Float
+from robot_energy_identify.check import remedies
+from robot_energy_identify.check.evidence import Evidence, velocity_noise
+from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
 
 UNKNOWN = (float("nan"), float("nan"))  # evidence and certainty
 MIN_SAMPLES = 50

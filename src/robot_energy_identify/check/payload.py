@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.check.evidence import Evidence
-from robot_energy.check.hypotheses import FLOOR, MIN_SAMPLES, Cause, Trial
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.check.evidence import Evidence
+from robot_energy_identify.check.hypotheses import FLOOR, MIN_SAMPLES, Cause, Trial
 
 SURE = 2.5  # standard deviations by which a mass differs from 0
 MIN_MASS = 0.3  # [kg]

@@ -1,7 +1,7 @@
 """The checks as a process of their own, of low priority, for a monitor that goes on meanwhile.
 
-``python -m robot_energy.check.process NICENESS`` reads what a monitor saw from its standard input,
-as pickled keyword arguments of `robot_energy.check.evidence.evidence_of`, and writes the findings
+``python -m robot_energy_identify.check.process NICENESS`` reads what a monitor saw from its standard input,
+as pickled keyword arguments of `robot_energy_identify.check.evidence.evidence_of`, and writes the findings
 as JSON, without the options of the command. Only a parent process on the same machine feeds it.
 """
 
@@ -13,9 +13,9 @@ import pickle
 import sys
 from dataclasses import asdict
 
-from robot_energy.check.evidence import Remarks, evidence_of
-from robot_energy.check.finding import OF_THE_COMMAND
-from robot_energy.check.run import findings_of
+from robot_energy_identify.check.evidence import Remarks, evidence_of
+from robot_energy_identify.check.finding import OF_THE_COMMAND
+from robot_energy_identify.check.run import findings_of
 
 
 def main() -> None:

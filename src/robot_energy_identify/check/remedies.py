@@ -10,12 +10,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import MODEL, PARAMETERS
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
 from robot_energy.inputs.parameters import POSITIONS
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.check.evidence import Evidence
+from robot_energy_identify.check.finding import MODEL, PARAMETERS
 
 Remedy = tuple[str, str]  # line of YAML, file
 

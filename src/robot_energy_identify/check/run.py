@@ -8,10 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import EffortMeaning, MeterBlock, PowerBlock, TorqueBlock
-from robot_energy.check.evidence import Evidence, Remarks, evidence_of, remarks_of
-from robot_energy.check.finding import (
+from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output, Settings
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, PowerBlock, TorqueBlock
+from robot_energy_identify.check.evidence import Evidence, Remarks, evidence_of, remarks_of
+from robot_energy_identify.check.finding import (
     EFFORT,
     ERROR,
     NOTE,
@@ -21,13 +25,9 @@ from robot_energy.check.finding import (
     CheckResult,
     Finding,
 )
-from robot_energy.check.meter import check_meter
-from robot_energy.check.motion import check_motion
-from robot_energy.check.torque import check_torque
-from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
-from robot_energy.inputs.sources import Inputs
-from robot_energy.model import RobotModel
-from robot_energy.pipeline import Output, Settings
+from robot_energy_identify.check.meter import check_meter
+from robot_energy_identify.check.motion import check_motion
+from robot_energy_identify.check.torque import check_torque
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction

@@ -12,11 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.check import remedies
-from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import EFFORT, ERROR, NOTE, UNJUDGED, WARNING, Finding, unjudged
-from robot_energy.check.hypotheses import (
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.check import remedies
+from robot_energy_identify.check.evidence import Evidence
+from robot_energy_identify.check.finding import (
+    EFFORT,
+    ERROR,
+    NOTE,
+    UNJUDGED,
+    WARNING,
+    Finding,
+    unjudged,
+)
+from robot_energy_identify.check.hypotheses import (
     MAX_FACTOR,
     MIN_MOTION,
     MIN_SAMPLES,
@@ -27,7 +35,7 @@ from robot_energy.check.hypotheses import (
     scale_words,
     zero_offset,
 )
-from robot_energy.check.payload import fitted_payload, payload_cause
+from robot_energy_identify.check.payload import fitted_payload, payload_cause
 
 MAX_CAUSES = 4  # found one after the other
 WORTH = 0.05  # share of unexplained torque of a joint, below which it needs no gear ratio

@@ -15,16 +15,16 @@ from typing import Literal
 
 import numpy as np
 
-from robot_energy.bag_replay import Progress
-from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
-from robot_energy.identify.data.recordings import Recording, read_recording
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower
-from robot_energy.identify.provenance import require_distinct, sha256_of
-from robot_energy.identify.stats.cross_validation import FOLDS
-from robot_energy.identify.stats.lag import Delay, applied
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
+from robot_energy.replay.bag_replay import Progress
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
+from robot_energy_identify.data.recordings import Recording, read_recording
+from robot_energy_identify.drives.drive_power import MeasuredDrivePower
+from robot_energy_identify.provenance import require_distinct, sha256_of
+from robot_energy_identify.stats.cross_validation import FOLDS
+from robot_energy_identify.stats.lag import Delay, applied
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 Span = tuple[int, int]  # [ns), from and to
 EVER: Span = (-(2**62), 2**62)

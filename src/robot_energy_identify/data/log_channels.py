@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from robot_energy.config_file import read_text
-from robot_energy.errors import LogFormatError
-from robot_energy.files.xml_encoding import xml_encoding
-from robot_energy.identify.data.signals import Channels, stretches
-from robot_energy.logs import LogMapping, open_logs
+from robot_energy.foundation.config_file import read_text
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.files.xml_encoding import xml_encoding
 from robot_energy.model import RobotModel, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.gaps import StampOrder
+from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_logs.log_import import open_logs
+from robot_energy_logs.mapping import LogMapping
 
 
 def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:

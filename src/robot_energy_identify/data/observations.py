@@ -13,17 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.identify.data.signals import (
-    Channels,
-    inside,
-    later,
-    low_pass,
-    motion_from_position,
-    standing,
-)
-from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.motion import Trajectory
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.data.signals import Channels, inside, later, standing
+from robot_energy_identify.dynamics.torque_model import TorqueModel
+from robot_energy_plan.motion import Trajectory
+from robot_energy_plan.motion.sampled_motion import low_pass, motion_from_position
 
 MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
 ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides

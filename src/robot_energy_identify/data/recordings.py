@@ -22,8 +22,14 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
-from robot_energy.bag_replay import Progress, Replay, replay
-from robot_energy.blocks import (
+from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.foundation.errors import BagError, NotIdentifiableError
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output, Settings
+from robot_energy.replay.bag_replay import Progress, Replay, replay
+from robot_energy.replay.replay_topics import Topics
+from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
@@ -33,16 +39,10 @@ from robot_energy.blocks import (
     PowerBlock,
     TorqueBlock,
 )
-from robot_energy.check.evidence import velocity_noise
-from robot_energy.errors import BagError, NotIdentifiableError
-from robot_energy.identify.data.signals import Channels, stretches
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
-from robot_energy.inputs.meter.power_curve import MeterLimits
-from robot_energy.inputs.sources import Inputs
-from robot_energy.model import RobotModel
-from robot_energy.pipeline import Output, Settings
-from robot_energy.replay_topics import Topics
 from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.check.evidence import velocity_noise
+from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 AROUND = 50_000_000  # ns to each side, over which the mean velocity is taken
 SAMPLE_DEVIATIONS = 4.0

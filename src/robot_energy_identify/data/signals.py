@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.errors import NotIdentifiableError, ShapeError
-from robot_energy.motion import Trajectory
+from robot_energy.foundation.errors import NotIdentifiableError, ShapeError
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_plan.motion import Trajectory
 
 ORDER = 2  # of the filter; forward and backward make it 4
 MIN_SAMPLES = 20

@@ -5,23 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drives.delays import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy_identify.drives.delays import (
     estimate_power_delay,
     meter_lags,
     with_delay_undone,
     with_meters_earlier,
     with_response,
 )
-from robot_energy.identify.drives.drive_data import DriveData, location
-from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
-from robot_energy.identify.drives.efficiency import CUTOFF
-from robot_energy.identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
-from robot_energy.identify.drives.total_sums import Sums, sums
-from robot_energy.identify.stats.cross_validation import EnergyScore
-from robot_energy.identify.stats.lag import Delay, applied
-from robot_energy.model import RobotModel
-from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy_identify.drives.drive_data import DriveData, location
+from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
+from robot_energy_identify.drives.efficiency import CUTOFF
+from robot_energy_identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
+from robot_energy_identify.drives.total_sums import Sums, sums
+from robot_energy_identify.stats.cross_validation import EnergyScore
+from robot_energy_identify.stats.lag import Delay, applied
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ fed back, are left out at every delay: the meter then sees less, which would loo
 
 A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns;
 what the drives feed back counts as 0 in it, and the DC link as empty. It is undone in
-`robot_energy.identify.data.recordings`. An energy counter has none.
+`robot_energy_identify.data.recordings`. An energy counter has none.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.identify.bounds import identified
-from robot_energy.identify.data.recordings import undone
-from robot_energy.identify.drives.drive_data import DriveData
-from robot_energy.identify.drives.total_sums import piece_means
-from robot_energy.identify.stats.cross_validation import contiguous_folds, splits
-from robot_energy.identify.stats.lag import Delay, applied, best_delay, held_out_errors
-from robot_energy.identify.stats.regression import qr_r
-from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Meter
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.data.recordings import undone
+from robot_energy_identify.drives.drive_data import DriveData
+from robot_energy_identify.drives.total_sums import piece_means
+from robot_energy_identify.stats.cross_validation import contiguous_folds, splits
+from robot_energy_identify.stats.lag import Delay, applied, best_delay, held_out_errors
+from robot_energy_identify.stats.regression import qr_r
 
 DRIVE_SPAN = 0.1  # s: delays of drives up to this are tried,
 DRIVE_STEPS = 25  # on each side of zero, at most

@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import (
+from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy.physics.drive import Drive
+from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.hold_torque import HoldTorque
+from robot_energy.timeline.blocks import (
     NANOSECOND,
     EffortMeaning,
     Float,
@@ -20,20 +25,15 @@ from robot_energy.blocks import (
     MeterLocation,
     MeterMeaning,
 )
-from robot_energy.errors import LogFormatError
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower
-from robot_energy.identify.drives.losses import loss_columns
-from robot_energy.identify.friction.samples import bodies_identified
-from robot_energy.identify.stats.cross_validation import contiguous_blocks
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
-from robot_energy.inputs.meter.power_curve import MeterLimits
-from robot_energy.physics.drive import Drive
-from robot_energy.physics.drivetrain import motor_standstill
-from robot_energy.physics.hold_torque import HoldTorque
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.drive_power import MeasuredDrivePower
+from robot_energy_identify.drives.losses import loss_columns
+from robot_energy_identify.friction.samples import bodies_identified
+from robot_energy_identify.stats.cross_validation import contiguous_blocks
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 if TYPE_CHECKING:
-    from robot_energy.logs.recording import LogBlock, RecordingContents
+    from robot_energy_logs.recording import LogBlock, RecordingContents
 
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 AVERAGED = 0.1  # s: longest time over which both sides of an equation are averaged

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag import BagReader
-from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.cdr import Decoder
-from robot_energy.errors import MissingTopicError
-from robot_energy.logs.columns import ROTOR_FRAME
+from robot_energy.bag.cdr import Decoder
+from robot_energy.foundation.errors import MissingTopicError
+from robot_energy.foundation.units import DqScaling
 from robot_energy.physics.electrical_power import electrical_power
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.stamps import valid_stamps
-from robot_energy.units import DqScaling
+from robot_energy_logs.columns import ROTOR_FRAME
 
 MAX_BETWEEN = 0.1  # time between two messages of a current or voltage that is bridged [s]
 ARRAYS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")

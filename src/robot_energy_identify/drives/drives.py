@@ -14,10 +14,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drives.drive_data import DriveData
-from robot_energy.identify.drives.efficiency import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.drives.drive_data import DriveData
+from robot_energy_identify.drives.efficiency import (
     CUTOFF,
     POINTS,
     ReducedMap,
@@ -26,17 +28,15 @@ from robot_energy.identify.drives.efficiency import (
     processed,
     reduced_map,
 )
-from robot_energy.identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
-from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds, rms_of
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.identify.stats.systematic import (
+from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
+from robot_energy_identify.stats.cross_validation import averaged, contiguous_folds, rms_of
+from robot_energy_identify.stats.regression import one_thread
+from robot_energy_identify.stats.systematic import (
     DRIVE_POWER,
     THERMOMETER,
     TORQUE,
     Changes,
 )
-from robot_energy.model import RobotModel
-from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 
 Way = str  # one of WAYS, or the name of a drive model of a user
 Fitted = Callable[[Any, str], Any]

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap
+from robot_energy.timeline.blocks import Float, Int
 
 DEVIATIONS = 3.0  # scaled median absolute deviations
 ORDER = 4  # of the Butterworth low-pass, before it runs the second time

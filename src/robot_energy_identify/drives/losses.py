@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import NO_INFORMATION, identified
-from robot_energy.identify.stats.cross_validation import rms_of
-from robot_energy.identify.stats.regression import Fit, independent, regress
-from robot_energy.identify.stats.systematic import Changes, with_systematic
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.bounds import NO_INFORMATION, identified
+from robot_energy_identify.stats.cross_validation import rms_of
+from robot_energy_identify.stats.regression import Fit, independent, regress
+from robot_energy_identify.stats.systematic import Changes, with_systematic
 
 REFERENCE_DEGC = 20.0
 COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure

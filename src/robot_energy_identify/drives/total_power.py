@@ -14,12 +14,15 @@ from typing import Literal
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, MeterLocation
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
-from robot_energy.identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
-from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
-from robot_energy.identify.stats.cross_validation import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import LossDrive
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.timeline.blocks import Float, Int, MeterLocation
+from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
+from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
+from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
+from robot_energy_identify.stats.cross_validation import (
     EnergyScore,
     Kind,
     contiguous_folds,
@@ -29,8 +32,8 @@ from robot_energy.identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.identify.stats.systematic import (
+from robot_energy_identify.stats.regression import one_thread
+from robot_energy_identify.stats.systematic import (
     BODIES,
     METER,
     THERMOMETER,
@@ -38,9 +41,6 @@ from robot_energy.identify.stats.systematic import (
     Changes,
     total,
 )
-from robot_energy.model import RobotModel
-from robot_energy.model.drive_models import LossDrive
-from robot_energy.model.figure import PositiveFigure
 
 Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")

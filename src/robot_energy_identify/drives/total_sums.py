@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drives.drive_data import DriveData, location
-from robot_energy.identify.stats.cross_validation import averaged
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy_identify.drives.drive_data import DriveData, location
+from robot_energy_identify.stats.cross_validation import averaged
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
 MIN_READINGS = 20

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.identify.stats.regression import independent, qr_r
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.stats.regression import independent, qr_r
 
 ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
 SHOWN = 1e-6  # coefficients below are rounding

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.stats.regression import qr_r
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.stats.regression import qr_r
 
 ROOT2 = float(np.sqrt(2.0))
 MIN_MASS = 1e-3  # of a link, kg: below, a body has no meaning

@@ -13,33 +13,35 @@ from functools import cached_property
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.observations import Filters, Observations, observe
-from robot_energy.identify.data.signals import Channels
-from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
-from robot_energy.identify.dynamics.sufficiency import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.data.observations import Filters, Observations, observe
+from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
+from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
+from robot_energy_identify.dynamics.sufficiency import (
     check_channels,
     check_length,
     check_motion,
     poorly_known,
     remarks,
 )
-from robot_energy.identify.dynamics.torque_model import (
+from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
     TorqueModel,
     standard_columns,
 )
-from robot_energy.identify.dynamics.validation import (
+from robot_energy_identify.dynamics.validation import (
     TorqueError,
     estimate_delay,
     predict_held_out,
     torque_error,
 )
-from robot_energy.identify.stats.autocorrelation import autocorrelated
-from robot_energy.identify.stats.lag import NO_DELAY, Delay
-from robot_energy.identify.stats.regression import (
+from robot_energy_identify.stats.autocorrelation import autocorrelated
+from robot_energy_identify.stats.lag import NO_DELAY, Delay
+from robot_energy_identify.stats.regression import (
     Fit,
     Method,
     estimate,
@@ -47,15 +49,13 @@ from robot_energy.identify.stats.regression import (
     fit,
     one_thread,
 )
-from robot_energy.identify.stats.systematic import (
+from robot_energy_identify.stats.systematic import (
     DEFAULT_LIMITS,
     TORQUE,
     SensorLimits,
     with_systematic,
 )
-from robot_energy.model import RobotModel
-from robot_energy.motion import Trajectory
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy_plan.motion import Trajectory
 
 MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
 UNCERTAINTY = 1.0  # of bodies of the URDF and rotors of the model file as a prior, share of each

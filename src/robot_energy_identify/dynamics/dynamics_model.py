@@ -7,17 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import NotIdentifiableError, check_shape
-from robot_energy.identify.dynamics.base_parameters import SHOWN
-from robot_energy.identify.dynamics.consistent import second_moments
-from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.torque_model import Estimate
-from robot_energy.identify.provenance import identified_from
+from robot_energy.foundation.errors import NotIdentifiableError, check_shape
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Urdf
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.urdf.checks import parse
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.dynamics.base_parameters import SHOWN
+from robot_energy_identify.dynamics.consistent import second_moments
+from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.torque_model import Estimate
+from robot_energy_identify.provenance import identified_from
 
 SOURCE = "identify dynamics"  # of its figures
 IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}

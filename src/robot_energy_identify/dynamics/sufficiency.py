@@ -10,17 +10,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.observations import ROWS_PER_RATE, Filters, Observations
-from robot_energy.identify.data.signals import Channels
-from robot_energy.identify.dynamics.base_parameters import BaseParameters
-from robot_energy.identify.dynamics.consistent import Prior
-from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.stats.regression import Fit
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_identify.data.observations import ROWS_PER_RATE, Filters, Observations
+from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.dynamics.base_parameters import BaseParameters
+from robot_energy_identify.dynamics.consistent import Prior
+from robot_energy_identify.dynamics.validation import TorqueError
+from robot_energy_identify.stats.lag import Delay
+from robot_energy_identify.stats.regression import Fit
 
 MAX_SPEED_RATIO = 3.0  # times the URDF's velocity limit: not a motion of this robot
 ROWS_PER_PARAMETER = 3.0

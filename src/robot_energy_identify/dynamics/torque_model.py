@@ -18,17 +18,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ModelFileError
-from robot_energy.identify.bounds import at_bound
-from robot_energy.identify.dynamics.base_parameters import BaseParameters, base_parameters
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure, Tag
 from robot_energy.model.friction_laws import ConstantLaw
 from robot_energy.model.joint import Joint, Stribeck
-from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.bounds import at_bound
+from robot_energy_identify.dynamics.base_parameters import BaseParameters, base_parameters
+from robot_energy_plan.motion import Trajectory
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 SAMPLES = 200  # random motions that show the structure of the robot

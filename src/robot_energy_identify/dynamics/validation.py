@@ -15,18 +15,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.identify.data.observations import Observations
-from robot_energy.identify.dynamics.consistent import Prior
-from robot_energy.identify.stats import cross_validation
-from robot_energy.identify.stats.cross_validation import (
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.data.observations import Observations
+from robot_energy_identify.dynamics.consistent import Prior
+from robot_energy_identify.stats import cross_validation
+from robot_energy_identify.stats.cross_validation import (
     Mask,
     contiguous_folds,
     relative_error,
     splits,
 )
-from robot_energy.identify.stats.lag import Delay, best_delay, held_out_errors
-from robot_energy.identify.stats.regression import qr_r
+from robot_energy_identify.stats.lag import Delay, best_delay, held_out_errors
+from robot_energy_identify.stats.regression import qr_r
 
 STEPS = 10  # delays of the torque on each side of zero
 MIN_GAIN = 0.01  # of the held-out error, below which a delay is not worth believing

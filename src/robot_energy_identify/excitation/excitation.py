@@ -15,18 +15,18 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.torque_model import (
+from robot_energy.foundation.errors import MotionError
+from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
+from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
     TorqueModel,
     standard_columns,
 )
-from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.model import RobotModel
-from robot_energy.motion import FourierBasis, FourierMotion, Trajectory
+from robot_energy_identify.excitation.limits import ExcitationLimits, slopes
+from robot_energy_identify.stats.regression import one_thread
+from robot_energy_plan.motion import FourierBasis, FourierMotion, Trajectory
 
 Criterion = Literal["condition", "determinant"]
 STATES = 400  # drawn for the scales

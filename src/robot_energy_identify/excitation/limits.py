@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion import Trajectory
 
 SHARPNESS = 100.0  # of the smooth maximum: above the true one by at most ln(2 N) / 100
 HEIGHT_SCALE = 1.0  # m: a tool 1 cm too low counts as 1 % over

@@ -16,18 +16,22 @@ from typing import Literal
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import identified
-from robot_energy.identify.friction.laws import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
+from robot_energy.model.joint import JointFriction
+from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.friction.laws import (
     MIN_RANGE,
     fit_law,
     fitted_laws,
     nuisance,
     one_speed,
 )
-from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.identify.stats.cross_validation import (
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.stats.cross_validation import (
     HeldOut,
     Mask,
     contiguous_folds,
@@ -36,11 +40,7 @@ from robot_energy.identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
-from robot_energy.identify.stats.regression import Fit, one_thread
-from robot_energy.model import RobotModel
-from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
-from robot_energy.model.joint import JointFriction
-from robot_energy.physics.friction import viscous_law
+from robot_energy_identify.stats.regression import Fit, one_thread
 
 MIN_SAMPLES = 200
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns

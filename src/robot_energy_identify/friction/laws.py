@@ -11,12 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import AT_BOUND, identified
-from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.identify.stats.regression import Fit, regress
-from robot_energy.identify.stats.systematic import THERMOMETER, moved_by, with_systematic
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import (
     FRICTION_LAWS,
@@ -26,6 +21,11 @@ from robot_energy.model.friction_laws import (
     TableLaw,
 )
 from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.bounds import AT_BOUND, identified
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.stats.regression import Fit, regress
+from robot_energy_identify.stats.systematic import THERMOMETER, moved_by, with_systematic
 
 NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
 MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant

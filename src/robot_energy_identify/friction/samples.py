@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.errors import LogFormatError
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.stats.cross_validation import averaged, contiguous_blocks
-from robot_energy.identify.stats.regression import Method
-from robot_energy.identify.stats.systematic import BODIES, TORQUE
+from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.stats.cross_validation import averaged, contiguous_blocks
+from robot_energy_identify.stats.regression import Method
+from robot_energy_identify.stats.systematic import BODIES, TORQUE
 
 if TYPE_CHECKING:
-    from robot_energy.logs.recording import LogBlock
+    from robot_energy_logs.recording import LogBlock
 
 AVERAGED = 0.04  # s: samples this close say the same of friction
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent

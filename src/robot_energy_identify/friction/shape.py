@@ -17,21 +17,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.friction.friction import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import ExponentialLaw
+from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.friction.friction import (
     FrictionFit,
     folds_of_axis,
     held_out_law,
     moving_samples,
 )
-from robot_energy.identify.friction.laws import MIN_RANGE, one_speed, regress_friction
-from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.identify.stats.cross_validation import GAIN, rms_of
-from robot_energy.identify.stats.regression import Fit
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.friction_laws import ExponentialLaw
-from robot_energy.physics.friction import viscous_law
+from robot_energy_identify.friction.laws import MIN_RANGE, one_speed, regress_friction
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.stats.cross_validation import GAIN, rms_of
+from robot_energy_identify.stats.regression import Fit
 
 MIN_LENDERS = 2  # axes: one has no spread
 MIN_LENT_RANGE = 15.0  # K of motor temperature behind a shape that is lent

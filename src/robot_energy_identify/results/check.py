@@ -2,8 +2,8 @@
 
 from typing import Annotated
 
-from robot_energy.check import CheckResult
 from robot_energy.results.base import Result
+from robot_energy_identify.check import CheckResult
 
 
 class CheckReport(Result, name="check"):

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import Annotated
 
-from robot_energy.blocks import MeterLocation
-from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound
-from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.drives.total_power import TotalFit
-from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
-from robot_energy.identify.stats.cross_validation import EnergyScore
-from robot_energy.identify.stats.lag import Delay
 from robot_energy.results.base import Number, Result, Texts
+from robot_energy.timeline.blocks import MeterLocation
+from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound
+from robot_energy_identify.drives.drives import DrivesFit
+from robot_energy_identify.drives.total_power import TotalFit
+from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
+from robot_energy_identify.stats.cross_validation import EnergyScore
+from robot_energy_identify.stats.lag import Delay
 
 
 class LossTerm(Result):

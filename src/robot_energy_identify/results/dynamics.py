@@ -5,17 +5,17 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.identify.dynamics.dynamics import Dynamics
-from robot_energy.identify.dynamics.leave_one_out import LeaveOneOut
-from robot_energy.identify.dynamics.validation import TorqueError
-from robot_energy.identify.excitation.excitation import (
+from robot_energy.results.base import Number, Result, Texts, known
+from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.leave_one_out import LeaveOneOut
+from robot_energy_identify.dynamics.validation import TorqueError
+from robot_energy_identify.excitation.excitation import (
     Excitation,
     ExcitationScore,
     ExcitationSettings,
 )
-from robot_energy.identify.excitation.limits import Floor
-from robot_energy.identify.stats.lag import Delay
-from robot_energy.results.base import Number, Result, Texts, known
+from robot_energy_identify.excitation.limits import Floor
+from robot_energy_identify.stats.lag import Delay
 
 
 class BaseParameter(Result):

@@ -6,26 +6,26 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.auxiliary.states import LoadsFit
-from robot_energy.identify.cabinet.cabinet import CabinetFit
-from robot_energy.identify.cabinet.dc_link import LinkFit
-from robot_energy.identify.cabinet.supply import SupplyFound
-from robot_energy.identify.data.bags import BagFacts
-from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.friction.friction import FrictionFit
-from robot_energy.identify.friction.hold import HoldFit
-from robot_energy.identify.friction.temperature_study import Study
-from robot_energy.identify.run_all import FullIdentification
-from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
-from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
-from robot_energy.identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW, GearsFound
-from robot_energy.identify.thermal.network import ThermalFit
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.drives import DrivesReport, drives_report
-from robot_energy.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy_identify.auxiliary.states import LoadsFit
+from robot_energy_identify.cabinet.cabinet import CabinetFit
+from robot_energy_identify.cabinet.dc_link import LinkFit
+from robot_energy_identify.cabinet.supply import SupplyFound
+from robot_energy_identify.data.bags import BagFacts
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.friction.friction import FrictionFit
+from robot_energy_identify.friction.hold import HoldFit
+from robot_energy_identify.friction.temperature_study import Study
+from robot_energy_identify.results.drives import DrivesReport, drives_report
+from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy_identify.run_all import FullIdentification
+from robot_energy_identify.stats.held_out_energy import HeldOutEnergy
+from robot_energy_identify.stats.lag import Delay
+from robot_energy_identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
+from robot_energy_identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW, GearsFound
+from robot_energy_identify.thermal.network import ThermalFit
 
 
 class ThermalReport(Result, name="thermal"):

@@ -12,11 +12,11 @@ from shutil import which
 from typing import Any
 
 from robot_energy.bag import BagReader
-from robot_energy.config_file import read_text
-from robot_energy.errors import BagError, RobotDescriptionError
-from robot_energy.files.xml_encoding import xml_encoding
+from robot_energy.foundation.config_file import read_text
+from robot_energy.foundation.errors import BagError, RobotDescriptionError
+from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.shown_text import shown
 from robot_energy.physics.urdf.parse import MAX_URDF_BYTES
-from robot_energy.shown_text import shown
 
 TOPIC = "robot_description"
 MAX_XACRO_TIME = 60.0  # [s]

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.actuators import Actuator
 from robot_energy.physics.urdf.limits import first_names
-from robot_energy.starter.priors import RobotClass
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.starter.priors import RobotClass
 
 MAX_EFFORT_RATIO = 300.0
 """An effort limit that exceeds the needed torque this often is none; knees of legs have 90."""

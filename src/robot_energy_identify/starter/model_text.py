@@ -8,11 +8,11 @@ from textwrap import fill, indent
 
 import yaml
 
-from robot_energy.shown_text import MAX_LINE, shown
-from robot_energy.starter.arm import Arm
-from robot_energy.starter.description import RobotText
-from robot_energy.starter.joints import ArmJoint
-from robot_energy.starter.priors import SHAPE_A, SHAPE_B, SHAPE_C, RobotClass, Share
+from robot_energy.foundation.shown_text import MAX_LINE, shown
+from robot_energy_identify.starter.arm import Arm
+from robot_energy_identify.starter.description import RobotText
+from robot_energy_identify.starter.joints import ArmJoint
+from robot_energy_identify.starter.priors import SHAPE_A, SHAPE_B, SHAPE_C, RobotClass, Share
 
 WIDTH = 92
 RATIO_SPREAD = 0.01  # of a gear ratio that the URDF states
@@ -25,7 +25,7 @@ def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
     """Return the model file, as YAML, of an arm that nobody has measured.
 
     Args:
-        arm: From `robot_energy.starter.arm.read_arm`.
+        arm: From `robot_energy_identify.starter.arm.read_arm`.
         description: Its URDF.
         folder: Folder of the model file, at which the path of the URDF begins.
     """

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.identify.stats.regression import Covariance, factor
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.stats.regression import Covariance, factor
 
 MAX_LAG_SHARE = 0.25  # of a recording: longest autocorrelation taken into account
 

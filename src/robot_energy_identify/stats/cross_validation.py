@@ -14,7 +14,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
 Mask = NDArray[np.bool_]
 Kind = Literal["recordings", "blocks"]

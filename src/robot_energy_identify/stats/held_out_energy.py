@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.accounting.prediction_errors import PowerErrorSums
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.identify.data.bags import (
+from robot_energy.certainty.prediction_errors import PowerErrorSums
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
+from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.data.bags import (
     EVER,
     Bag,
     Fold,
@@ -26,11 +27,10 @@ from robot_energy.identify.data.bags import (
     read_all,
     temperature_ranges,
 )
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.run_all import FullIdentification, identify_everything
-from robot_energy.identify.stats.cross_validation import relative_error
-from robot_energy.identify.steps import Subject
-from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.run_all import FullIdentification, identify_everything
+from robot_energy_identify.stats.cross_validation import relative_error
+from robot_energy_identify.steps import Subject
 
 SHOWN = 10.0  # s of torque kept for a figure
 OUTSIDE = 5.0  # K beyond the temperatures of the fit: friction is then that of the edge

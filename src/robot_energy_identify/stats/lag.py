@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.identify.stats.cross_validation import jackknife_std
-from robot_energy.identify.stats.regression import qr_r
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.stats.cross_validation import jackknife_std
+from robot_energy_identify.stats.regression import qr_r
 
 SIGNIFICANT = 3.0  # standard deviations
 

@@ -3,7 +3,7 @@
 Residuals of a robot's torque or power are alike from row to row, so N rows hold far fewer
 independent ones and the textbook covariance is several times too small. What it is instead
 is an argument of the fit: `jackknife` takes the scatter of the parameters when one contiguous
-block after the other is left out; `robot_energy.identify.stats.autocorrelation` measures the
+block after the other is left out; `robot_energy_identify.stats.autocorrelation` measures the
 autocorrelation of the residuals. A scatter from few blocks is itself uncertain, so it counts as
 Student's t says (`student`).
 """
@@ -19,9 +19,9 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import NotIdentifiableError, check_shape
-from robot_energy.uncertainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.foundation.errors import NotIdentifiableError, check_shape
+from robot_energy.timeline.blocks import Float, Int
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -14,10 +14,10 @@ from math import isfinite, sqrt
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ModelFileError
-from robot_energy.identify.stats.regression import CONFIDENCE, Fit
-from robot_energy.uncertainty.band import Z95
+from robot_energy.certainty.band import Z95
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.stats.regression import CONFIDENCE, Fit
 
 ROOT3 = sqrt(3.0)
 SMALL = 1e-3  # of the greatest part: less does not count

@@ -5,7 +5,7 @@
 explain is the measured friction torque. The samples of each window of 10 s are summed up in a
 triangle, so that an hour costs as little as a minute, and a, b and the Coulomb torque are
 linear for given rates. The law itself is fitted afterwards, as without a gear, on the temperatures
-found here (`robot_energy.identify.friction`).
+found here (`robot_energy_identify.friction`).
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.condition.thermal_observer import GEAR_START_SHARE, GEAR_START_STD, WINDOW
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import identified
-from robot_energy.identify.friction.friction import moving_rows
-from robot_energy.identify.friction.samples import AVERAGED, FrictionData
-from robot_energy.identify.stats.cross_validation import FOLDS, GAIN
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.identify.thermal.network import with_ambient
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.joint import JointGear
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.friction.friction import moving_rows
+from robot_energy_identify.friction.samples import AVERAGED, FrictionData
+from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
+from robot_energy_identify.stats.regression import one_thread
+from robot_energy_identify.thermal.network import with_ambient
 
 MIN_WINDOWS = 60  # of 10 s with motion, in one recording
 MIN_RISE = 3.0  # K that a motor warms in it

@@ -13,13 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Phase
 from robot_energy.condition.thermal_observer import WINDOW
-from robot_energy.identify.bounds import at_bound, identified
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.stats.cross_validation import FOLDS, GAIN
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.identify.thermal.gear import (
+from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.model.joint import JointGear
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.timeline.blocks import NANOSECOND, Float, Phase
+from robot_energy_identify.bounds import at_bound, identified
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
+from robot_energy_identify.stats.regression import one_thread
+from robot_energy_identify.thermal.gear import (
     CORRELATED,
     HIGHEST,
     LOWEST,
@@ -31,9 +34,6 @@ from robot_energy.identify.thermal.gear import (
     GearsFound,
     lagged,
 )
-from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.model.joint import JointGear
-from robot_energy.physics.friction import FrictionModel
 
 PASSES = 3
 OFFSET_SHARE = 0.03  # of the measured power, by which the constants of the model may be off

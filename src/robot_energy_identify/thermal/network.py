@@ -11,17 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
 from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import identified
-from robot_energy.identify.stats.cross_validation import GAIN, rms_of
-from robot_energy.identify.stats.regression import one_thread
-from robot_energy.identify.thermal.windows import ThermalRun
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
 from robot_energy.model.joint import JointThermal
 from robot_energy.physics.motor_heat import MotorHeat
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.stats.cross_validation import GAIN, rms_of
+from robot_energy_identify.stats.regression import one_thread
+from robot_energy_identify.thermal.windows import ThermalRun
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading
 MIN_WINDOWS = 60  # of 10 s

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.condition.thermal_observer import WINDOW
-from robot_energy.errors import LogFormatError
-from robot_energy.identify.data.recordings import Recording
+from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_identify.data.recordings import Recording
 
 if TYPE_CHECKING:
-    from robot_energy.logs.recording import LogBlock
+    from robot_energy_logs.recording import LogBlock
 
 MAX_GAP = 600.0  # s without samples, beyond which another run begins
 

@@ -12,11 +12,11 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from robot_energy.cli.command import Command, Group, add_option
-from robot_energy.cli.terminal import console, progress, write_json
-from robot_energy.files.output_files import HTML, JSON, PICTURE, TEXT, is_own_file
-from robot_energy.files.output_folder import OutputFolder
-from robot_energy.shown_text import shown
+from robot_energy.foundation.files.output_files import HTML, JSON, PICTURE, TEXT, is_own_file
+from robot_energy.foundation.files.output_folder import OutputFolder
+from robot_energy.foundation.shown_text import shown
+from robot_energy_cli.command import Command, Group, add_option
+from robot_energy_cli.terminal import console, progress, write_json
 
 PAPER_A = """\
 Repeat the experiment of paper A on the virtual rig: sets of 20 motions while a robot of
@@ -89,11 +89,11 @@ def _count(least: int) -> Callable[[str], int]:
 
 def _run(args: Namespace) -> int:
     from robot_energy.model import save
-    from robot_energy.report.document import Document
-    from robot_energy.report.html import write_page
-    from robot_energy.report.printing import print_document
     from robot_energy_papers.job_pool import StudyRun
     from robot_energy_papers.pages import document, print_template
+    from robot_energy_report.document import Document
+    from robot_energy_report.html import write_page
+    from robot_energy_report.printing import print_document
 
     name = args.paper.replace("-", "_")
     module = f"robot_energy_papers.{name}"

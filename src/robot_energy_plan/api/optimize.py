@@ -9,27 +9,31 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.blocks import PLAUSIBLE_DEGC, Float
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.motion.load_motion import ToolOptions, load_motion
-from robot_energy.motion.planned import MAX_DURATION
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.forms import read_form
-from robot_energy.optimization.gcode_form import GcodeForm
-from robot_energy.optimization.measures import Optimum, optimise
-from robot_energy.optimization.order import best_order
-from robot_energy.optimization.place import Placement, best_place
-from robot_energy.optimization.plan import Cost
-from robot_energy.optimization.program_form import ProgramForm
-from robot_energy.optimization.ptp_form import PtpForm
-from robot_energy.optimization.rest_states import ASSUMED, RestState
-from robot_energy.optimization.task import Task, make_task
-from robot_energy.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy.physics.collision import SelfCollision, touching_moves
-from robot_energy.results.optimization import OptimizationReport, optimization_report, with_supply
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
+from robot_energy_plan.motion.load_motion import ToolOptions, load_motion
+from robot_energy_plan.motion.planned import MAX_DURATION
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.forms import read_form
+from robot_energy_plan.optimization.gcode_form import GcodeForm
+from robot_energy_plan.optimization.measures import Optimum, optimise
+from robot_energy_plan.optimization.order import best_order
+from robot_energy_plan.optimization.place import Placement, best_place
+from robot_energy_plan.optimization.plan import Cost
+from robot_energy_plan.optimization.program_form import ProgramForm
+from robot_energy_plan.optimization.ptp_form import PtpForm
+from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
+from robot_energy_plan.optimization.task import Task, make_task
+from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
+from robot_energy_plan.results.optimization import (
+    OptimizationReport,
+    optimization_report,
+    with_supply,
+)
 
 TEMPERATURES = 3  # at which a range is looked at
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]

@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robot_energy import prediction
-from robot_energy.api.inputs import ModelName, model_of
-from robot_energy.api.power_table import empty_table, period_table
-from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
-from robot_energy.motion.load_motion import LoadedMotion, ToolOptions, load_motion
-from robot_energy.motion.planned import PlannedMotion
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.prediction import MAX_SAMPLES, Prediction
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.power_table import empty_table, period_table
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, PhaseEnergy
-from robot_energy.results.prediction import PredictionReport, prediction_report
-from robot_energy.time_series import TimeSeries
+from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.time_series import TimeSeries
+from robot_energy_plan import prediction
+from robot_energy_plan.motion.load_motion import LoadedMotion, ToolOptions, load_motion
+from robot_energy_plan.motion.planned import PlannedMotion
+from robot_energy_plan.prediction import MAX_SAMPLES, Prediction
+from robot_energy_plan.results.prediction import PredictionReport, prediction_report
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def predict(
 
     Args:
         program: G-code, a YAML file of moves, a bag or CSV with a JointTrajectory; or a motion
-            in memory, such as a `robot_energy.motion.planned.SampledMotion`.
+            in memory, such as a `robot_energy_plan.motion.planned.SampledMotion`.
         model: A model, its file, or the name of a shipped one.
         temperature: Of all motors, or one per joint, held throughout. [degC]
         repeat: How often the motion is made; None: as the program says.

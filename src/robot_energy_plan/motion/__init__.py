@@ -1,10 +1,10 @@
 """Motions: point-to-point moves, programs made of them, Fourier series, inverse kinematics."""
 
-from robot_energy.motion.fourier import FourierBasis, FourierMotion
-from robot_energy.motion.inverse_kinematics import InverseKinematics
-from robot_energy.motion.ptp import JointMotion, MotionLimits, Profile, Trajectory
-from robot_energy.motion.ptp_loop import Program, random_program, tool_above
-from robot_energy.motion.sequence import Sequence
+from robot_energy_plan.motion.fourier import FourierBasis, FourierMotion
+from robot_energy_plan.motion.inverse_kinematics import InverseKinematics
+from robot_energy_plan.motion.ptp import JointMotion, MotionLimits, Profile, Trajectory
+from robot_energy_plan.motion.ptp_loop import Program, random_program, tool_above
+from robot_energy_plan.motion.sequence import Sequence
 
 __all__ = [
     "FourierBasis",

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.ptp import Trajectory
 
 MIN_HARMONICS = 2  # one alone cannot begin at rest
 MAX_HARMONICS = 50

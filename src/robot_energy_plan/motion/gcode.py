@@ -12,15 +12,15 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot_energy.errors import MotionError
-from robot_energy.files.regular_file import read_regular
-from robot_energy.motion.gcode_flavors import ACCELERATIONS, FoundFlavor, flavor_of
-from robot_energy.motion.gcode_machine import (
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.files.regular_file import read_regular
+from robot_energy_plan.motion.gcode_flavors import ACCELERATIONS, FoundFlavor, flavor_of
+from robot_energy_plan.motion.gcode_machine import (
     MAX_SPEED,
     MIN_SPEED,
     ProgramMachine,
 )
-from robot_energy.motion.tool_path import ToolPath
+from robot_energy_plan.motion.tool_path import ToolPath
 
 MAX_BYTES = 64 * 1024 * 1024
 RAPID_SPEED = 0.25  # m/s, assumed: programs do not state it

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from robot_energy.errors import MotionError
-from robot_energy.motion.tool_path import CLOSED, HORIZONTAL, Plane, Point
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion.tool_path import CLOSED, HORIZONTAL, Plane, Point
 
 Flat = tuple[float, float]  # in the plane of an arc [m]
 

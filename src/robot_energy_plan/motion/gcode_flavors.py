@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
 MINUTE = 60.0  # s

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from robot_energy.errors import MotionError
-from robot_energy.motion.gcode_arcs import MAX_TURNS, PLANES, arc_shape
-from robot_energy.motion.gcode_flavors import (
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion.gcode_arcs import MAX_TURNS, PLANES, arc_shape
+from robot_energy_plan.motion.gcode_flavors import (
     FRAMES,
     HARMLESS,
     LEFT_OUT,
@@ -22,8 +22,8 @@ from robot_energy.motion.gcode_flavors import (
     Flavor,
     FoundFlavor,
 )
-from robot_energy.motion.gcode_words import Word, named_command, words_of
-from robot_energy.motion.tool_path import CLOSED, Arc, Dwell, LineSegment, Point, Segment
+from robot_energy_plan.motion.gcode_words import Word, named_command, words_of
+from robot_energy_plan.motion.tool_path import CLOSED, Arc, Dwell, LineSegment, Point, Segment
 
 MAX_SEGMENTS = 500_000
 MAX_NOTES = 50  # different codes that are named

@@ -13,7 +13,7 @@ import io
 import re
 from dataclasses import dataclass
 
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 
 MAX_CHARACTERS = 1000  # of a line
 MAX_WORDS = 40  # of a line

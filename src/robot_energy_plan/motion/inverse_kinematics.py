@@ -17,10 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.planar import PlanarArm
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.planar import PlanarArm
 
 IN_PLACE = 1e-10  # m, and rad of the orientation
 LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.motion.point_columns import KINDS, PointColumns
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.planned import SampledMotion
+from robot_energy_plan.motion.point_columns import KINDS, PointColumns
+from robot_energy_plan.motion.ptp import Trajectory
 
 MAX_POINTS = 1_000_000
 MAX_VALUE = 1e6  # of any number

@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
 
 Complex = NDArray[np.complexfloating]
 

@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.motion.ptp import SampledPath, Trajectory
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.ptp import SampledPath, Trajectory
 
 BLOCK = 4096  # samples
 STEP = 5e-3  # s between samples, unless something else is asked for

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Float, Int
 
 KINDS = ("positions", "velocities", "accelerations")
 Rows = tuple[Int, Float]

@@ -17,9 +17,9 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float, Int
 
 DEFAULT_JERK_TIME = 0.05  # s
 LIMIT_TOLERANCE = 1e-9  # rad

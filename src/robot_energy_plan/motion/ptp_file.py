@@ -10,13 +10,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from robot_energy.blocks import Float
-from robot_energy.config_file import load
-from robot_energy.errors import MotionError
+from robot_energy.foundation.config_file import load
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model.figure import ModelEntry, Number
-from robot_energy.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
-from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
+from robot_energy_plan.motion.ptp_loop import Program
 
 MAX_VIAS = 10_000
 RAMP = 0.5  # s to full speed, where nobody gave an acceleration

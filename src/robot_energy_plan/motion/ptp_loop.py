@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.ptp import MotionLimits, Profile, Trajectory
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.ptp import MotionLimits, Profile, Trajectory
 
 MAX_TRIES = 10_000
 CHECKED_POINTS = 9  # along each move of a random program

@@ -6,9 +6,9 @@ from collections.abc import Sequence as Row
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.ptp import JointMotion, Trajectory
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.ptp import JointMotion, Trajectory
 
 JOIN_TOLERANCE = 1e-6  # rad or m between the end of a part and the start of the next
 

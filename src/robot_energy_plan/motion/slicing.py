@@ -19,9 +19,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.files.regular_file import read_regular, why_unreadable
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.files.regular_file import read_regular, why_unreadable
+from robot_energy.timeline.blocks import Float
 
 MAX_BYTES = 256 * 1024 * 1024
 MAX_LAYERS = 10_000

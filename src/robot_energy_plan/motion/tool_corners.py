@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, Point, Segment, ToolPath
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.tool_path import Arc, Dwell, LineSegment, Point, Segment, ToolPath
 
 TANGENT = 1e-6  # rad: a smaller corner is rounding
 NEARLY_TANGENT = 0.02  # rad: up to here an unrounded corner is passed, slowly enough

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.inverse_kinematics import InverseKinematics
-from robot_energy.motion.ptp import Trajectory
-from robot_energy.motion.tool_timing import TimedPath
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.inverse_kinematics import InverseKinematics
+from robot_energy_plan.motion.ptp import Trajectory
+from robot_energy_plan.motion.tool_timing import TimedPath
 
 DEGREE = 5
 STEP = 0.01  # s; see decision 0038 for what a shorter one changes

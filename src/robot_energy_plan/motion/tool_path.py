@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 
 Point = tuple[float, float, float]  # x, y, z [m]
 Plane = tuple[int, int, int]

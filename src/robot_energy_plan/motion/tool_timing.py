@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.motion.tool_corners import PathPieces, pieces_of
-from robot_energy.motion.tool_path import Dwell, ToolPath
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.tool_corners import PathPieces, pieces_of
+from robot_energy_plan.motion.tool_path import Dwell, ToolPath
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 ROWS = 65_536  # phases integrated at once

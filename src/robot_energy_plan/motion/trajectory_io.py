@@ -17,15 +17,15 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.blocks import Float
-from robot_energy.cdr.types import typestore
-from robot_energy.errors import MissingTopicError, MotionError
-from robot_energy.files.output_files import FileKind, write_file
-from robot_energy.files.regular_file import read_regular_text, why_unreadable
-from robot_energy.motion.fourier import FourierMotion
-from robot_energy.motion.joint_trajectory import MAX_POINTS, JointTrajectory, read_points
-from robot_energy.motion.ptp import Trajectory
-from robot_energy.units import SECOND_NS
+from robot_energy.bag.cdr.types import typestore
+from robot_energy.foundation.errors import MissingTopicError, MotionError
+from robot_energy.foundation.files.output_files import FileKind, write_file
+from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.fourier import FourierMotion
+from robot_energy_plan.motion.joint_trajectory import MAX_POINTS, JointTrajectory, read_points
+from robot_energy_plan.motion.ptp import Trajectory
 
 MESSAGE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory"

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.motion.ptp import ArrayRecord, MotionLimits, Profile, Trajectory
-from robot_energy.motion.ptp_loop import Program
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.ptp import ArrayRecord, MotionLimits, Profile, Trajectory
+from robot_energy_plan.motion.ptp_loop import Program
 
 STEP = 4e-3  # s between samples
 SAMPLES = 250  # of one candidate, at most: slow motion changes slowly

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.model import RobotModel
-from robot_energy.motion.ptp import ArrayRecord, Trajectory
-from robot_energy.optimization.candidates import SAMPLES, Candidates, Moves, Samples, blocks
-from robot_energy.optimization.deviations import EnergyDeviations
 from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_plan.motion.ptp import ArrayRecord, Trajectory
+from robot_energy_plan.optimization.candidates import SAMPLES, Candidates, Moves, Samples, blocks
+from robot_energy_plan.optimization.deviations import EnergyDeviations
 
 TORQUE_SHARE = 0.95
 """Of the torque limits that a changed move may use: friction is not known exactly. [-]"""

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robot_energy.accounting.record import Calibrated
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError, RobotEnergyError
+from robot_energy.certainty.band import Z90
+from robot_energy.foundation.errors import MotionError, RobotEnergyError
 from robot_energy.model import RobotModel
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.deviations import DeviationSums
-from robot_energy.prediction import MAX_SAMPLES, planned_samples, predict
-from robot_energy.uncertainty.band import Z90
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.deviations import DeviationSums
+from robot_energy_plan.prediction import MAX_SAMPLES, planned_samples, predict
 
 Candidate = Callable[[], JointTrajectory]
 """Makes a motion, or raises what is wrong with it."""

@@ -4,7 +4,7 @@ To first order the error of a predicted energy is ``sum_k D_k x_k`` with indepen
 variance 1: ``D_k`` is the change of the energy when figure k is wrong by its standard deviation.
 Two programs of one robot share these errors, so a saving errs by ``sum_k (D_k - D'_k) x_k``: what
 both have in common cancels. Here friction and drive losses have a column for each figure, other
-than in `robot_energy.uncertainty.deviation`, as slower motion takes another share of each.
+than in `robot_energy.certainty.deviation`, as slower motion takes another share of each.
 
 What the form of friction and drive losses leaves out is a curve over speed that nobody knows. It
 is taken as a share ``e(|w|)`` of these losses, linear between the speeds of `KNOTS`, with
@@ -21,7 +21,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.certainty.deviation import BODY_TAGS, FORM_AT_REST, payload_shares
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.certainty.priors import MISSING_LOSS, figure_std, relative_std
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Tag, least_known, tag_of
@@ -31,9 +33,7 @@ from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.uncertainty.deviation import BODY_TAGS, FORM_AT_REST, payload_shares
-from robot_energy.uncertainty.priors import MISSING_LOSS, figure_std, relative_std
+from robot_energy.timeline.blocks import Float
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 """Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""

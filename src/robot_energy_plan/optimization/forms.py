@@ -6,16 +6,16 @@ from pathlib import Path
 
 from robot_energy.bag.reader import BagReader
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.motion.load_motion import BAG, GCODE, YAML, ToolOptions
-from robot_energy.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
-from robot_energy.optimization.gcode_form import GcodeForm
-from robot_energy.optimization.program_form import ProgramForm
-from robot_energy.optimization.ptp_form import PtpForm
-from robot_energy.optimization.recorded_motion import recorded_motion
-from robot_energy.optimization.trajectory_form import TrajectoryForm
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.motion.load_motion import BAG, GCODE, YAML, ToolOptions
+from robot_energy_plan.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
+from robot_energy_plan.optimization.gcode_form import GcodeForm
+from robot_energy_plan.optimization.program_form import ProgramForm
+from robot_energy_plan.optimization.ptp_form import PtpForm
+from robot_energy_plan.optimization.recorded_motion import recorded_motion
+from robot_energy_plan.optimization.trajectory_form import TrajectoryForm
 
 
 def read_form(

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.files.output_files import GENERATOR, FileKind, write_file
-from robot_energy.motion.gcode import gcode_text, read_gcode
-from robot_energy.motion.gcode_words import with_feed
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.motion.load_motion import ToolOptions, tool_program
-from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy.optimization.candidates import Candidates, Moves
-from robot_energy.optimization.program_form import WrittenTrajectory
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.files.output_files import GENERATOR, FileKind, write_file
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.gcode import gcode_text, read_gcode
+from robot_energy_plan.motion.gcode_words import with_feed
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.motion.load_motion import ToolOptions, tool_program
+from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, Trajectory
+from robot_energy_plan.optimization.candidates import Candidates, Moves
+from robot_energy_plan.optimization.program_form import WrittenTrajectory
 
 FEEDS = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # shares of the greatest factor [-]
 MAX_FACTOR = 10.0

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float, Int
 
 STEP = 0.02  # s between shifts
 BEGINNINGS, SEED = 8, 0  # for more than two robots

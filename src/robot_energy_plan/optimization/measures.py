@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.errors import MotionError
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.kinds import Kind, Kinds
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.plan import Cost, CyclePlan, Saving, saving
-from robot_energy.optimization.rest_states import RestState
-from robot_energy.optimization.search import cheapest, front, uniform
-from robot_energy.optimization.task import Task
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.plan import Cost, CyclePlan, Saving, saving
+from robot_energy_plan.optimization.rest_states import RestState
+from robot_energy_plan.optimization.search import cheapest, front, uniform
+from robot_energy_plan.optimization.task import Task
 
 
 def _cost(task: Task, plan: CyclePlan) -> Cost:

@@ -13,12 +13,12 @@ from itertools import combinations
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.optimization.candidates import Candidates, PtpMoves
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.collision import SelfCollision
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.optimization.candidates import Candidates, PtpMoves
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.ptp_form import PtpForm
 
 EXACT = 11  # configurations
 MAX_CONFIGURATIONS = 60

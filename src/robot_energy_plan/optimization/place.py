@@ -14,13 +14,13 @@ from itertools import product
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import MotionError
-from robot_energy.motion.inverse_kinematics import InverseKinematics
-from robot_energy.optimization.candidates import Candidates, PtpMoves
-from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.collision import SelfCollision, touching_moves
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.inverse_kinematics import InverseKinematics
+from robot_energy_plan.optimization.candidates import Candidates, PtpMoves
+from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy_plan.optimization.ptp_form import PtpForm
 
 POINTS = 5  # along each axis of the box, in each of two rounds
 SMALL = 1e-6  # m, below which an axis of the box is none

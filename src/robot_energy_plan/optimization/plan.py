@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.optimization.candidates import Candidates
-from robot_energy.optimization.chain import Use
-from robot_energy.optimization.deviations import FORM_OF_HOLDING
-from robot_energy.optimization.rest_states import RestState, rest_cost
-from robot_energy.uncertainty.band import Z90
+from robot_energy.certainty.band import Z90
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.optimization.candidates import Candidates
+from robot_energy_plan.optimization.chain import Use
+from robot_energy_plan.optimization.deviations import FORM_OF_HOLDING
+from robot_energy_plan.optimization.rest_states import RestState, rest_cost
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,15 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot_energy.blocks import Float
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.motion.ptp import Trajectory
-from robot_energy.motion.trajectory_io import write_csv, write_trajectory
-from robot_energy.optimization.candidates import Candidates, Moves
-from robot_energy.optimization.plan import CyclePlan
-from robot_energy.optimization.task import Task
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.motion.planned import SampledMotion
+from robot_energy_plan.motion.ptp import Trajectory
+from robot_energy_plan.motion.trajectory_io import write_csv, write_trajectory
+from robot_energy_plan.optimization.candidates import Candidates, Moves
+from robot_energy_plan.optimization.plan import CyclePlan
+from robot_energy_plan.optimization.task import Task
 
 
 @dataclass(kw_only=True)

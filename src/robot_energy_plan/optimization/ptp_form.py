@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from robot_energy.blocks import Float, Int
-from robot_energy.files.output_files import COMMENT, TEXT, write_file
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.motion.ptp_file import DEGREE, ProgramFile, program_for, read_program
-from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
-from robot_energy.optimization.program_form import ProgramForm
+from robot_energy.foundation.files.output_files import COMMENT, TEXT, write_file
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.planned import SampledMotion
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.motion.ptp_file import DEGREE, ProgramFile, program_for, read_program
+from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
+from robot_energy_plan.optimization.program_form import ProgramForm
 
 MIN_JERK_TIME = 0.01  # s, over which a time law builds up acceleration where nothing is stated
 DIGITS = 6  # of shares in a file, after the point

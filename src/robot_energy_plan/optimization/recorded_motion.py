@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import NANOSECOND, Float, TorqueBlock
-from robot_energy.errors import MotionError
-from robot_energy.identify.data.signals import motion_from_position, uniform
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.optimization.trajectory_form import MAX_CREEP
 from robot_energy.pipeline import Output, Settings
-from robot_energy.replay_topics import Topics
+from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.replay_topics import Topics
+from robot_energy.timeline.blocks import NANOSECOND, Float, TorqueBlock
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.motion.sampled_motion import motion_from_position, uniform
+from robot_energy_plan.optimization.trajectory_form import MAX_CREEP
 
 RATE = 100.0  # of the grid [Hz]
 CUTOFF = 10.0  # of the filter [Hz]

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from robot_energy.config_file import load
-from robot_energy.errors import MotionError
+from robot_energy.foundation.config_file import load
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model.figure import ModelEntry, Number
 
 Share = Annotated[Number, Field(ge=0, le=10)]

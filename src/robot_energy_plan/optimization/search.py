@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
+from robot_energy.foundation.errors import MotionError
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.optimization.plan import Cost, CostTable, CyclePlan
 
 STEPS = 5000  # of the time that is left above that of the fastest choice
 PRICES = 41  # of a second, along the front

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.motion.ptp import Trajectory
-from robot_energy.optimization.chain import PowerChain
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.ptp import Trajectory
+from robot_energy_plan.optimization.chain import PowerChain
 
 TIGHT = 1e-3  # of the energy, that pulls b to y^2 [-]
 MIN_SPEED = 0.02  # of that of the path [-]

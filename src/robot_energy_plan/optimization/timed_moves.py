@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.motion.ptp import Trajectory
-from robot_energy.optimization.candidates import STEP, Candidates, Moves
-from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.program_form import ProgramForm, WrittenTrajectory
-from robot_energy.optimization.time_law import LawLimits, path_power, time_law
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.ptp import Trajectory
+from robot_energy_plan.optimization.candidates import STEP, Candidates, Moves
+from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy_plan.optimization.program_form import ProgramForm, WrittenTrajectory
+from robot_energy_plan.optimization.time_law import LawLimits, path_power, time_law
 
 PARTS = 60  # of a path
 MIN_REST = 1e-4  # s; less is rounding

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
-from robot_energy.errors import MotionError
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy.optimization.candidates import SPEEDS, Candidates, Moves
-from robot_energy.optimization.program_form import WrittenTrajectory
+from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import Float, Int
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, Trajectory
+from robot_energy_plan.optimization.candidates import SPEEDS, Candidates, Moves
+from robot_energy_plan.optimization.program_form import WrittenTrajectory
 
 STILL = 1e-4  # rad/s or m/s, below which all joints rest
 MAX_CREEP = 2e-3  # rad or m; a joint that turns less in a move or in a rest is at rest

@@ -7,19 +7,19 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.motion.planned import PlannedMotion
-from robot_energy.optimization.levelling import level_starts, samples_of
-from robot_energy.optimization.measures import Optimum, Tried, together
-from robot_energy.optimization.plan import Cost, CostTable, Saving
-from robot_energy.optimization.program_form import ProgramForm
-from robot_energy.optimization.rest_states import break_even
-from robot_energy.optimization.task import Task
-from robot_energy.prediction import START_NS, predict
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.timeline.blocks import NANOSECOND, Float
+from robot_energy_plan.motion.planned import PlannedMotion
+from robot_energy_plan.optimization.levelling import level_starts, samples_of
+from robot_energy_plan.optimization.measures import Optimum, Tried, together
+from robot_energy_plan.optimization.plan import Cost, CostTable, Saving
+from robot_energy_plan.optimization.program_form import ProgramForm
+from robot_energy_plan.optimization.rest_states import break_even
+from robot_energy_plan.optimization.task import Task
+from robot_energy_plan.prediction import START_NS, predict
 
 NOT_CLAIMED = "not claimed: smaller than its uncertainty"
 NOTHING = "changes nothing here"

@@ -2,11 +2,8 @@
 
 from typing import Annotated
 
-from robot_energy.blocks import NANOSECOND, Quality
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.payload import Payload
-from robot_energy.motion.load_motion import LoadedMotion
-from robot_energy.prediction import Prediction
 from robot_energy.results.auxiliary import (
     AuxiliaryReport,
     auxiliary_report,
@@ -15,6 +12,9 @@ from robot_energy.results.auxiliary import (
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
 from robot_energy.results.model import count_tags
+from robot_energy.timeline.blocks import NANOSECOND, Quality
+from robot_energy_plan.motion.load_motion import LoadedMotion
+from robot_energy_plan.prediction import Prediction
 
 
 class PredictedTime(Result):

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from robot_energy.layouts.plots import DIAGNOSTICS, JOINTS, Page, Plot, PlotCurve
+from robot_energy_report.layouts.plots import DIAGNOSTICS, JOINTS, Page, Plot, PlotCurve
 
 MARK = {"made_by": "robot-energy"}
 COLUMNS = 2  # of plots on a page

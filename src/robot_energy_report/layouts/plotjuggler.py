@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
-from robot_energy.layouts.plots import JOINTS, Page, Plot, PlotCurve
+from robot_energy_report.layouts.plots import JOINTS, Page, Plot, PlotCurve
 
 COLOURS = (
     "#1f77b4", "#d62728", "#1ac938", "#ff7f0e", "#f14cc1", "#9467bd", "#17becf", "#bcbd22",

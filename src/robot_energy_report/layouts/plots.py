@@ -11,9 +11,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robot_energy.cdr.schema import compile_schema, leaf
-from robot_energy.cdr.types import ENERGY_PACKAGE, definition, typestore
-from robot_energy.errors import LayoutError
+from robot_energy.bag.cdr.schema import compile_schema, leaf
+from robot_energy.bag.cdr.types import ENERGY_PACKAGE, definition, typestore
+from robot_energy.foundation.errors import LayoutError
 
 JOINT_STATES = "/joint_states"
 DIAGNOSTICS = "/diagnostics"
@@ -148,7 +148,7 @@ def _overview() -> Page:
             raise LayoutError(
                 f"{kinds[topic]} has no number {', '.join(lacking)}",
                 f"some of {', '.join(sorted(known))}",
-                "change the first page in layouts/plots.py",
+                "change the first page in robot_energy_report/layouts/plots.py",
             )
     return Page(
         "Energy",

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot_energy.errors import LayoutError
-from robot_energy.files.output_files import FileKind, check_file, write_file
-from robot_energy.kinds import Kind, Kinds
-from robot_energy.layouts.foxglove import foxglove, lichtblick
-from robot_energy.layouts.plotjuggler import plotjuggler, rqt
-from robot_energy.layouts.plots import Page, pages
+from robot_energy.foundation.errors import LayoutError
+from robot_energy.foundation.files.output_files import FileKind, check_file, write_file
+from robot_energy.foundation.kinds import Kind, Kinds
+from robot_energy_report.layouts.foxglove import foxglove, lichtblick
+from robot_energy_report.layouts.plotjuggler import plotjuggler, rqt
+from robot_energy_report.layouts.plots import Page, pages
 
 MARK = b"robot-energy"
 

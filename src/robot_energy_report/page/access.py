@@ -7,9 +7,9 @@ import ipaddress
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robot_energy.errors import PageError
-from robot_energy.files.private_file import require_private
-from robot_energy.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.foundation.errors import PageError
+from robot_energy.foundation.files.private_file import require_private
+from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
 
 LOOPBACK = "127.0.0.1"
 MIN_TOKEN, MAX_TOKEN = 16, 512

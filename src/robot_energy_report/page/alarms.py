@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from robot_energy.blocks import Quality
-from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.foundation.shown_text import MAX_LINE, shown
+from robot_energy.timeline.blocks import Quality
 
 LEVELS = ("OK", "WARN", "ERROR", "STALE")  # in the order of diagnostic_msgs/DiagnosticStatus
 MAX_VALUES = 100  # key values of one status

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robot_energy.shown_text import shown
-from robot_energy.units import JOULE_PER_WH
+from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import JOULE_PER_WH
 
 MAX_SHOWN = 5  # digits of the largest flow
 GRID, BUS, CABINET, BRAKE = "grid", "bus", "cabinet", "brake"

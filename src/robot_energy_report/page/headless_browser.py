@@ -8,8 +8,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from robot_energy.errors import PageError
-from robot_energy.files.output_files import PDF
+from robot_energy.foundation.errors import PageError
+from robot_energy.foundation.files.output_files import PDF
 
 BROWSERS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge",

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
-from robot_energy.units import SECOND_NS
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Float, Int
 
 MAX_BUCKETS = 600  # of one ring; more than most screens have pixels for
 

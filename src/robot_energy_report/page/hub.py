@@ -8,9 +8,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from robot_energy.page.json_numbers import json_text
-from robot_energy.page.robot_state import RobotState
-from robot_energy.page.settings import PageSettings
+from robot_energy_report.page.json_numbers import json_text
+from robot_energy_report.page.robot_state import RobotState
+from robot_energy_report.page.settings import PageSettings
 
 MAX_ROBOTS = 16
 STATE_PERIOD = 1.0  # between two complete states; powers go out at each tick [s]

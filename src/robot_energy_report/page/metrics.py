@@ -15,8 +15,8 @@ from prometheus_client.core import (
 from prometheus_client.openmetrics import exposition
 from prometheus_client.registry import Collector
 
-from robot_energy.blocks import Phase
-from robot_energy.page.hub import PageHub
+from robot_energy.timeline.blocks import Phase
+from robot_energy_report.page.hub import PageHub
 
 OPENMETRICS = exposition.CONTENT_TYPE_LATEST
 Labels = tuple[str, ...]

@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
-from robot_energy.files.output_files import COMMENT
-from robot_energy.page.metrics import METRICS
-from robot_energy.units import JOULE_PER_KWH
+from robot_energy.foundation.files.output_files import COMMENT
+from robot_energy.foundation.units import JOULE_PER_KWH
+from robot_energy_report.page.metrics import METRICS
 
 DEFAULT_TARGET = "127.0.0.1:8421"
 WIDTH = 24  # of a Grafana dashboard [columns]

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, Phase
-from robot_energy.page.json_numbers import json_number
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Phase
+from robot_energy_report.page.json_numbers import json_number
 
 MAX_BEHIND_NS = 5_000_000_000  # registers older than that have ceased to arrive
 SAME_NS = 1000  # both began at one sample

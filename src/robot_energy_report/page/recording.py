@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag_replay import Replay
-from robot_energy.blocks import MeterLocation
-from robot_energy.cdr import RawBatch
+from robot_energy.bag.cdr import RawBatch
+from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.messages import (
     FrictionWriter,
     PowerStateWriter,
@@ -21,12 +20,13 @@ from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS
 from robot_energy.model import RobotModel
-from robot_energy.page.alarms import PageFinding
-from robot_energy.page.hub import PageHub
-from robot_energy.page.robot_state import RobotState
-from robot_energy.page.settings import PageSettings
 from robot_energy.pipeline import Output
-from robot_energy.shown_text import shown_lines
+from robot_energy.replay.bag_replay import Replay
+from robot_energy.timeline.blocks import MeterLocation
+from robot_energy_report.page.alarms import PageFinding
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.robot_state import RobotState
+from robot_energy_report.page.settings import PageSettings
 
 BAD_BAG = "record it again; what could be read is shown"
 

@@ -8,13 +8,22 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
-from robot_energy.cdr import RawBatch, Run, stamp_ns
-from robot_energy.page.alarms import PageFinding, quality_alarms
-from robot_energy.page.energy_flow import FlowParts, flow_picture, registers_picture
-from robot_energy.page.history import HistoryRing
-from robot_energy.page.json_numbers import json_number
-from robot_energy.page.messages import (
+from robot_energy.bag.cdr import RawBatch, Run, stamp_ns
+from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH, SECOND_NS
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    Float,
+    MeterLocation,
+    Phase,
+    Quality,
+    TemperatureOrigin,
+)
+from robot_energy_report.page.alarms import PageFinding, quality_alarms
+from robot_energy_report.page.energy_flow import FlowParts, flow_picture, registers_picture
+from robot_energy_report.page.history import HistoryRing
+from robot_energy_report.page.json_numbers import json_number
+from robot_energy_report.page.messages import (
     ENERGIES,
     JOINT_ENERGIES,
     JOINT_POWERS,
@@ -27,11 +36,9 @@ from robot_energy.page.messages import (
     PageReaders,
     net_energy,
 )
-from robot_energy.page.phase_totals import PhaseTotals
-from robot_energy.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
-from robot_energy.page.settings import CostCounter, PageSettings
-from robot_energy.shown_text import shown
-from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH, SECOND_NS
+from robot_energy_report.page.phase_totals import PhaseTotals
+from robot_energy_report.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
+from robot_energy_report.page.settings import CostCounter, PageSettings
 
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
 STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]

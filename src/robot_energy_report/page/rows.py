@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 from robot_energy.accounting.load_curve import Remark
-from robot_energy.blocks import NANOSECOND
-from robot_energy.cdr import Run
-from robot_energy.page.alarms import PageFinding
-from robot_energy.page.json_numbers import json_number
-from robot_energy.shown_text import shown
+from robot_energy.bag.cdr import Run
+from robot_energy.foundation.shown_text import shown
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_report.page.alarms import PageFinding
+from robot_energy_report.page.json_numbers import json_number
 
 LOAD_POWERS = ("state", "remarks", "power", "model_power", "measured_power")
 LOAD_ENERGIES = ("energy", "known_time", "missing_time", "missing_count", "outlet_energy")

@@ -11,7 +11,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from robot_energy.page.json_numbers import json_text
+from robot_energy_report.page.json_numbers import json_text
 
 SCRIPTS = ("format.js", "theme.js", "flow.js", "lines.js", "tables.js", "stream.js", "main.js")
 REPORT_SCRIPTS = ("format.js", "theme.js", "flow.js", "report.js")
@@ -106,7 +106,7 @@ def inline_parts(scripts: tuple[str, ...] = REPORT_SCRIPTS) -> tuple[str, str]:
 
 
 def _content(name: str) -> bytes:
-    return (files("robot_energy.page") / "static" / name).read_bytes()
+    return (files("robot_energy_report.page") / "static" / name).read_bytes()
 
 
 def _text(name: str) -> str:

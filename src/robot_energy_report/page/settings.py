@@ -9,11 +9,11 @@ from zoneinfo import ZoneInfo
 
 from pydantic import Field, field_validator, model_validator
 
-from robot_energy.config_file import load
-from robot_energy.errors import PageError
+from robot_energy.foundation.config_file import load
+from robot_energy.foundation.errors import PageError
+from robot_energy.foundation.time_zone import time_zone
+from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
-from robot_energy.time_zone import time_zone
-from robot_energy.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50

@@ -15,12 +15,12 @@ from starlette.routing import Route
 from starlette.types import Message, Receive, Scope, Send
 
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
-from robot_energy.errors import RegisterError
-from robot_energy.page.access import PageAccess
-from robot_energy.page.hub import ACTIONS, PageHub
-from robot_energy.page.json_numbers import json_text
-from robot_energy.page.metrics import OPENMETRICS, metrics_text
-from robot_energy.page.saved_page import FILES, saved_page, static_file
+from robot_energy.foundation.errors import RegisterError
+from robot_energy_report.page.access import PageAccess
+from robot_energy_report.page.hub import ACTIONS, PageHub
+from robot_energy_report.page.json_numbers import json_text
+from robot_energy_report.page.metrics import OPENMETRICS, metrics_text
+from robot_energy_report.page.saved_page import FILES, saved_page, static_file
 
 MAX_BODY = 2048  # of a request [bytes]
 BODY_TIMEOUT = 5.0  # for a body to arrive, and for an action [s]

@@ -11,10 +11,10 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from robot_energy.errors import PageError
-from robot_energy.page.access import PageAccess
-from robot_energy.page.hub import PageHub
-from robot_energy.page.web_app import PageApp
+from robot_energy.foundation.errors import PageError
+from robot_energy_report.page.access import PageAccess
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.web_app import PageApp
 
 MAX_CONNECTIONS = 512
 REQUEST_TIMEOUT = 10.0  # for a request to arrive whole, and for a client to read [s]

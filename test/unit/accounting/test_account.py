@@ -5,8 +5,8 @@ import pytest
 
 from accounts import NAMES, steady
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robots import joint_block, one_wheel
 
 # The wheel at 2 rad/s draws 38 W on the DC bus and 68 W from the grid (see logbook).

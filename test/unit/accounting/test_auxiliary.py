@@ -14,14 +14,14 @@ from accounts import IDENTITY, NAMES, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.load_curve import COLUMNS, LoadCurve, Remark
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.accounting.record import AccountRecord
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.meter.kinds import FLOAT64
-from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.store import load_account
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
 from robots import two_link
 
 SECOND = 1_000_000_000

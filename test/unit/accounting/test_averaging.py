@@ -12,8 +12,8 @@ from hypothesis import given
 
 from accounts import power_block
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.blocks import Phase
 from robot_energy.pipeline import Settings
+from robot_energy.timeline.blocks import Phase
 
 MS = 1_000_000  # ns
 U, H, M, G = Phase.UNKNOWN, Phase.HOLD, Phase.MOTION, Phase.GENERATING

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 
 SECOND = 10**9
 

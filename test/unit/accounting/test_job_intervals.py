@@ -6,7 +6,7 @@ from accounts import SECOND, restarted, steady
 from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.job_intervals import MAX_CLOSED, MAX_OPEN
-from robot_energy.errors import RegisterError
+from robot_energy.foundation.errors import RegisterError
 from robot_energy.messages import interval_fields
 
 

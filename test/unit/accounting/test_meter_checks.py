@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_checks import MeterDiagnostics
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.timeline.pieces import Compared
 
 SECOND = 10**9

@@ -10,7 +10,7 @@ from scipy.signal import lfilter, lsim
 
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MAX_LAG, LagEstimate, MeterResponse, ShownPower
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.timeline.pieces import Compared
 
 SECOND = 10**9

@@ -9,7 +9,7 @@ from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 
 
 def imported(account: EnergyAccount) -> float:

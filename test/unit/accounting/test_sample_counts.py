@@ -8,7 +8,7 @@ import numpy as np
 
 from accounts import steady
 from robot_energy.accounting.sample_counts import SampleCounts
-from robot_energy.blocks import Phase, PowerBlock, Quality
+from robot_energy.timeline.blocks import Phase, PowerBlock, Quality
 
 SIZE = 1500
 

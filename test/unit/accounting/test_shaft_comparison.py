@@ -5,8 +5,8 @@ import pytest
 
 import robots
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.blocks import EffortMeaning
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import EffortMeaning
 
 # The wheel of `robots` at 3 rad/s: motor 30 rad/s, friction 33 W = predicted shaft power.
 PREDICTED = 33.0

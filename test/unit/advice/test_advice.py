@@ -9,20 +9,20 @@ import pytest
 import robot_energy as re
 from fleets import dataset
 from places import ROOT
-from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
-from robot_energy.advice.dataset_evidence import dataset_evidence, of_all
-from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
-from robot_energy.advice.run import _advice, _basis
-from robot_energy.cli.main import main
-from robot_energy.errors import DatasetError, ParameterError
-from robot_energy.fleet.dataset import read_tables
+from robot_energy.foundation.errors import DatasetError, ParameterError
 from robot_energy.model import load
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.motion.ptp_file import program_for, read_program
-from robot_energy.motion.ptp_loop import Program
-from robot_energy.optimization.rest_states import RestState
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_cli.main import main
+from robot_energy_fleet.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
+from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy_fleet.advice.run import _advice, _basis
+from robot_energy_fleet.dataset import read_tables
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.motion.ptp_file import program_for, read_program
+from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_plan.optimization.rest_states import RestState
 from sound_recordings import write_states
 
 MODEL = load("kr16")

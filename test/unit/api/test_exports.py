@@ -51,8 +51,8 @@ def test_an_unknown_name_is_an_attribute_error():
 
 
 def test_functions_are_not_hidden_by_modules():
-    import robot_energy.api.predict
-    import robot_energy.api.replay  # noqa: F401
+    import robot_energy.replay.api  # noqa: F401
+    import robot_energy_plan.api.predict
 
     assert callable(re.replay)
     assert callable(re.predict)

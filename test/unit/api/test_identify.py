@@ -7,9 +7,9 @@ import pytest
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.cli.main import main
-from robot_energy.errors import BagError
-from robot_energy.identify.provenance import require_distinct
+from robot_energy.foundation.errors import BagError
+from robot_energy_cli.main import main
+from robot_energy_identify.provenance import require_distinct
 
 BAG = ROOT / "bags/kr16_cold"
 ONE_KIND = (

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.api.replay import replay
 from robot_energy.bag import BagWriter
-from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.errors import BagError
+from robot_energy.bag.cdr import Encoder, stamp_columns
+from robot_energy.foundation.errors import BagError
+from robot_energy.replay.api import replay
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MODEL = robots.two_link()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import robot_energy as re
-from robot_energy.api.replay import fixed_friction
-from robot_energy.cli.main import main
-from robot_energy.cli.replay_options import degc
-from robot_energy.uncertainty.priors import SPREAD
+from robot_energy.certainty.priors import SPREAD
+from robot_energy.replay.api import fixed_friction
+from robot_energy_cli.main import main
+from robot_energy_cli.replay_options import degc
 
 ROOT = Path(__file__).resolve().parents[3]
 BAG = str(ROOT / "bags/kr16_cold")

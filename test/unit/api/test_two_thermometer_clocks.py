@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.api.replay import replay
 from robot_energy.bag import BagWriter
-from robot_energy.cdr import Encoder, stamp_columns
+from robot_energy.bag.cdr import Encoder, stamp_columns
+from robot_energy.replay.api import replay
 
 MODEL = robots.two_link()
 JOINT_STATE = "sensor_msgs/msg/JointState"

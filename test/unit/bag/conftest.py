@@ -8,7 +8,7 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.cdr import Decoder, Encoder, stamp_columns
+from robot_energy.bag.cdr import Decoder, Encoder, stamp_columns
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TEMPERATURE = "sensor_msgs/msg/Temperature"

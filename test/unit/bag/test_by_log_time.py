@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.by_log_time import merged
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.bag.cdr.batch import RawBatch
 
 SECOND = 10**9
 TOPICS = ("/joints", "/heat")

@@ -24,7 +24,7 @@ from robot_energy.bag.mcap_records import (
     STATISTICS,
 )
 from robot_energy.bag.metadata import read_folder_info
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
 
 
 def records(data):
@@ -306,7 +306,7 @@ def test_a_chunk_that_cannot_be_unpacked_is_named(tmp_path, declared, packed, co
 def test_a_damaged_database_is_an_error_or_a_problem(tmp_path, bags):
     from rosbags.rosbag2 import Writer
 
-    from robot_energy.cdr import typestore
+    from robot_energy.bag.cdr import typestore
 
     with Writer(tmp_path / "bag", version=9) as writer:
         connection = writer.add_connection("/heat", bags.TEMPERATURE, typestore=typestore())

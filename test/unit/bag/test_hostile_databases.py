@@ -12,8 +12,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from refusals import refused
 from robot_energy.bag import BagReader
-from robot_energy.cdr import typestore
-from robot_energy.errors import BagError
+from robot_energy.bag.cdr import typestore
+from robot_energy.foundation.errors import BagError
 
 TOPICS = """
 CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);

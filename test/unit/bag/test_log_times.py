@@ -6,10 +6,10 @@ from mcap.writer import CompressionType, Writer
 
 from logbook import wheel_bag, wheel_model
 from robot_energy.bag import BagReader
-from robot_energy.bag_replay import replay
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import replay
 
 TOPIC = "/joint_states"
 

@@ -15,9 +15,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from refusals import refused
 from robot_energy.bag import BagReader, packed
-from robot_energy.cdr import typestore
-from robot_energy.errors import BagError
-from robot_energy.files.temporary_folder import PREFIX, TemporaryFolder
+from robot_energy.bag.cdr import typestore
+from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.files.temporary_folder import PREFIX, TemporaryFolder
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from refusals import refused
 from robot_energy.bag import BagReader
-from robot_energy.cdr import Decoder, typestore
-from robot_energy.errors import BagError, MissingTopicError
+from robot_energy.bag.cdr import Decoder, typestore
+from robot_energy.foundation.errors import BagError, MissingTopicError
 
 
 def test_a_bag_says_what_it_holds(tmp_path, bags):

@@ -11,9 +11,9 @@ from places import ROOT
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_file import McapFile
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.bag_replay import replay
-from robot_energy.errors import BagError
+from robot_energy.foundation.errors import BagError
 from robot_energy.model import load
+from robot_energy.replay.bag_replay import replay
 
 COLD = ROOT / "bags" / "kr16_cold"
 STATES = "/joint_states"

@@ -11,8 +11,8 @@ from ruamel.yaml import YAML
 
 from refusals import refused
 from robot_energy.bag import LATCHED_QOS, SENSOR_QOS, BagReader, BagWriter
-from robot_energy.cdr import typestore
-from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
+from robot_energy.bag.cdr import typestore
+from robot_energy.foundation.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])

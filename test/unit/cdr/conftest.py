@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot_energy.cdr import RawBatch, typestore
+from robot_energy.bag.cdr import RawBatch, typestore
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 

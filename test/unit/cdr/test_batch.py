@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from robot_energy.cdr import RawBatch
-from robot_energy.errors import ShapeError
+from robot_energy.bag.cdr import RawBatch
+from robot_energy.foundation.errors import ShapeError
 
 
 def test_messages_received_one_by_one_are_kept_whole():

@@ -5,12 +5,12 @@ import time
 import numpy as np
 import pytest
 
-from robot_energy.cdr import Decoder, RawBatch, typestore
-from robot_energy.cdr import decode as layout
-from robot_energy.cdr.schema import MAX_DEPTH, MAX_FIELDS
-from robot_energy.cdr.types import MAX_DEFINITION, extended
-from robot_energy.cdr.walk import MAX_PARTS
-from robot_energy.errors import MessageTypeError
+from robot_energy.bag.cdr import Decoder, RawBatch, typestore
+from robot_energy.bag.cdr import decode as layout
+from robot_energy.bag.cdr.schema import MAX_DEPTH, MAX_FIELDS
+from robot_energy.bag.cdr.types import MAX_DEFINITION, extended
+from robot_energy.bag.cdr.walk import MAX_PARTS
+from robot_energy.foundation.errors import MessageTypeError
 
 RULE = "=" * 80
 TYPE = "a/msg/T0"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from robot_energy.cdr import Decoder, RawBatch, stamp_ns
-from robot_energy.cdr.decode import MAX_LAYOUTS
-from robot_energy.errors import MessageTypeError
+from robot_energy.bag.cdr import Decoder, RawBatch, stamp_ns
+from robot_energy.bag.cdr.decode import MAX_LAYOUTS
+from robot_energy.foundation.errors import MessageTypeError
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = ["header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity", "effort"]

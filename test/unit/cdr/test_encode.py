@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from robot_energy.cdr import Decoder, Encoder, stamp_columns
-from robot_energy.cdr.schema import compile_schema, leaf_paths
-from robot_energy.errors import MessageTypeError, ShapeError
+from robot_energy.bag.cdr import Decoder, Encoder, stamp_columns
+from robot_energy.bag.cdr.schema import compile_schema, leaf_paths
+from robot_energy.foundation.errors import MessageTypeError, ShapeError
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 NAMES = ("a", "bb", "ccc")
@@ -44,7 +44,7 @@ def test_one_number_serves_all_rows_and_nan_stays_nan():
 
 
 def _batch(rows, msgtype):
-    from robot_energy.cdr import RawBatch
+    from robot_energy.bag.cdr import RawBatch
 
     return RawBatch.from_messages("/t", msgtype, range(len(rows)), [r.tobytes() for r in rows])
 
@@ -78,7 +78,7 @@ def test_arrays_of_messages_take_one_axis_more():
 
 
 def _store():
-    from robot_energy.cdr import typestore
+    from robot_energy.bag.cdr import typestore
 
     return typestore()
 

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-import robot_energy.cdr
+import robot_energy.bag.cdr
 from refusals import refused
-from robot_energy.cdr import Decoder, typestore
-from robot_energy.cdr.types import extended
-from robot_energy.errors import MessageTypeError
+from robot_energy.bag.cdr import Decoder, typestore
+from robot_energy.bag.cdr.types import extended
+from robot_energy.foundation.errors import MessageTypeError
 
 
 def test_every_interface_file_is_known():
-    folder = Path(robot_energy.cdr.__file__).parent / "msg"
+    folder = Path(robot_energy.bag.cdr.__file__).parent / "msg"
     names = {f"ros2_energy_msgs/msg/{path.stem}" for path in folder.glob("*.msg")}
     assert "ros2_energy_msgs/msg/JointTorque" in names
     assert names <= typestore().fielddefs.keys()

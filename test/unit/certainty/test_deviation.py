@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import TemperatureBlock
+from robot_energy.certainty import deviation
+from robot_energy.certainty.band import Z90, energy_variances, half_width, scores
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, names_of, payload_shares
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.certainty.priors import SPREAD
 from robot_energy.model import RobotModel, validate
 from robot_energy.model.payload import payload
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.starter.priors import CLASSES
-from robot_energy.uncertainty import deviation
-from robot_energy.uncertainty.band import Z90, energy_variances, half_width, scores
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, names_of, payload_shares
-from robot_energy.uncertainty.priors import SPREAD
+from robot_energy.timeline.blocks import TemperatureBlock
+from robot_energy_identify.starter.priors import CLASSES
 
 NAMES = names_of(("shoulder", "elbow"))
 

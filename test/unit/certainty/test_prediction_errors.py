@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.accounting.prediction_errors import PowerErrorSums, TorqueErrorSums
-from robot_energy.blocks import EffortMeaning, PowerBlock, Quality
+from robot_energy.certainty.prediction_errors import PowerErrorSums, TorqueErrorSums
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality
 from robot_energy.timeline.pieces import Compared
 
 RNG = np.random.default_rng(5)

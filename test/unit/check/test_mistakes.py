@@ -9,13 +9,13 @@ import yaml
 import robot_energy as re
 from mistakes import both, mistakes, rewrite, scaled, turned
 from places import ROOT
-from robot_energy.blocks import EffortMeaning
-from robot_energy.check import check
-from robot_energy.check.finding import MODEL, PARAMETERS
-from robot_energy.cli import main
-from robot_energy.errors import RobotEnergyError
+from robot_energy.foundation.errors import RobotEnergyError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, validate
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_cli import main
+from robot_energy_identify.check import check
+from robot_energy_identify.check.finding import MODEL, PARAMETERS
 from sound_recordings import plain
 
 SOUND = ROOT / "bags/kr16_cold"

@@ -5,11 +5,11 @@ import pytest
 import yaml
 
 from mistakes import rewrite, scaled
-from robot_energy.check import check
-from robot_energy.cli import main
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, parse_yaml, validate
-from robot_energy.starter import RobotText, read_arm, starter_text
+from robot_energy_cli import main
+from robot_energy_identify.check import check
+from robot_energy_identify.starter import RobotText, read_arm, starter_text
 from sound_recordings import write_states
 
 URDF = """<robot name="slide"><link name="base"/>

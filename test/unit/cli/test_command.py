@@ -14,9 +14,10 @@ import pytest
 from command_line import refused
 from logbook import WHEEL_MAPPING, wheel_bag, wheel_model, write_csv
 from places import ROOT
-from robot_energy import __version__, kernels
-from robot_energy.cli import main
-from robot_energy.cli.main import EXTRAS
+from robot_energy import __version__
+from robot_energy.physics import kernels
+from robot_energy_cli import main
+from robot_energy_cli.main import EXTRAS
 
 
 def test_outputs_are_checked_before_the_work(
@@ -159,7 +160,7 @@ def test_a_missing_extra_is_named(
 
 def test_a_command_keeps_to_one_thread_of_blas():
     code = (
-        "from robot_energy.cli import main; main(['kinds']); import numpy, threadpoolctl; "
+        "from robot_energy_cli import main; main(['kinds']); import numpy, threadpoolctl; "
         "assert [one['num_threads'] for one in threadpoolctl.threadpool_info() "
         "if one['user_api'] == 'blas'] == [1]"
     )
@@ -170,7 +171,7 @@ def test_a_command_keeps_to_one_thread_of_blas():
 def test_the_parser_imports_no_numpy():
     """Not even for commands of other packages: every command begins with it."""
     code = (
-        "import sys; from robot_energy.cli.main import build_parser; build_parser(); "
+        "import sys; from robot_energy_cli.main import build_parser; build_parser(); "
         "sys.exit('numpy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from robot_energy.cli.main import main
+from robot_energy_cli.main import main
 
 ASK = """
 source /dev/stdin

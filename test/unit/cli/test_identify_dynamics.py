@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from plants import PROGRAM, two_link_profile
-from robot_energy.cli import main
-from robot_energy.identify.provenance import hashed
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, VirtualRig
-from robot_energy.rig.record import record
+from robot_energy_cli import main
+from robot_energy_identify.provenance import hashed
+from robot_energy_rig import RigConfig, VirtualRig
+from robot_energy_rig.record import record
 
 
 @pytest.fixture(scope="module")

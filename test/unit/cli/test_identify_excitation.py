@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from robot_energy.cli import main
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_cli import main
 
 QUICK = ["identify", "excitation", "--model", "kr16", "--starts", "1", "--iterations", "2"]
 JOINTS = [f"joint_a{number}" for number in range(1, 7)]

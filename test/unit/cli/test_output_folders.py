@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from faulty_disk import inventory
-from robot_energy.cli import main
+from robot_energy_cli import main
 from writing_commands import COMMANDS, FOLDERS, own_bag, refused
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from page_client import request, state_of
 from page_messages import BAGS
-from robot_energy.cli import main
+from robot_energy_cli import main
 
 REPLAY = ["replay", str(BAGS / "kr16_cold"), "--model", "kr16"]
 

@@ -7,7 +7,7 @@ import yaml
 
 import command_line
 from places import ROOT
-from robot_energy.cli import main
+from robot_energy_cli import main
 from robot_energy_papers.wall import Wall
 
 EXAMPLES = ROOT / "src" / "examples" / "programs"
@@ -180,7 +180,7 @@ def test_a_prediction_that_is_too_long_is_refused_before_it_begins(tmp_path, cap
 
 
 def test_programs_and_temperatures_count_together_and_the_length_is_said(capsys, monkeypatch, wall):
-    from robot_energy.cli import predict
+    from robot_energy_cli import predict
 
     options = [wall, "--model", "testbed", "--temperature", "20", "--json", "-"]
     monkeypatch.setattr(predict, "MIN_PROGRESS_SAMPLES", 100)

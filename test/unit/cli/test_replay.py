@@ -11,8 +11,8 @@ import pytest
 from command_line import refused
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
 from places import ROOT
-from robot_energy.cli import main
-from robot_energy.logs import import_log
+from robot_energy_cli import main
+from robot_energy_logs.log_import import import_log
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 

@@ -12,7 +12,7 @@ import pytest
 from logbook import wheel_bag, wheel_model
 from pages import read
 from places import ROOT
-from robot_energy.cli import main
+from robot_energy_cli import main
 
 BAG, WARM = str(ROOT / "bags/kr16_cold"), str(ROOT / "bags/kr16_warm")
 MOVES = str(ROOT / "src/examples/programs/kr16_pick_and_place.yaml")

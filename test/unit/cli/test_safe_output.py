@@ -14,13 +14,13 @@ import yaml
 
 from logbook import WHEEL_MAPPING, wheel_bag, wheel_model
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.cdr.decode import Encoder
-from robot_energy.cli import main
-from robot_energy.errors import RobotEnergyError
-from robot_energy.report.canvas import canvas, named_ticks
-from robot_energy.report.document import Document
-from robot_energy.report.html import page_html
-from robot_energy.shown_text import MAX_LINE, shown, shown_lines
+from robot_energy.bag.cdr.decode import Encoder
+from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.shown_text import MAX_LINE, shown, shown_lines
+from robot_energy_cli import main
+from robot_energy_report.canvas import canvas, named_ticks
+from robot_energy_report.document import Document
+from robot_energy_report.html import page_html
 
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 NASTY = f"a{ESCAPE}\r\n\x9b31m\u202etxt\u2066\u200b\u2028 $\\frac[red]"

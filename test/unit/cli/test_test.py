@@ -10,11 +10,11 @@ import pytest
 import robot_energy as re
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
 from pages import read
-from robot_energy.cli import main
-from robot_energy.identify.data.bags import Bag
-from robot_energy.logs import import_log
 from robot_energy.model import load
-from robot_energy.results.evaluation import seen_in_fit
+from robot_energy_cli import main
+from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.results.evaluation import seen_in_fit
+from robot_energy_logs.log_import import import_log
 
 
 @pytest.fixture

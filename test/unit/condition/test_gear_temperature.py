@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.blocks import (
+from robot_energy.certainty.band import TEMPERATURE
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import (
     EffortMeaning,
     MeterBlock,
     MeterLocation,
@@ -11,8 +13,6 @@ from robot_energy.blocks import (
     PowerBlock,
     Quality,
 )
-from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.uncertainty.band import TEMPERATURE
 from warm_wheel import AIR, COULOMB, MOTOR, SPEED, integrated, readings, turning, viscous, wheel
 
 WORKED = 45.0  # degC of a motor that has worked: its gear may be warmer or colder

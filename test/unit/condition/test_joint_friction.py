@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from accounts import power_block
-from robot_energy.blocks import Quality
 from robot_energy.condition.buckets import BUCKET_SPEED
 from robot_energy.condition.joint_friction import BOUNDS, FrictionLearner, MotionReader
+from robot_energy.timeline.blocks import Quality
 
 RATE = 100
 READER = MotionReader(np.array([100.0, 50.0]), np.array([0.2, 0.2]), 25.0)

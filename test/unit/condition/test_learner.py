@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robot_energy.blocks import Quality
 from robot_energy.condition.learner import Learning
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import load
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.rig import VirtualRig, load_profile
-from robot_energy_papers.learning_study import (
+from robot_energy.timeline.blocks import Quality
+from robot_energy_rig import VirtualRig, load_profile
+from robot_energy_studies.learning_study import (
     at_work,
     joint_block,
     learning_study,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.condition.meter_fit import MeterFit
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 
 LOSS = 300.0
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.condition.meter_windows import MeterWindows
-from robot_energy.inputs.meter.power_curve import MeterCurve
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 
 NEVER = 10**18
 

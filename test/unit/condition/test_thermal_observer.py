@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import EffortMeaning, PowerBlock, Quality, TemperatureBlock
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS
 from robot_energy.condition.thermal_observer import ThermalObserver
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
+from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality, TemperatureBlock
 from robots import figure
 
 S = 10**9

@@ -9,7 +9,7 @@ from robot_energy.condition.drift_test import Drift
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.wear import MAX_SURE, WearAlarm, WearMonitor
 from robot_energy.condition.wear_records import FEATURES
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 
 NAMES = ("a", "b")
 PART = 5_000_000_000

@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from logbook import read_bag, wheel_bag, wheel_csv
 from robot_energy.bag import BagReader
-from robot_energy.errors import BagError, LogFormatError
-from robot_energy.files.first_bytes import FIRST_BYTES, MAX_MAGIC, named
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import BagError, LogFormatError
+from robot_energy.foundation.files.first_bytes import FIRST_BYTES, MAX_MAGIC, named
+from robot_energy_logs.table import LogTable
 
 
 def ros1_bag(path: Path) -> Path:

@@ -12,9 +12,9 @@ import pytest
 
 from faulty_disk import FaultyDisk, inventory
 from refusals import refused
-from robot_energy.errors import ReportError
-from robot_energy.files import output_streams
-from robot_energy.files.output_files import (
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files import output_streams
+from robot_energy.foundation.files.output_files import (
     HTML,
     HTML_MARK,
     JSON,
@@ -22,8 +22,8 @@ from robot_energy.files.output_files import (
     json_bytes,
     write_file,
 )
-from robot_energy.files.output_folder import OutputFolder, check_folder
-from robot_energy.files.placement import PREFIX, all_or_none, deferred_signals, place_all
+from robot_energy.foundation.files.output_folder import OutputFolder, check_folder
+from robot_energy.foundation.files.placement import PREFIX, all_or_none, deferred_signals, place_all
 
 OLD, NEW = json_bytes({"a": 1}), json_bytes({"a": 2})
 PAGE = f"<!DOCTYPE html>{HTML_MARK}".encode()
@@ -266,7 +266,7 @@ def test_descriptors_are_written_where_they_stand(tmp_path):
 def test_drafts_of_killed_runs_go_and_those_of_running_ones_stay(tmp_path):
     code = (
         "import os, signal, sys\n"
-        "from robot_energy.files.output_folder import OutputFolder\n"
+        "from robot_energy.foundation.files.output_folder import OutputFolder\n"
         "made = OutputFolder(sys.argv[1], lambda _: [])\n"
         "made.open('x').close()\n"
         "print('ready', flush=True)\n"

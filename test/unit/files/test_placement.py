@@ -9,17 +9,17 @@ import pytest
 from faulty_disk import FaultyDisk, inventory
 from refusals import refused
 from robot_energy.bag import BagWriter
-from robot_energy.cli.identify_inputs import IdentifyInputs
-from robot_energy.cli.terminal import present
-from robot_energy.errors import ReportError
-from robot_energy.files.output_files import JSON, json_bytes, write_file
-from robot_energy.files.placement import all_or_none
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files.output_files import JSON, json_bytes, write_file
+from robot_energy.foundation.files.placement import all_or_none
 from robot_energy.model import save
-from robot_energy.report.canvas import canvas
-from robot_energy.report.document import Document
-from robot_energy.report.html import write_page
-from robot_energy.results.identification import FrictionStudyReport
+from robot_energy_cli.identify_inputs import IdentifyInputs
+from robot_energy_cli.terminal import present
+from robot_energy_identify.results.identification import FrictionStudyReport
 from robot_energy_papers.cli.reproduce import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
+from robot_energy_report.canvas import canvas
+from robot_energy_report.document import Document
+from robot_energy_report.html import write_page
 from robots import one_wheel
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -9,17 +9,22 @@ import pytest
 import robots
 from refusals import refused
 from robot_energy.bag import BagReader
-from robot_energy.errors import BagError, LogFormatError, ModelFileError, RobotEnergyError
-from robot_energy.files.regular_file import open_regular, read_regular, read_regular_text
+from robot_energy.foundation.errors import (
+    BagError,
+    LogFormatError,
+    ModelFileError,
+    RobotEnergyError,
+)
+from robot_energy.foundation.files.regular_file import open_regular, read_regular, read_regular_text
 from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.logs import table, text_table
-from robot_energy.logs.mapping import load_mapping
-from robot_energy.logs.table import LogTable
 from robot_energy.model import load, validate
-from robot_energy.motion.gcode import load_gcode
-from robot_energy.motion.ptp_file import read_program
-from robot_energy.motion.trajectory_io import read_csv_trajectory
-from robot_energy.results.schema import read_result
+from robot_energy_cli.result_schema import read_result
+from robot_energy_logs import table, text_table
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_logs.table import LogTable
+from robot_energy_plan.motion.gcode import load_gcode
+from robot_energy_plan.motion.ptp_file import read_program
+from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
 
 READERS = {
     "model": (load, ".yaml"),

@@ -8,14 +8,14 @@ import fsspec
 import pytest
 
 from places import ROOT
-from robot_energy import kinds
-from robot_energy.errors import DatasetError
-from robot_energy.fleet import bag_row
-from robot_energy.fleet.bag_list import FleetModels, list_bags
-from robot_energy.fleet.bag_places import find_bags
-from robot_energy.fleet.dataset import Dataset
-from robot_energy.fleet.run import in_turn, run_fleet
+from robot_energy.foundation import kinds
+from robot_energy.foundation.errors import DatasetError
 from robot_energy.model import load
+from robot_energy_fleet import bag_row
+from robot_energy_fleet.bag_list import FleetModels, list_bags
+from robot_energy_fleet.bag_places import find_bags
+from robot_energy_fleet.dataset import Dataset
+from robot_energy_fleet.run import in_turn, run_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 FILE = BAG / "kr16_all_topics_0.mcap"
@@ -185,7 +185,7 @@ def test_a_row_that_cannot_be_used_ends_no_fleet(hall, tmp_path, row, monkeypatc
         raise RuntimeError("a client has errors of its own")
 
     if row.startswith("s3"):
-        monkeypatch.setattr("robot_energy.fleet.bag_places.url_to_fs", no_client)
+        monkeypatch.setattr("robot_energy_fleet.bag_places.url_to_fs", no_client)
     table = hall / "bags.csv"
     table.write_text(f"bag,robot,model,jobs\nr2/a.mcap\n{row}\nr2/b.mcap\n")
     models, dataset = FleetModels(), Dataset(tmp_path / "d")

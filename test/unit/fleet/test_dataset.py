@@ -10,9 +10,9 @@ from itertools import permutations
 import polars as pl
 import pytest
 
-from robot_energy.errors import DatasetError
-from robot_energy.fleet.dataset import Dataset, RowKey, read_tables, row_bytes, scan
-from robot_energy.fleet.dataset_columns import RUNS, SCHEMA, TABLES
+from robot_energy.foundation.errors import DatasetError
+from robot_energy_fleet.dataset import Dataset, RowKey, read_tables, row_bytes, scan
+from robot_energy_fleet.dataset_columns import RUNS, SCHEMA, TABLES
 
 DAY = "2026-03-02"
 NAMED = {"name": "a-1-x", "key": "a-1-x", "bag": "a"}
@@ -100,7 +100,7 @@ def test_a_kill_between_packing_and_removal_leaves_each_bag_once(tmp_path):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from robot_energy.files.placement import OutputPlacement
+from robot_energy.foundation.files.placement import OutputPlacement
 placement = OutputPlacement(Path(sys.argv[1]), print, print)
 placement.open_file()
 os.kill(os.getpid(), signal.SIGKILL)

@@ -9,12 +9,12 @@ import pytest
 import robot_energy as re
 from logbook import wheel_bag, wheel_model, wheel_start
 from places import ROOT
-from robot_energy.cli import main
-from robot_energy.fleet.bag_list import FleetModels, list_bags
-from robot_energy.fleet.dataset import Dataset, read_tables, scan
-from robot_energy.fleet.run import run_fleet
-from robot_energy.fleet.workers import on_dask
-from robot_energy_papers import generated_fleet
+from robot_energy_cli import main
+from robot_energy_fleet.bag_list import FleetModels, list_bags
+from robot_energy_fleet.dataset import Dataset, read_tables, scan
+from robot_energy_fleet.run import run_fleet
+from robot_energy_fleet.workers import on_dask
+from robot_energy_studies import generated_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 WARM = ROOT / "bags" / "kr16_warm"

@@ -19,13 +19,13 @@ import pytest
 import robot_energy as re
 from logbook import wheel_bag, wheel_model, wheel_start
 from places import ROOT
-from robot_energy.cli import main
-from robot_energy.errors import DatasetError
-from robot_energy.fleet.bag_list import FleetModels, list_bags
-from robot_energy.fleet.bag_row import replay_bag
-from robot_energy.fleet.dataset import Dataset, read_tables, scan
-from robot_energy.fleet.run import FleetRun, in_turn, run_fleet
-from robot_energy.fleet.workers import BATCH, MIN_WAITING, on_dask
+from robot_energy.foundation.errors import DatasetError
+from robot_energy_cli import main
+from robot_energy_fleet.bag_list import FleetModels, list_bags
+from robot_energy_fleet.bag_row import replay_bag
+from robot_energy_fleet.dataset import Dataset, read_tables, scan
+from robot_energy_fleet.run import FleetRun, in_turn, run_fleet
+from robot_energy_fleet.workers import BATCH, MIN_WAITING, on_dask
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 WARM = ROOT / "bags" / "kr16_warm"
@@ -117,7 +117,7 @@ def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, t
 
 
 def test_each_worker_has_a_core_of_its_own_also_after_a_death(monkeypatch):
-    monkeypatch.setattr("robot_energy.fleet.workers.HEAL_EVERY", 0.05)
+    monkeypatch.setattr("robot_energy_fleet.workers.HEAL_EVERY", 0.05)
     every = os.sched_getaffinity(0)
     cores = sorted(every)[:2]
 
@@ -197,8 +197,8 @@ def deadly(bag, model, max_scratch):
 
 def test_a_bag_under_which_workers_die_is_refused_alone(hall, sequential, tmp_path, monkeypatch):
     """Others wait at the same worker each time it dies."""
-    monkeypatch.setattr("robot_energy.fleet.workers.replay_bag", deadly)
-    monkeypatch.setattr("robot_energy.fleet.workers.ALLOWED_FAILURES", 1)
+    monkeypatch.setattr("robot_energy_fleet.workers.replay_bag", deadly)
+    monkeypatch.setattr("robot_energy_fleet.workers.ALLOWED_FAILURES", 1)
     with on_dask(workers=1) as replays:
         done = replayed(hall, tmp_path / "d", replays)
     refused = {Path(address).name: one.reason for (_, address), one in done.refused.items()}
@@ -404,7 +404,7 @@ def scheduler(tmp_path):
 def test_a_scheduler_that_is_lost_is_said_and_what_was_done_stays(
     hall, sequential, tmp_path, scheduler, monkeypatch
 ):
-    monkeypatch.setattr("robot_energy.fleet.workers.TIMEOUT", "1s")  # to come back
+    monkeypatch.setattr("robot_energy_fleet.workers.TIMEOUT", "1s")  # to come back
     address, process = scheduler
 
     def killed(done):
@@ -425,7 +425,7 @@ def test_workers_of_another_command_give_the_same_bits(hall, sequential, tmp_pat
 
 
 def test_a_scheduler_that_does_not_answer_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("robot_energy.fleet.workers.TIMEOUT", "1s")
+    monkeypatch.setattr("robot_energy_fleet.workers.TIMEOUT", "1s")
     with pytest.raises(DatasetError, match="does not answer"), on_dask("tcp://127.0.0.1:1"):
         pass
 

@@ -8,21 +8,7 @@ import pytest
 
 from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear_records import FEATURES
-from robot_energy.fleet.bag_joints import bag_figures
-from robot_energy.fleet.bag_sums import HourSums
-from robot_energy.fleet.joint_sums import (
-    COLUMNS,
-    MEASURED,
-    NODES,
-    NODES_DEGC,
-    SIGN,
-    VISCOUS,
-    JointSums,
-    gram_of,
-)
-from robot_energy.fleet.merged_friction import fit_merged, score
-from robot_energy.fleet.merged_laws import JointBags, without_nuisances
-from robot_energy.identify.stats.systematic import SensorLimits
+from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import load
 from robot_energy.model.figure import Figure
 from robot_energy.model.friction_laws import (
@@ -32,11 +18,25 @@ from robot_energy.model.friction_laws import (
     register_friction_law,
 )
 from robot_energy.model.payload import payload
-from robot_energy.motion import Program
 from robot_energy.physics.friction import ViscousLaw
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.units import HOUR_NS
-from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+from robot_energy_fleet.bag_joints import bag_figures
+from robot_energy_fleet.bag_sums import HourSums
+from robot_energy_fleet.joint_sums import (
+    COLUMNS,
+    MEASURED,
+    NODES,
+    NODES_DEGC,
+    SIGN,
+    VISCOUS,
+    JointSums,
+    gram_of,
+)
+from robot_energy_fleet.merged_friction import fit_merged, score
+from robot_energy_fleet.merged_laws import JointBags, without_nuisances
+from robot_energy_identify.stats.systematic import SensorLimits
+from robot_energy_plan.motion import Program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_studies.learning_study import joint_block, pipeline_of, work
 
 MODEL, PROFILE = load("kr16"), load_profile("kr16")
 EXACT = SensorLimits(torque=0.0, thermometer=0.0, bodies=0.0)

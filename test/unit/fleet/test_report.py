@@ -11,20 +11,20 @@ import pytest
 
 import robot_energy as re
 from fleets import dataset, fleet, written
-from robot_energy.cli.main import main
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.fleet.dataset import read_tables
-from robot_energy.fleet.identify import identify_fleet
-from robot_energy.fleet.report import fleet_report
-from robot_energy.fleet.tables import SCHEMAS, FleetTables
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.units import HOUR_NS, MINUTE_NS
 from robot_energy.model import load
-from robot_energy.page.settings import PageSettings, PricePeriod
-from robot_energy.report.document import Document
-from robot_energy.report.fleet import fleet_document, fleet_headline
-from robot_energy.report.html import page_html
-from robot_energy.units import HOUR_NS, MINUTE_NS
-from robot_energy_papers.fleet_study import judged
-from robot_energy_papers.generated_fleet import FleetPlan
+from robot_energy_cli.main import main
+from robot_energy_fleet.dataset import read_tables
+from robot_energy_fleet.documents.fleet import fleet_document, fleet_headline
+from robot_energy_fleet.identify import identify_fleet
+from robot_energy_fleet.report import fleet_report
+from robot_energy_fleet.tables import SCHEMAS, FleetTables
+from robot_energy_report.document import Document
+from robot_energy_report.html import page_html
+from robot_energy_report.page.settings import PageSettings, PricePeriod
+from robot_energy_studies.fleet_study import judged
+from robot_energy_studies.generated_fleet import FleetPlan
 
 ROBOTS = 6
 PLAN = FleetPlan(ROBOTS, 1, 3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot_energy.fleet.sisters import MIN_SISTERS, levels, stand_out
+from robot_energy_fleet.sisters import MIN_SISTERS, levels, stand_out
 
 ROBOTS, BAGS = 20, 12
 

@@ -10,25 +10,25 @@ import pytest
 from places import ROOT
 from robot_energy import identify_auxiliary
 from robot_energy.bag import BagWriter
-from robot_energy.blocks import NANOSECOND
-from robot_energy.cdr import Encoder
-from robot_energy.cli.main import main
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.auxiliary.readings import StateReadings
-from robot_energy.identify.auxiliary.states import fit_own
+from robot_energy.bag.cdr import Encoder
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.motion import Program
-from robot_energy.rig import VirtualRig, load_profile
-from robot_energy.rig.auxiliary import (
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_cli.main import main
+from robot_energy_identify.auxiliary.readings import StateReadings
+from robot_energy_identify.auxiliary.states import fit_own
+from robot_energy_plan.motion import Program
+from robot_energy_rig import VirtualRig, load_profile
+from robot_energy_rig.auxiliary import (
     EXTRUDER_HEATS,
     EXTRUDER_OFF,
     EXTRUDER_WORKS,
     PUMP_OFF,
     PUMP_ON,
 )
-from robot_energy.rig.record import STATE, RigEncoder, record
-from robot_energy.rig.record import TYPES as TOPICS
+from robot_energy_rig.record import STATE, RigEncoder, record
+from robot_energy_rig.record import TYPES as TOPICS
 
 CELL = ROOT / "src/examples/auxiliary/mantis_cell.yaml"
 TRUTH = {

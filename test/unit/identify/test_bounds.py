@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robot_energy.blocks import MeterLocation
-from robot_energy.identify.bounds import identified, is_at_bound
-from robot_energy.identify.cabinet.cabinet import CabinetFit, with_cabinet
-from robot_energy.identify.drives.all_drives import TotalFound
-from robot_energy.identify.drives.losses import fit_losses
-from robot_energy.identify.drives.total_power import _entry, fit_structure, with_total
-from robot_energy.identify.drives.total_sums import Sums
-from robot_energy.identify.dynamics.torque_model import Estimate
-from robot_energy.identify.friction.friction import fit_friction
-from robot_energy.identify.friction.laws import fit_law
-from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.model import load
-from robot_energy.report.document import Document
-from robot_energy.report.identification import losses_section
-from robot_energy.report.parameters import changes_document
-from robot_energy.report.printing import print_document
-from robot_energy.results.drives import total_power
+from robot_energy.timeline.blocks import MeterLocation
+from robot_energy_identify.bounds import identified, is_at_bound
+from robot_energy_identify.cabinet.cabinet import CabinetFit, with_cabinet
+from robot_energy_identify.drives.all_drives import TotalFound
+from robot_energy_identify.drives.losses import fit_losses
+from robot_energy_identify.drives.total_power import _entry, fit_structure, with_total
+from robot_energy_identify.drives.total_sums import Sums
+from robot_energy_identify.dynamics.torque_model import Estimate
+from robot_energy_identify.friction.friction import fit_friction
+from robot_energy_identify.friction.laws import fit_law
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.results.drives import total_power
+from robot_energy_report.document import Document
+from robot_energy_report.identification import losses_section
+from robot_energy_report.parameters import changes_document
+from robot_energy_report.printing import print_document
 from terminal_tables import recorded_tables
 
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from excited import recorded
-from robot_energy.blocks import MeterLocation
-from robot_energy.errors import ImplausibleIdentificationError
-from robot_energy.identify import plausibility
-from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
-from robot_energy.identify.data.signals import Channels
-from robot_energy.identify.drives.drives import fit_drives
-from robot_energy.identify.drives.total_sums import Sums
-from robot_energy.identify.dynamics.dynamics import identify_dynamics
-from robot_energy.identify.friction.friction import fit_friction
-from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.identify.plausibility import (
+from robot_energy.foundation.errors import ImplausibleIdentificationError
+from robot_energy.timeline.blocks import MeterLocation
+from robot_energy_identify import plausibility
+from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
+from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.drives.drives import fit_drives
+from robot_energy_identify.drives.total_sums import Sums
+from robot_energy_identify.dynamics.dynamics import identify_dynamics
+from robot_energy_identify.friction.friction import fit_friction
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.plausibility import (
     check_cabinet,
     check_drives,
     check_dynamics,
@@ -26,7 +26,7 @@ from robot_energy.identify.plausibility import (
     check_total,
     opposite_joints,
 )
-from robot_energy.identify.stats.cross_validation import EnergyScore
+from robot_energy_identify.stats.cross_validation import EnergyScore
 from unit.identify.drives.test_drives import data
 from unit.identify.dynamics.test_dynamics import QUICK, arm, uninformed
 

@@ -12,30 +12,30 @@ from rich.console import Console
 
 import drive_reports
 from plants import PROGRAM, two_link_profile
-from robot_energy.bag_replay import Progress, replay
-from robot_energy.blocks import EffortMeaning, Phase
-from robot_energy.identify.data.bags import Bag, facts, folds_of
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower, drive_topics
-from robot_energy.identify.run_all import (
+from robot_energy.model import RobotModel, load
+from robot_energy.pipeline import Settings
+from robot_energy.replay.bag_replay import Progress, replay
+from robot_energy.results.replay import replay_report
+from robot_energy.timeline.blocks import EffortMeaning, Phase
+from robot_energy_identify.data.bags import Bag, facts, folds_of
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.drive_power import MeasuredDrivePower, drive_topics
+from robot_energy_identify.results.identification import identification_report
+from robot_energy_identify.run_all import (
     FullIdentification,
     identify_everything,
     order_of,
     usable_effort,
     with_provenance,
 )
-from robot_energy.identify.stats.held_out_energy import GIVEN, held_out_energy
-from robot_energy.identify.steps import DynamicsFound
-from robot_energy.model import RobotModel, load
-from robot_energy.pipeline import Settings
-from robot_energy.report.document import Document
-from robot_energy.report.identify_all import identification_overview
-from robot_energy.report.printing import print_document
-from robot_energy.results.identification import identification_report
-from robot_energy.results.replay import replay_report
-from robot_energy.rig import RigConfig, VirtualRig
-from robot_energy.rig.record import record
+from robot_energy_identify.stats.held_out_energy import GIVEN, held_out_energy
+from robot_energy_identify.steps import DynamicsFound
+from robot_energy_report.document import Document
+from robot_energy_report.identify_all import identification_overview
+from robot_energy_report.printing import print_document
+from robot_energy_rig import RigConfig, VirtualRig
+from robot_energy_rig.record import record
 
 TORQUE = EffortMeaning.MOTOR_TORQUE
 NEVER = MeasuredDrivePower(np.empty(0, np.int64), np.empty((0, 2)), 0)

@@ -1,7 +1,7 @@
 import pytest
 
 from places import ROOT
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.sources import Inputs, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import (
     RENAMED,
     Parameter,

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs import rejection_log as accounting
 from robot_energy.inputs.joint_states import decode
 from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_names
@@ -65,7 +65,7 @@ import re, sys
 import numpy as np
 from robot_energy.inputs.joint_states.decode import JointStateReader
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.cdr import RawBatch
+from robot_energy.bag.cdr import RawBatch
 count, joints = int(sys.argv[1]), int(sys.argv[2])
 stamp = bytes(4) + (1).to_bytes(4, "little")
 head = b"\\x00\\x01\\x00\\x00" + stamp + (1).to_bytes(4, "little") + bytes(4)

@@ -1,6 +1,6 @@
 import pytest
 
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import assemble
 from robot_energy.inputs.sources import Inputs, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import (

@@ -14,21 +14,21 @@ from hypothesis import strategies as st
 
 import robots
 from places import ROOT
-from robot_energy import kernels
 from robot_energy.accounting.comparison import _compared, _compiled
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.registers import Registers
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Encoder, stamp_columns
 from robot_energy.bag.mcap_block import walked_block
-from robot_energy.blocks import PowerBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Encoder, stamp_columns
-from robot_energy.held_rows import HeldRows
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.model import load, shipped_models
+from robot_energy.physics import kernels
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import PowerBlock
+from robot_energy.timeline.held_rows import HeldRows
 from robot_energy.timeline.pieces import CoveredPieces
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
-from robot_energy.units import MAX_COUNTER
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -59,7 +59,7 @@ def test_the_set_up_has_compiled_them():
 
 
 def test_they_can_be_switched_off():
-    code = "from robot_energy import kernels; print(kernels.compiled)"
+    code = "from robot_energy.physics import kernels; print(kernels.compiled)"
     command = [sys.executable, "-c", code]
     done = subprocess.run(
         command,

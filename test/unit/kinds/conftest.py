@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy import kinds
 from robot_energy.bag import BagWriter
-from robot_energy.cdr.types import typestore
+from robot_energy.bag.cdr.types import typestore
+from robot_energy.foundation import kinds
 from toy_kinds import INT32, RATE, SECOND, SPAN, TENTHS, TOYS, forget
 
 STORE = typestore()

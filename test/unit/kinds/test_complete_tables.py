@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import pytest
 
-from robot_energy.kinds import Part
+from robot_energy.foundation.kinds import Part
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
 
@@ -36,7 +36,7 @@ def found():
 
 @pytest.mark.parametrize(
     "module",
-    ["robot_energy.model.friction_laws", "robot_energy.physics.drive", "robot_energy.report.kinds"],
+    ["robot_energy.model.friction_laws", "robot_energy.physics.drive", "robot_energy_report.kinds"],
 )
 def test_a_module_alone_finds_the_parts_of_all_kinds(module):
     run = subprocess.run(

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from robot_energy.errors import (
+from robot_energy.foundation.errors import (
     NotIdentifiableError,
 )
-from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drive_data import drive_data_of_logs
-from robot_energy.identify.drives.drives import AxisFit, DrivesFit, fit_drives, with_drives
-from robot_energy.identify.drives.losses import TERMS, Losses
-from robot_energy.logs.recording import LogBlock, RecordingContents
 from robot_energy.model import validate
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.report.document import Document
-from robot_energy.report.drives import drives_document
-from robot_energy.report.printing import print_document
-from robot_energy.results.drives import drives_report
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.drive_data import drive_data_of_logs
+from robot_energy_identify.drives.drives import AxisFit, DrivesFit, fit_drives, with_drives
+from robot_energy_identify.drives.losses import TERMS, Losses
+from robot_energy_identify.results.drives import drives_report
+from robot_energy_logs.recording import LogBlock, RecordingContents
+from robot_energy_report.document import Document
+from robot_energy_report.drives import drives_document
+from robot_energy_report.printing import print_document
 from toy_kinds import (
     SQUARE_ROOT,
     TOY,

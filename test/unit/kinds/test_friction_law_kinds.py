@@ -5,7 +5,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from robot_energy.identify.friction.laws import fitted_laws
 from robot_energy.model import load, validate
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.friction_laws import (
@@ -15,7 +14,8 @@ from robot_energy.model.friction_laws import (
     register_friction_law,
 )
 from robot_energy.physics.friction import ViscousLaw, viscous_law
-from robot_energy.report.kinds import kinds_listing
+from robot_energy_identify.friction.laws import fitted_laws
+from robot_energy_report.kinds import kinds_listing
 from robots import figure
 from toy_kinds import TOY, refused, wheel
 

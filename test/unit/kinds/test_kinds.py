@@ -8,21 +8,21 @@ import pytest
 import yaml
 
 from places import ROOT
-from robot_energy import kinds
 from robot_energy.bag import BagReader
-from robot_energy.bag_replay import Replay, replay
-from robot_energy.cli.main import main
-from robot_energy.errors import KindError, ParameterError
+from robot_energy.foundation import kinds
+from robot_energy.foundation.errors import KindError, ParameterError
+from robot_energy.foundation.kinds import Kind, Kinds
 from robot_energy.inputs.bag_topics import find_meter
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.inputs.sources import Inputs, TemperatureSource
-from robot_energy.kinds import Kind, Kinds
 from robot_energy.model import load, shipped_models, validate
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.joint import Joint
-from robot_energy.report.kinds import kinds_listing
-from robot_energy.report.parameters import changes
+from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.results.replay import replay_report
+from robot_energy_cli.main import main
+from robot_energy_report.kinds import kinds_listing
+from robot_energy_report.parameters import changes
 from robots import figure
 from toy_kinds import (
     EFFICIENCY,

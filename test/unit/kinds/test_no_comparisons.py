@@ -7,10 +7,10 @@ from pathlib import Path
 import robot_energy
 from robot_energy.inputs.meter.kinds import METER_KINDS
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
-from robot_energy.log_formats import LOG_FORMATS
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.optimization.measures import MEASURES
+from robot_energy_logs.log_formats import LOG_FORMATS
+from robot_energy_plan.optimization.measures import MEASURES
 
 TABLES = (DRIVE_MODELS, FRICTION_LAWS, METER_KINDS, TEMPERATURE_KINDS, LOG_FORMATS, MEASURES)
 NAMES = {name for table in TABLES for name in table}
@@ -22,17 +22,17 @@ NODES = Path(__file__).resolve().parents[3] / "ros2_energy_monitor" / "ros2_ener
 # Words that are a kind's name and mean something else.
 OTHER_WORDS = {
     ("robot_energy/bag/sqlite_source.py", "table"),  # type of an object of a database
-    ("robot_energy/fleet/merged_friction.py", "constant"),  # the law that every joint must have
-    ("robot_energy/identify/drives/total_power.py", "constant"),  # a structure of losses
+    ("robot_energy_fleet/merged_friction.py", "constant"),  # the law that every joint must have
+    ("robot_energy_identify/drives/total_power.py", "constant"),  # a structure of losses
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
-    ("robot_energy_papers/advice_study.py", "regenerative"),  # an advice
+    ("robot_energy_studies/advice_study.py", "regenerative"),  # an advice
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for
 }
 BY_CLASS = {
     # The free curve of identified friction is a table or a constant, by definition.
-    "robot_energy/identify/friction/friction.py",
+    "robot_energy_identify/friction/friction.py",
     # A temperature shape that is lent is that of an exponential law.
-    "robot_energy/identify/friction/shape.py",
+    "robot_energy_identify/friction/shape.py",
     # A factor on the viscous friction of the arm of paper B, whose law is exponential.
     "robot_energy_papers/wall_sensitivity.py",
 }

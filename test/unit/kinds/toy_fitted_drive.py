@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robot_energy.errors import NotIdentifiableError
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import DriveModel, register_drive_model
 from robot_energy.model.figure import ModelEntry, PositiveFigure
 

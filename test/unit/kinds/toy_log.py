@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from robot_energy.log_formats import LogFormat, register_log_format
+from robot_energy_logs.log_formats import LogFormat, register_log_format
 
 
 def add_arguments(parser):
@@ -10,7 +10,8 @@ def add_arguments(parser):
 
 
 def convert(log, out, joint_names, overwrite=False):
-    from robot_energy.logs import LogMapping, import_log
+    from robot_energy_logs.log_import import import_log
+    from robot_energy_logs.mapping import LogMapping
 
     mapping = LogMapping.model_validate(
         {

@@ -10,12 +10,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from places import ROOT
-from robot_energy.cli.main import main
-from robot_energy.errors import LayoutError, MessageTypeError
-from robot_energy.layouts import LAYOUTS, write_layouts
-from robot_energy.layouts import plots as plots_module
-from robot_energy.layouts.plots import pages
+from robot_energy.foundation.errors import LayoutError, MessageTypeError
 from robot_energy.model import load
+from robot_energy_cli.main import main
+from robot_energy_report.layouts import LAYOUTS, write_layouts
+from robot_energy_report.layouts import plots as plots_module
+from robot_energy_report.layouts.plots import pages
 
 BAG = ROOT / "bags/kr16_all_topics"
 JOINTS = load("kr16").joint_names

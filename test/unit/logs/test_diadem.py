@@ -12,12 +12,12 @@ import yaml
 
 from logbook import read_bag
 from places import ROOT
-from robot_energy.cli.main import main
-from robot_energy.errors import LogFormatError
-from robot_energy.logs import open_logs
-from robot_energy.logs.diadem import read_diadem
-from robot_energy.logs.mapping import load_mapping
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy_cli.main import main
+from robot_energy_logs.diadem import read_diadem
+from robot_energy_logs.log_import import open_logs
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_logs.table import LogTable
 
 EXAMPLE = ROOT / "src" / "examples" / "mappings" / "kuka_trace.yaml"
 STEP = 0.012  # s

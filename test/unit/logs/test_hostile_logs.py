@@ -6,8 +6,8 @@ import resource
 
 import pytest
 
-from robot_energy.errors import LogFormatError
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy_logs.table import LogTable
 
 
 def test_a_damaged_gzip_is_refused(tmp_path):

@@ -7,8 +7,8 @@ from zoneinfo import ZoneInfo
 import polars as pl
 import pytest
 
-from robot_energy.logs.instants import Instants, time_remedy
-from robot_energy.logs.mapping import Time, since_1970
+from robot_energy_logs.instants import Instants, time_remedy
+from robot_energy_logs.mapping import Time, since_1970
 
 BERLIN = "Europe/Berlin"
 MINUTE = 60 * 10**9
@@ -147,7 +147,7 @@ def test_a_zone_that_does_not_exist_is_refused_with_one_that_does(name):
 
 
 def test_a_system_without_time_zones_says_what_to_install(monkeypatch):
-    import robot_energy.time_zone as module
+    import robot_energy.foundation.time_zone as module
 
     monkeypatch.setattr(module, "available_timezones", set)
     with pytest.raises(ValueError, match="pip install tzdata"):

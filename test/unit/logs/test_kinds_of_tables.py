@@ -9,10 +9,10 @@ import polars as pl
 import pytest
 
 from logbook import WHEEL_MAPPING, mapping, read_bag, table_rows, wheel_csv, write_csv
-from robot_energy.cli import main
-from robot_energy.errors import LogFormatError
-from robot_energy.logs import import_log
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy_cli import main
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.table import LogTable
 
 START_NS = 1714979289_000_000_000  # of the mapping
 

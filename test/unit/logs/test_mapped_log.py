@@ -10,10 +10,11 @@ import yaml
 
 from logbook import WHEEL_MAPPING, mapping, read_bag, wheel_csv, write_csv
 from places import ROOT
-from robot_energy.blocks import MeterLocation, MeterMeaning
-from robot_energy.errors import BagError, LogFormatError
-from robot_energy.identify.drives.drive_power import drive_topics
-from robot_energy.logs import import_log, load_mapping, open_logs
+from robot_energy.foundation.errors import BagError, LogFormatError
+from robot_energy.timeline.blocks import MeterLocation, MeterMeaning
+from robot_energy_identify.drives.drive_power import drive_topics
+from robot_energy_logs.log_import import import_log, open_logs
+from robot_energy_logs.mapping import load_mapping
 
 EXAMPLES = ROOT / "src" / "examples" / "mappings"
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")

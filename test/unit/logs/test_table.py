@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 
 from logbook import table_rows, write_csv
-from robot_energy.errors import LogFormatError
-from robot_energy.logs.instants import Instants
-from robot_energy.logs.mapping import Time
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy_logs.instants import Instants
+from robot_energy_logs.mapping import Time
+from robot_energy_logs.table import LogTable
 
 
 def test_every_row_is_accounted_for_with_the_first_line_of_each_reason(tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from logbook import WHEEL_MAPPING, mapping, read_bag, table_rows, write_csv
-from robot_energy.cli import main
-from robot_energy.errors import LogFormatError
-from robot_energy.logs import import_log
-from robot_energy.logs.table import LogTable
+from robot_energy.foundation.errors import LogFormatError
+from robot_energy_cli import main
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.table import LogTable
 
 HEADER = "t,q_axle,w_axle,p"
 ROWS = ("0,1,0,50", "1,1.5,0.5,60")

@@ -8,13 +8,13 @@ import polars as pl
 import pytest
 
 from logbook import read_bag, write_csv
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import Float
-from robot_energy.errors import LogFormatError
-from robot_energy.logs import UR_JOINTS, import_ur_rtde
+from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import Float
+from robot_energy_logs.ur_rtde import UR_JOINTS, import_ur_rtde
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 GROUPS = ("actual_q", "actual_qd", "actual_current", "joint_temperatures")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import TemperatureBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder
 from robot_energy.messages.friction import ARRAYS, JOINT_FRICTION, FrictionReader, FrictionWriter
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import FrictionStage
+from robot_energy.timeline.blocks import TemperatureBlock
 
 MEASURED = 0  # joint with a temperature; all others have none
 

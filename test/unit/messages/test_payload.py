@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended, typestore
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.messages import PayloadReader, PayloadWriter, answer_set_payload
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage

@@ -5,12 +5,18 @@ import pytest
 
 import robots
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning, Phase
-from robot_energy.cdr.types import typestore
+from robot_energy.bag.cdr.types import typestore
 from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.messages.registers import SHAFT_FIELDS
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import (
+    EffortMeaning,
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+    Phase,
+)
 
 
 @pytest.fixture(scope="module")

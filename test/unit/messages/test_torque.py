@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robot_energy.blocks import Quality, TorqueBlock
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.messages import TorqueReader, TorqueWriter
+from robot_energy.timeline.blocks import Quality, TorqueBlock
 
 NAMES = ("a", "b")
 PERIOD_NS = 4_000_000

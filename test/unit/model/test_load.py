@@ -3,7 +3,7 @@ import yaml
 
 import robots
 from refusals import refused
-from robot_energy.errors import ModelFileError, RobotEnergyError
+from robot_energy.foundation.errors import ModelFileError, RobotEnergyError
 from robot_energy.model import load, parse_yaml, save, validate
 from robots import figure
 

@@ -8,13 +8,13 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from robot_energy.blocks import JointBlock
 from robot_energy.model import RobotModel, load
 from robot_energy.model.figure import Figure
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.blocks import JointBlock
 
 G = 9.80665
 PRINTERS = ("mantis", "testbed", "irb4600")

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from places import ROOT
-from robot_energy.cli import main
 from robot_energy.model import shipped_models
 from robot_energy.model.reference import json_schema, reference_page
+from robot_energy_cli import main
 
 PAGE = ROOT / "src/doc/model_file.md"
 

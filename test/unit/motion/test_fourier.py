@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refused
-from robot_energy.errors import MotionError
-from robot_energy.motion import FourierBasis, FourierMotion
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion import FourierBasis, FourierMotion
 
 
 @given(

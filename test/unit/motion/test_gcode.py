@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from refusals import refused
-from robot_energy.errors import MotionError
-from robot_energy.motion.gcode import load_gcode, read_gcode
-from robot_energy.motion.gcode_words import words_of
-from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, ToolPath
-from robot_energy.motion.tool_timing import TimedPath
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion.gcode import load_gcode, read_gcode
+from robot_energy_plan.motion.gcode_words import words_of
+from robot_energy_plan.motion.tool_path import Arc, Dwell, LineSegment, ToolPath
+from robot_energy_plan.motion.tool_timing import TimedPath
 
 HEAD = "G21 G90\nG0 X0 Y0 Z0\n"
 

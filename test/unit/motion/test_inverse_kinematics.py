@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from refusals import refused
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.motion import InverseKinematics
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.motion import InverseKinematics
 
 MANTIS = Robot.from_model(load("mantis"))
 GANTRY = Robot.from_model(load("testbed"))

@@ -5,10 +5,10 @@ import pytest
 
 from moves import PointToPoint
 from refusals import refused
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.motion import MotionLimits, Program, random_program, tool_above
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.motion import MotionLimits, Program, random_program, tool_above
 
 LIMITS = MotionLimits(
     np.array([-3.0, -2.0]), np.array([3.0, 2.0]), np.array([2.0, 1.0]), np.array([8.0, 5.0])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from moves import PointToPoint
-from robot_energy.errors import MotionError
-from robot_energy.motion import MotionLimits
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion import MotionLimits
 
 LIMITS = MotionLimits(
     lower=np.array([-3.0, -2.0, -1.0]),

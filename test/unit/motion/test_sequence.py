@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from robot_energy.errors import MotionError
-from robot_energy.motion import MotionLimits, Program, Sequence
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.motion import MotionLimits, Program, Sequence
 
 LIMITS = MotionLimits(
     np.array([-3.0, -2.0]), np.array([3.0, 2.0]), np.array([2.0, 1.0]), np.array([8.0, 5.0])

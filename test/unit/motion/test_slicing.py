@@ -8,14 +8,14 @@ import pytest
 
 from places import ROOT
 from robot_energy import predict
-from robot_energy.cli.main import main
-from robot_energy.errors import MotionError
-from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.load_motion import ToolOptions
-from robot_energy.motion.slicing import Slicing, slice_stl
-from robot_energy.motion.tool_motion import ToolPlacement
+from robot_energy.foundation.errors import MotionError
+from robot_energy_cli.main import main
 from robot_energy_papers.boat import DEPTH, ROOF, boat, cabin_outline, hull_outline, stl
 from robot_energy_papers.wall import Wall
+from robot_energy_plan.motion.gcode import read_gcode
+from robot_energy_plan.motion.load_motion import ToolOptions
+from robot_energy_plan.motion.slicing import Slicing, slice_stl
+from robot_energy_plan.motion.tool_motion import ToolPlacement
 
 EXAMPLE = ROOT / "src/examples/programs/wall.stl"  # 1200 mm by 300 mm by 1000 mm
 BASE = ToolPlacement(-1.2, -0.2, 0.0)

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.motion import tool_motion
-from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.load_motion import ToolOptions, load_motion
-from robot_energy.motion.tool_motion import ToolMotion, ToolPlacement
-from robot_energy.motion.tool_path import LineSegment, ToolPath
-from robot_energy.motion.tool_timing import TimedPath, ToolLimits
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy_papers.wall import Wall
+from robot_energy_plan.motion import tool_motion
+from robot_energy_plan.motion.gcode import read_gcode
+from robot_energy_plan.motion.load_motion import ToolOptions, load_motion
+from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
+from robot_energy_plan.motion.tool_path import LineSegment, ToolPath
+from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
 
 L1, L2 = 0.6, 0.5  # m
 

@@ -8,14 +8,14 @@ import pytest
 from robot_energy.model import load
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Capacitor
-from robot_energy.motion import random_program
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.plan import CostTable, CyclePlan, saving
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.prediction import predict
+from robot_energy_plan.motion import random_program
+from robot_energy_plan.motion.planned import SampledMotion
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.plan import CostTable, CyclePlan, saving
+from robot_energy_plan.prediction import predict
 
 MODEL = load("kr16")
 LIMITS = MotionLimits.of_robot(

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.comparison import compare_motions
-from robot_energy.optimization.deviations import DeviationSums
-from robot_energy.prediction import predict
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.comparison import compare_motions
+from robot_energy_plan.optimization.deviations import DeviationSums
+from robot_energy_plan.prediction import predict
 
 MODEL = load("kr16")
 DEGC = np.full(6, 40.0)

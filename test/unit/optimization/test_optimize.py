@@ -8,17 +8,17 @@ import yaml
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.cli.main import main
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.motion.load_motion import load_motion
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.motion.ptp_file import program_for, read_program
-from robot_energy.motion.trajectory_io import read_csv_trajectory, write_csv
-from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.results.optimization import NOT_CLAIMED
+from robot_energy_cli.main import main
+from robot_energy_plan.motion.load_motion import load_motion
+from robot_energy_plan.motion.planned import SampledMotion
+from robot_energy_plan.motion.ptp_file import program_for, read_program
+from robot_energy_plan.motion.trajectory_io import read_csv_trajectory, write_csv
+from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
+from robot_energy_plan.results.optimization import NOT_CLAIMED
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 MODEL = load("kr16")

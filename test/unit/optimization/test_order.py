@@ -8,11 +8,11 @@ import yaml
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.order import _exact, _round, _turned, best_order
-from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.order import _exact, _round, _turned, best_order
+from robot_energy_plan.optimization.ptp_form import PtpForm
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 

@@ -5,11 +5,11 @@ import pytest
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.errors import MotionError, RobotDescriptionError
+from robot_energy.foundation.errors import MotionError, RobotDescriptionError
 from robot_energy.model import load
-from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.physics.collision import SelfCollision, touching_moves
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.motion.ptp_file import program_for, read_program
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 

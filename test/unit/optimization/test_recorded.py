@@ -6,15 +6,15 @@ import pytest
 import robot_energy as re
 from places import ROOT
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.errors import MotionError
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.motion.ptp_file import program_for, read_program
-from robot_energy.motion.ptp_loop import Program
-from robot_energy.motion.trajectory_io import read_csv_trajectory
-from robot_energy.optimization.chain import PowerChain
-from robot_energy.optimization.forms import read_form
-from robot_energy.optimization.recorded_motion import recorded_motion
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.motion.ptp_file import program_for, read_program
+from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
+from robot_energy_plan.optimization.chain import PowerChain
+from robot_energy_plan.optimization.forms import read_form
+from robot_energy_plan.optimization.recorded_motion import recorded_motion
 from sound_recordings import write_states
 
 MODEL = load("kr16")

@@ -5,11 +5,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from robot_energy.errors import MotionError
-from robot_energy.optimization.candidates import Candidates
-from robot_energy.optimization.chain import Use
-from robot_energy.optimization.plan import CostTable, CyclePlan
-from robot_energy.optimization.search import cheapest, front, uniform
+from robot_energy.foundation.errors import MotionError
+from robot_energy_plan.optimization.candidates import Candidates
+from robot_energy_plan.optimization.chain import Use
+from robot_energy_plan.optimization.plan import CostTable, CyclePlan
+from robot_energy_plan.optimization.search import cheapest, front, uniform
 
 MOVES, WAYS = 4, 5
 

@@ -6,12 +6,12 @@ import pytest
 import robot_energy as re
 from places import ROOT
 from robot_energy.model import load
-from robot_energy.motion.ptp import MotionLimits
-from robot_energy.motion.trajectory_io import read_csv_trajectory
-from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
-from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.time_law import LawLimits, PathPower, time_law
-from robot_energy.optimization.timed_moves import law_limits, timed_moves
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
+from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
+from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy_plan.optimization.time_law import LawLimits, PathPower, time_law
+from robot_energy_plan.optimization.timed_moves import law_limits, timed_moves
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 PARTS = 20

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy.page.energy_flow import FlowParts, flow_picture, rounded_parts, unit_for
+from robot_energy_report.page.energy_flow import FlowParts, flow_picture, rounded_parts, unit_for
 
 watts = st.floats(-20_000.0, 20_000.0)
 losses = st.floats(0.0, 20_000.0)

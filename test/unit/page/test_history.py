@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy.page.history import MAX_BUCKETS, HistoryRing
+from robot_energy_report.page.history import MAX_BUCKETS, HistoryRing
 
 START = 1_700_000_000_000_000_000
 

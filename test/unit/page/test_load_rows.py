@@ -6,7 +6,7 @@ import pytest
 
 from page_messages import recorded
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.page.metrics import metrics_text
+from robot_energy_report.page.metrics import metrics_text
 
 
 def entry(name, **states):

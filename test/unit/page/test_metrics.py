@@ -14,13 +14,13 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from page_client import PATIENCE, wait_until
 from page_messages import power_states, recorded, registers
-from robot_energy.cli import main
-from robot_energy.page.access import page_access
-from robot_energy.page.hub import PageHub
-from robot_energy.page.metrics import METRICS, metrics_text
-from robot_energy.page.monitoring import alert_rules, grafana_dashboard
-from robot_energy.page.settings import PageSettings
-from robot_energy.page.web_server import PageServer
+from robot_energy_cli import main
+from robot_energy_report.page.access import page_access
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.metrics import METRICS, metrics_text
+from robot_energy_report.page.monitoring import alert_rules, grafana_dashboard
+from robot_energy_report.page.settings import PageSettings
+from robot_energy_report.page.web_server import PageServer
 
 PROMETHEUS, PROMTOOL = shutil.which("prometheus"), shutil.which("promtool")
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from page_messages import JOINTS, power_states, recorded, registers
-from robot_energy.blocks import Quality
-from robot_energy.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES, PageFinding
-from robot_energy.page.hub import MAX_ROBOTS, PageHub
-from robot_energy.page.json_numbers import json_text
-from robot_energy.page.robot_state import STALE_AFTER, RobotState
-from robot_energy.page.settings import PageSettings
+from robot_energy.timeline.blocks import Quality
+from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES, PageFinding
+from robot_energy_report.page.hub import MAX_ROBOTS, PageHub
+from robot_energy_report.page.json_numbers import json_text
+from robot_energy_report.page.robot_state import STALE_AFTER, RobotState
+from robot_energy_report.page.settings import PageSettings
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy.errors import PageError
-from robot_energy.page.settings import CostCounter, PageSettings, load_settings
+from robot_energy.foundation.errors import PageError
+from robot_energy_report.page.settings import CostCounter, PageSettings, load_settings
 
 BERLIN = ZoneInfo("Europe/Berlin")
 DAY_AND_NIGHT = PageSettings.model_validate(

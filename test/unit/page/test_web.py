@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 
 from page_client import PATIENCE, answer_to, connected, request, state_of, wait_until
 from page_messages import power_states, registers
-from robot_energy.errors import CredentialsError, PageError, RobotEnergyError
-from robot_energy.page import web_server
-from robot_energy.page.access import page_access
-from robot_energy.page.hub import PageHub
-from robot_energy.page.saved_page import FILES
-from robot_energy.page.settings import PageSettings
-from robot_energy.page.web_app import MAX_STREAMS
-from robot_energy.page.web_server import PageServer
+from robot_energy.foundation.errors import CredentialsError, PageError, RobotEnergyError
+from robot_energy_report.page import web_server
+from robot_energy_report.page.access import page_access
+from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.saved_page import FILES
+from robot_energy_report.page.settings import PageSettings
+from robot_energy_report.page.web_app import MAX_STREAMS
+from robot_energy_report.page.web_server import PageServer
 
 TOKEN = "0123456789abcdef0123"
 READS = ["/api/state", "/api/events", "/metrics", "/saved.html"]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.advice.claims import Claim
-from robot_energy_papers import advice_study
-from robot_energy_papers.advice_study import AdvisedPlant, JudgedAdvice, count
+from robot_energy_fleet.advice.claims import Claim
+from robot_energy_studies import advice_study
+from robot_energy_studies.advice_study import AdvisedPlant, JudgedAdvice, count
 
 
 def test_the_rig_applies_what_was_advised(tmp_path, monkeypatch):

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from robot_energy.cli.main import main
-from robot_energy_papers.certainty import NOMINAL, reliability_of
-from robot_energy_papers.interval_coverage import Judged
+from robot_energy_cli.main import main
+from robot_energy_studies.certainty import NOMINAL, reliability_of
+from robot_energy_studies.interval_coverage import Judged
 
 
 def test_reliability_of_figures_whose_errors_are_normal():

@@ -5,11 +5,11 @@ import pytest
 
 from plants import LIMITS, two_link_profile
 from robot_energy.bag import BagReader
-from robot_energy.motion import Program, Sequence
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.rig.record import outputs
 from robot_energy_papers import experiment
 from robot_energy_papers.experiment import Plan, by_motion, make_programs, soaked
+from robot_energy_plan.motion import Program, Sequence
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig.record import outputs
 
 HOME = np.array([0.3, -1.0])
 SET = Program(np.array([HOME, [1.4, 0.8], [-0.6, 1.2]]), LIMITS, dwell=1.2)

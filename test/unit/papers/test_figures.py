@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import load
-from robot_energy.motion import Program
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
 from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
@@ -20,6 +18,8 @@ from robot_energy_papers.soaked_rigs import (
     configurations,
     error_spreads,
 )
+from robot_energy_plan.motion import Program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
 
 PROFILE = load_profile("kr16")
 

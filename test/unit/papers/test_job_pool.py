@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy_papers.job_pool import job_pool
 
 

@@ -4,8 +4,8 @@ import jinja2
 import pytest
 from jinja2 import DictLoader
 
-from robot_energy.report.document import Document
 from robot_energy_papers import pages
+from robot_energy_report.document import Document
 
 TEMPLATE = """{% set share = 0.123 %}
 # Title of {{ name }}

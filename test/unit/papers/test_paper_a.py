@@ -8,11 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from robot_energy.bag_replay import replay
-from robot_energy.cli import main
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
-from robot_energy.rig import RigConfig, load_profile
+from robot_energy.replay.bag_replay import replay
+from robot_energy_cli import main
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.job_pool import StudyRun
@@ -20,6 +19,7 @@ from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
 from robot_energy_papers.soaked_rigs import ALL, Rigs, configurations, effect_row
+from robot_energy_rig import RigConfig, load_profile
 
 TINY = replace(
     QUICK,

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from robot_energy.cli.main import main
 from robot_energy.model import load
-from robot_energy.prediction import predict
+from robot_energy_cli.main import main
 from robot_energy_papers.machines import MACHINES, MOTOR_DEGC, PARTS, predicted, wall_motion
+from robot_energy_plan.prediction import predict
 
 TRAINED = ("both speeds", "full speed", "40 % of it")
 WALL, HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"

@@ -6,10 +6,10 @@ import json
 
 import pytest
 
-from robot_energy.cli.main import main
-from robot_energy_papers.judged_savings import JudgedSaving
-from robot_energy_papers.savings import exceeded_limits
-from robot_energy_papers.savings_page import _shares
+from robot_energy_cli.main import main
+from robot_energy_studies.judged_savings import JudgedSaving
+from robot_energy_studies.savings import exceeded_limits
+from robot_energy_studies.savings_page import _shares
 
 
 def judged(claim, half, truth):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from robot_energy.model import load
-from robot_energy.rig import load_profile
 from robot_energy_papers.calibration import HOLDING_DEGC, Holding, holding_power, random_poses
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE, holding_table, rise_table
 from robot_energy_papers.machines import MACHINES, predicted, wall_motion
 from robot_energy_papers.sensitivity import OpenFigure, sensitivity
 from robot_energy_papers.wall import Wall
 from robot_energy_papers.wall_sensitivity import GANTRY, wall_tables
+from robot_energy_rig import load_profile
 
 
 def figure(key, low, nominal, high, switch=False):

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import PowerBlock
 from robot_energy.condition.learner import Learning
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, VirtualRig, random_profile
-from robot_energy_papers.learning_study import joint_block, pipeline_of, work
-from robot_energy_papers.wear_cycle import RATE
-from robot_energy_papers.wear_rows import CHANGE_EVERY, WearRows
-from robot_energy_papers.wear_study import records_of
+from robot_energy.timeline.blocks import PowerBlock
+from robot_energy_rig import RigConfig, VirtualRig, random_profile
+from robot_energy_studies.learning_study import joint_block, pipeline_of, work
+from robot_energy_studies.wear_cycle import RATE
+from robot_energy_studies.wear_rows import CHANGE_EVERY, WearRows
+from robot_energy_studies.wear_study import records_of
 
 SEED, WARM = 5, 65.0
 PROFILE = random_profile("kr16", SEED)

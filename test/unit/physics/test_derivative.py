@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import JointBlock, Quality
 from robot_energy.physics.derivative import Derivative
+from robot_energy.timeline.blocks import JointBlock, Quality
 
 
 def differentiate(block, **settings):

@@ -3,7 +3,7 @@ import pytest
 
 import robots
 from refusals import refused
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model.drive_models import EfficiencyMap, LossDrive
 from robot_energy.physics.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
 from robots import figure

@@ -3,12 +3,12 @@ import pytest
 
 import robots
 from refusals import refused
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.torque import rigid_torque
+from robot_energy.timeline.blocks import EffortMeaning
 
 
 def test_coupling_turns_the_coupled_motor():

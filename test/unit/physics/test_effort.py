@@ -5,11 +5,11 @@ import pytest
 
 import robots
 from refusals import refused
-from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import load, save
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
+from robot_energy.timeline.blocks import EffortMeaning
 from robots import figure
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from driver_messages import effort_of, motion, replaced
-from robot_energy.api.replay import run_replay
-from robot_energy.blocks import EffortMeaning
-from robot_energy.logs import import_ur_rtde
 from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort_check import MIN_SAMPLES, EffortCheck
 from robot_energy.pipeline import Settings, TorqueStage
+from robot_energy.replay.api import run_replay
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_logs.ur_rtde import import_ur_rtde
 from robots import one_wheel
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")

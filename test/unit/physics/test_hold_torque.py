@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import EffortMeaning, PowerBlock
 from robot_energy.model import validate
 from robot_energy.physics.hold_torque import UNKNOWN, HoldTorque
 from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import EffortMeaning, PowerBlock
 from robots import figure
 
 RATE = 0.01  # s between samples

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.errors import RobotDescriptionError, UnknownJointError
+from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.model import load
 from robot_energy.model.schema import Payload
 from robot_energy.physics.rigid_body import Robot

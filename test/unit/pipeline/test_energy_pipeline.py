@@ -5,7 +5,9 @@ import pytest
 
 import robots
 from robot_energy.accounting.integration import TrapezoidIntegrator
-from robot_energy.blocks import (
+from robot_energy.model.payload import payload
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.blocks import (
     MeterBlock,
     MeterLocation,
     MeterMeaning,
@@ -15,8 +17,6 @@ from robot_energy.blocks import (
     TemperatureBlock,
     sum_over_joints,
 )
-from robot_energy.model.payload import payload
-from robot_energy.pipeline import EnergyPipeline
 from robots import figure
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import FrictionBlock, TemperatureBlock
 from robot_energy.pipeline import FrictionStage
 from robot_energy.pipeline.friction_timeline import MAX_ROWS, FrictionTimeline
+from robot_energy.timeline.blocks import FrictionBlock, TemperatureBlock
 
 S = 10**9
 

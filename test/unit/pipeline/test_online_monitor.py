@@ -8,8 +8,8 @@ import pytest
 
 import robot_energy as re
 from robot_energy.bag import BagReader
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, stamp_ns
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, stamp_ns
 
 BAG = Path(__file__).resolve().parents[3] / "bags/kr16_warm"
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")

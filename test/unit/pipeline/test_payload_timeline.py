@@ -5,11 +5,11 @@ import pytest
 
 import robots
 from refusals import refused
-from robot_energy.blocks import TorqueBlock
-from robot_energy.errors import PayloadError, RobotDescriptionError
+from robot_energy.foundation.errors import PayloadError, RobotDescriptionError
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import MAX_COMING
+from robot_energy.timeline.blocks import TorqueBlock
 
 MASS, LEVER = 3.0, 0.25
 BODY = payload("fore", MASS, (LEVER, 0, 0), (0.01, 0.02, 0.02, 0, 0, 0))

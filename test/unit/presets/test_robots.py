@@ -20,12 +20,12 @@ from driver_messages import (
     replaced,
 )
 from places import ROOT
-from robot_energy.blocks import EffortMeaning, JointBlock
-from robot_energy.cli import main
-from robot_energy.errors import KindError, ModelFileError, ParameterError
+from robot_energy.foundation.errors import KindError, ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, save
 from robot_energy.presets import ROBOTS
+from robot_energy.timeline.blocks import EffortMeaning, JointBlock
+from robot_energy_cli import main
 
 UR = [
     *("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"),

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from pages import read
-from robot_energy.errors import ReportError
-from robot_energy.page.saved_page import static_file
-from robot_energy.report.canvas import COLOURS, PART_COLOURS, canvas
-from robot_energy.report.document import Document
-from robot_energy.report.html import page_html, write_page
+from robot_energy.foundation.errors import ReportError
+from robot_energy_report.canvas import COLOURS, PART_COLOURS, canvas
+from robot_energy_report.document import Document
+from robot_energy_report.html import page_html, write_page
+from robot_energy_report.page.saved_page import static_file
 
 
 def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:

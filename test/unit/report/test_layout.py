@@ -13,11 +13,11 @@ from rich.console import Console
 
 import robot_energy
 from places import ROOT
-from robot_energy.cli.main import main
-from robot_energy.report.document import Document
-from robot_energy.report.layout import fitted_table
-from robot_energy.report.printing import print_document
+from robot_energy_cli.main import main
 from robot_energy_papers.wall import Wall
+from robot_energy_report.document import Document
+from robot_energy_report.layout import fitted_table
+from robot_energy_report.printing import print_document
 from terminal_tables import WIDTHS, lost, recorded_tables
 
 BAG = str(ROOT / "bags/kr16_cold")

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_energy.errors import ReportError, ShapeError
-from robot_energy.report.replay_figures import power_and_energy
-from robot_energy.report.series import Role, Series
+from robot_energy.foundation.errors import ReportError, ShapeError
+from robot_energy_report.replay_figures import power_and_energy
+from robot_energy_report.series import Role, Series
 
 TIME = np.linspace(0.5, 9.5, 10)
 

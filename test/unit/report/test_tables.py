@@ -8,9 +8,10 @@ import pytest
 from rich.console import Console
 
 from logbook import wheel_bag
-from robot_energy.bag_replay import replay
-from robot_energy.report.document import Document
-from robot_energy.report.formats import (
+from robot_energy.replay.bag_replay import replay
+from robot_energy.results.replay import ReplayReport, replay_report
+from robot_energy_report.document import Document
+from robot_energy_report.formats import (
     EnergyFormat,
     energy_text,
     percent,
@@ -18,9 +19,8 @@ from robot_energy.report.formats import (
     typeset,
     uncertain,
 )
-from robot_energy.report.printing import print_document
-from robot_energy.report.replay import replay_document
-from robot_energy.results.replay import ReplayReport, replay_report
+from robot_energy_report.printing import print_document
+from robot_energy_report.replay import replay_document
 from robots import one_wheel
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.identify.stats import held_out_energy as parts
-from robot_energy.report.formats import grouped
-from robot_energy.report.held_out import not_judged, verdict
+from robot_energy_identify.stats import held_out_energy as parts
+from robot_energy_report.formats import grouped
+from robot_energy_report.held_out import not_judged, verdict
 
 NONE = np.empty((0, 1))
 

@@ -8,19 +8,19 @@ from pathlib import Path
 import pytest
 
 from places import ROOT
-from robot_energy.bag_replay import replay
-from robot_energy.cli.main import main
-from robot_energy.errors import ModelFileError, MotionError
+from robot_energy.foundation.errors import ModelFileError, MotionError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, save
-from robot_energy.motion import Program, random_program
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.prediction import predict
-from robot_energy.results.prediction import prediction_report
+from robot_energy.replay.bag_replay import replay
 from robot_energy.results.replay import replay_report
-from robot_energy.rig import VirtualRig, load_profile
-from robot_energy.rig.auxiliary import PUMP_OFF, PUMP_ON
-from robot_energy.rig.record import record
+from robot_energy_cli.main import main
+from robot_energy_plan.motion import Program, random_program
+from robot_energy_plan.motion.planned import SampledMotion
+from robot_energy_plan.prediction import predict
+from robot_energy_plan.results.prediction import prediction_report
+from robot_energy_rig import VirtualRig, load_profile
+from robot_energy_rig.auxiliary import PUMP_OFF, PUMP_ON
+from robot_energy_rig.record import record
 
 CELL = ROOT / "src/examples/auxiliary/mantis_cell.yaml"
 

@@ -11,11 +11,11 @@ import pytest
 from fleets import dataset
 from logbook import wheel_bag, wheel_model, write_csv
 from places import ROOT
-from robot_energy.blocks import EffortMeaning, MeterLocation
-from robot_energy.cli.main import main
-from robot_energy.errors import ReportError
+from robot_energy.foundation.errors import ReportError
 from robot_energy.results.base import SCHEMA_VERSION, json_value
-from robot_energy.results.schema import READABLE, RESULTS, read_result, schema_of
+from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
+from robot_energy_cli.main import main
+from robot_energy_cli.result_schema import READABLE, RESULTS, read_result, schema_of
 from terminal_tables import TERMINALS, lost_figures, recorded_documents
 
 SHIPPED = ROOT / "src/doc/results.schema.json"

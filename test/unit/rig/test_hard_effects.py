@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from plants import PROGRAM, two_link_profile
-from robot_energy.blocks import sum_over_joints
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import load, save
-from robot_energy.motion import Trajectory, random_program
-from robot_energy.rig import (
+from robot_energy.timeline.blocks import sum_over_joints
+from robot_energy_plan.motion import Trajectory, random_program
+from robot_energy_rig import (
     HardEffects,
     RigConfig,
     Sensors,
@@ -18,10 +18,10 @@ from robot_energy.rig import (
     load_profile,
     random_profile,
 )
-from robot_energy.rig.config import HARD
-from robot_energy.rig.plant import PlantFriction
-from robot_energy.rig.sensors import LowPass
-from robot_energy.rig.virtual_rig import Fan
+from robot_energy_rig.config import HARD
+from robot_energy_rig.plant import PlantFriction
+from robot_energy_rig.sensors import LowPass
+from robot_energy_rig.virtual_rig import Fan
 
 DT = 0.004
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from refusals import refused
-from robot_energy.errors import RigError
-from robot_energy.rig import Lubricant
+from robot_energy.foundation.errors import RigError
+from robot_energy_rig import Lubricant
 
 # Walther / ASTM D341 from catalogue figures at 40 and 100 degC: A, B, and nu at 20, 60, 80.
 TABLE = [

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.model import load
-from robot_energy.motion import InverseKinematics, Trajectory
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.rig import RigConfig, RigOutput, VirtualRig, load_profile
-from robot_energy.rig.record import DRIVE_POWER, outputs, record
+from robot_energy_identify.drives.drive_power import drive_topics
+from robot_energy_plan.motion import InverseKinematics, Trajectory
+from robot_energy_rig import RigConfig, RigOutput, VirtualRig, load_profile
+from robot_energy_rig.record import DRIVE_POWER, outputs, record
 
 PRINTERS = ("mantis", "testbed", "irb4600")
 SPEED, RADIUS = 0.125, 0.3  # m/s of paper B, m

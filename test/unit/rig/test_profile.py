@@ -5,12 +5,12 @@ import pytest
 
 from plants import joint_block
 from refusals import refused
-from robot_energy.errors import RigError
+from robot_energy.foundation.errors import RigError
 from robot_energy.model import load
-from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.physics.friction import FrictionModel, with_fixed_friction
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy_plan.motion import Program, random_program, tool_above
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
 
 PROFILE = load_profile("kr16")
 ROBOT, _ = PROFILE.mechanics()

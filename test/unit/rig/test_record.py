@@ -6,10 +6,10 @@ import pytest
 from plants import PROGRAM, two_link_profile
 from refusals import refused
 from robot_energy.bag import BagReader
-from robot_energy.cdr import Decoder, stamp_ns
-from robot_energy.errors import BagError, RigError
-from robot_energy.rig import RigConfig, RigOutput, VirtualRig
-from robot_energy.rig.record import JOINT_STATES, MOTOR_TEMPERATURES, POWER_METER, outputs, record
+from robot_energy.bag.cdr import Decoder, stamp_ns
+from robot_energy.foundation.errors import BagError, RigError
+from robot_energy_rig import RigConfig, RigOutput, VirtualRig
+from robot_energy_rig.record import JOINT_STATES, MOTOR_TEMPERATURES, POWER_METER, outputs, record
 
 
 @pytest.fixture

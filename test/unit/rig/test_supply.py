@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from robot_energy.rig import RigConfig, load_profile
-from robot_energy.rig.supply import Supply
+from robot_energy_rig import RigConfig, load_profile
+from robot_energy_rig.supply import Supply
 
 PROFILE = load_profile("kr16")
 DC = PROFILE.supply.loss_dc

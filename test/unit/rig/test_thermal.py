@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from refusals import refused
-from robot_energy.errors import RigError
-from robot_energy.rig import load_profile
-from robot_energy.rig.plant import ThermalNetwork, longest_step
+from robot_energy.foundation.errors import RigError
+from robot_energy_rig import load_profile
+from robot_energy_rig.plant import ThermalNetwork, longest_step
 
 PROFILE = load_profile("kr16")
 

@@ -8,10 +8,10 @@ import pytest
 import robots
 from plants import LIMITS, PROGRAM, ROTOR, TRANSMISSION, two_link_profile
 from refusals import refused
-from robot_energy.blocks import MeterMeaning, sum_over_joints
-from robot_energy.errors import RigError
-from robot_energy.motion import Program
-from robot_energy.rig import RigConfig, Sensors, VirtualRig, load_profile
+from robot_energy.foundation.errors import RigError
+from robot_energy.timeline.blocks import MeterMeaning, sum_over_joints
+from robot_energy_plan.motion import Program
+from robot_energy_rig import RigConfig, Sensors, VirtualRig, load_profile
 
 PERFECT = (
     "encoder",

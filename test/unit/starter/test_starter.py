@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robot_energy as re
-import robot_energy.starter.description as description_module
+import robot_energy_identify.starter.description as description_module
 from places import ROOT
 from robot_energy.bag import BagWriter
-from robot_energy.cdr.types import typestore
-from robot_energy.cli import main
-from robot_energy.errors import BagError, RobotDescriptionError, UnknownJointError
+from robot_energy.bag.cdr.types import typestore
+from robot_energy.foundation.errors import BagError, RobotDescriptionError, UnknownJointError
 from robot_energy.model import load, parse_yaml, validate
 from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.starter import (
+from robot_energy_cli import main
+from robot_energy_identify.starter import (
     RobotText,
     read_arm,
     read_description,

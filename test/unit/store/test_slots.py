@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from refusals import refused
-from robot_energy.errors import StateFileError
+from robot_energy.foundation.errors import StateFileError
 from robot_energy.store.envelope import unwrap, wrap
 from robot_energy.store.slots import MAX_ASIDE, SlotPair
 

@@ -6,12 +6,12 @@ import pytest
 import robot_energy as re
 from joint_messages import NAMES, SECOND, message, take
 from logbook import wheel_bag, wheel_model
-from robot_energy.cli.main import main
-from robot_energy.errors import BagError, ParameterError
+from robot_energy.foundation.errors import BagError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.pipeline import Settings
 from robot_energy.timeline.gaps import StampOrder
+from robot_energy_cli.main import main
 
 
 def segments(max_gap, *pauses, period=0.01):

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from robot_energy.errors import ShapeError
+from robot_energy.foundation.errors import ShapeError
 from robot_energy.model import load
-from robot_energy.time_series import TimeSeries
+from robot_energy.timeline.time_series import TimeSeries
 
 SERIES = TimeSeries(
     stamp_ns=np.array([10**18, 10**18 + 20_000_000]),

@@ -1,9 +1,9 @@
 """Serialized ROS 2 messages (CDR) to numpy columns and back, without ROS."""
 
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoded, Decoder, Run, stamp_ns
-from robot_energy.cdr.encode import Encoder, stamp_columns
-from robot_energy.cdr.types import typestore
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoded, Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.encode import Encoder, stamp_columns
+from robot_energy.bag.cdr.types import typestore
 
 __all__ = [
     "Decoded",

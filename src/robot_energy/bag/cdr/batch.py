@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.errors import ShapeError
+from robot_energy.foundation.errors import ShapeError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

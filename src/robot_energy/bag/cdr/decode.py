@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy import kernels
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.encode import Encoder, stamp_columns
-from robot_energy.cdr.plan import Column, Plan, View, make_plan, nested, read
-from robot_energy.cdr.schema import (
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.encode import Encoder, stamp_columns
+from robot_energy.bag.cdr.plan import Column, Plan, View, make_plan, nested, read
+from robot_energy.bag.cdr.schema import (
     ScalarField,
     StringField,
     StructField,
@@ -29,8 +28,8 @@ from robot_energy.cdr.schema import (
     leaf,
     tree,
 )
-from robot_energy.cdr.types import typestore as default_typestore
-from robot_energy.cdr.walk import (
+from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.bag.cdr.walk import (
     HEADER_SIZE,
     MAX_PARTS,
     MAX_TRAILING,
@@ -39,9 +38,10 @@ from robot_energy.cdr.walk import (
     Walk,
     walk,
 )
-from robot_energy.errors import MessageTypeError
+from robot_energy.foundation.errors import MessageTypeError
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.physics import kernels
 from robot_energy.timeline.stamps import INVALID_STAMP_NS
-from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.cdr.plan import Plan, View, make_plan, nested, plan_shape, write
-from robot_energy.cdr.schema import (
+from robot_energy.bag.cdr.plan import Plan, View, make_plan, nested, plan_shape, write
+from robot_energy.bag.cdr.schema import (
     ArrayField,
     Node,
     ScalarField,
@@ -21,9 +21,9 @@ from robot_energy.cdr.schema import (
     leaf_paths,
     tree,
 )
-from robot_energy.cdr.types import typestore as default_typestore
-from robot_energy.cdr.walk import HEADER_SIZE, walk
-from robot_energy.errors import MessageTypeError, ShapeError
+from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.bag.cdr.walk import HEADER_SIZE, walk
+from robot_energy.foundation.errors import MessageTypeError, ShapeError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.cdr.schema import ScalarField
-from robot_energy.cdr.walk import Slot
+from robot_energy.bag.cdr.schema import ScalarField
+from robot_energy.bag.cdr.walk import Slot
 
 Column: TypeAlias = "NDArray[Any] | str | tuple[Any, ...]"
 

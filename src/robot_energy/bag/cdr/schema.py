@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from robot_energy.errors import MessageTypeError
+from robot_energy.foundation.errors import MessageTypeError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -8,9 +8,9 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.cdr.schema import check_size
-from robot_energy.errors import MessageTypeError
-from robot_energy.shown_text import shown
+from robot_energy.bag.cdr.schema import check_size
+from robot_energy.foundation.errors import MessageTypeError
+from robot_energy.foundation.shown_text import shown
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict

@@ -9,7 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.cdr.schema import ArrayField, Node, ScalarField, StringField, StructField, Wanted
+from robot_energy.bag.cdr.schema import (
+    ArrayField,
+    Node,
+    ScalarField,
+    StringField,
+    StructField,
+    Wanted,
+)
 
 HEADER_SIZE = 4
 """Bytes of the CDR encapsulation header; alignment counts from its end. [bytes]"""

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from robot_energy.errors import ReportError, RobotEnergyError
-from robot_energy.files.output_streams import open_stream, stream_number
-from robot_energy.files.placement import OutputPlacement, all_or_none, remove_remains
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import ReportError, RobotEnergyError
+from robot_energy.foundation.files.output_streams import open_stream, stream_number
+from robot_energy.foundation.files.placement import OutputPlacement, all_or_none, remove_remains
+from robot_energy.foundation.shown_text import shown
 
 GENERATOR = "robot-energy"
 COMMENT = f"# Written by {GENERATOR}.\n"  # first line of model files

@@ -9,10 +9,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from robot_energy.errors import ReportError, RobotEnergyError
-from robot_energy.files.output_files import GENERATOR, ErrorType, Names, checked_path, refuse_inputs
-from robot_energy.files.placement import OutputPlacement, all_or_none, remove_remains
-from robot_energy.shown_text import shown
+from robot_energy.foundation.errors import ReportError, RobotEnergyError
+from robot_energy.foundation.files.output_files import (
+    GENERATOR,
+    ErrorType,
+    Names,
+    checked_path,
+    refuse_inputs,
+)
+from robot_energy.foundation.files.placement import OutputPlacement, all_or_none, remove_remains
+from robot_energy.foundation.shown_text import shown
 
 
 class OutputFolder:

@@ -7,7 +7,7 @@ import shlex
 import stat
 from pathlib import Path
 
-from robot_energy.errors import CredentialsError
+from robot_energy.foundation.errors import CredentialsError
 
 
 def require_private(path: str, what: str, remedy: str = "") -> Path:

@@ -10,7 +10,7 @@ import weakref
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
-from robot_energy.files.placement import is_locked, is_running
+from robot_energy.foundation.files.placement import is_locked, is_running
 
 PREFIX = "robot_energy_work_"
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import parameter
+from robot_energy.timeline.blocks import Float
 
 MAX_SCALE = 1e9
 MAX_ZERO = 1e6  # rad, rad/s, N m or what else the quantity has

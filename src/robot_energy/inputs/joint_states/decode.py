@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, JointBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import JointStateSource
+from robot_energy.timeline.blocks import Float, Int, JointBlock
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 from robot_energy.timeline.streams import OLDER
-from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.inputs.joint_states.decode import (
     JOINT_STATE,
     JointStateReader,
@@ -32,6 +31,7 @@ from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
 from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of

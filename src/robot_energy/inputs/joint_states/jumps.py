@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, differences
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics.derivative import FULL_TURN
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.units import SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, differences
 
 Mask = NDArray[np.bool_]
 Directions = NDArray[np.int8]

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality
 from robot_energy.inputs.joint_states.decode import Mask, joint_block
 from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortest
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Quality
 from robot_energy.timeline.gaps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
 from robot_energy.timeline.streams import OLDER, StreamRun
 

@@ -8,10 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, differences, mark
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.parameters import POSITIONS
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    JointBlock,
+    Quality,
+    differences,
+    mark,
+)
 
 SLACK = 0.05  # share of its range that a joint may be beyond a limit
 MIN_SLACK = 0.05  # rad or m

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, JointBlock
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
 from robot_energy.inputs.joint_states.partial_states import BROKEN
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.units import SECOND_NS
+from robot_energy.timeline.blocks import Float, JointBlock
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock
 from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import Plausibility
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock
 
 IMPOSSIBLE_VELOCITY = "impossible_velocity"  # the reason under which such messages are counted
 MIN_SUPPORT = 0.25  # share of a velocity that the step of the position must show

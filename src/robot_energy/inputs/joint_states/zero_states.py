@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, JointBlock
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.decode import ZERO_STATE, Mask
 from robot_energy.inputs.joint_states.jumps import PositionJumpDetector
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.units import SECOND_NS
+from robot_energy.timeline.blocks import Float, Int, JointBlock
 
 BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
 KNOWN = 3  # states of zeros that show their publisher

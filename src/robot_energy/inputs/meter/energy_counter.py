@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import CoveredPieces
-from robot_energy.units import SECOND_NS
 
 CONFIRM_READINGS = 3
 CONFIRM_TIME_NS = 5 * SECOND_NS

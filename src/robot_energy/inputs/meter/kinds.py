@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.kinds import Kind, Kinds
-from robot_energy.units import POWER_UNITS
+from robot_energy.foundation.kinds import Kind, Kinds
+from robot_energy.foundation.units import POWER_UNITS
+from robot_energy.timeline.blocks import Float
 
 POWER_READING = "ros2_energy_msgs/msg/PowerReading"
 FLOAT64 = "std_msgs/msg/Float64"

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Run, stamp_ns
-from robot_energy.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
-from robot_energy.cdr.types import typestore as default_typestore
-from robot_energy.errors import ParameterError
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
+from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
 from robot_energy.inputs.parameters import HEADER, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 from robot_energy.timeline.streams import StreamRun, StreamSplitter, joined, sentence_of
-from robot_energy.units import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS
 from robot_energy.inputs.meter.kinds import (
     BATTERY_STATE,
     FLOAT32,
@@ -18,7 +18,7 @@ from robot_energy.inputs.meter.kinds import (
     meter_kind,
 )
 from robot_energy.inputs.parameters import HEADER, RECEIVE, group, parameter
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS
+from robot_energy.timeline.blocks import NANOSECOND, MeterLocation, MeterMeaning
 
 BY_TYPE = "by_type"
 QUANTITIES = ("power", "energy")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy.timeline.hold import first_needed, held_rows
 

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, PLAUSIBLE_DEGC, Float, Int, differences
+from robot_energy.timeline.blocks import NANOSECOND, PLAUSIBLE_DEGC, Float, Int, differences
 from robot_energy.timeline.epochs import SLOW_NS
 
 MAX_HEATING_RATE = 5.0  # K/s; a winding under its peak current stays below

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from robot_energy.blocks import Float
-from robot_energy.cdr.decode import Run
-from robot_energy.kinds import Kind, Kinds
+from robot_energy.bag.cdr.decode import Run
+from robot_energy.foundation.kinds import Kind, Kinds
+from robot_energy.timeline.blocks import Float
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import TemperatureSource

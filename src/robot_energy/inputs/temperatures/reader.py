@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Run, stamp_ns
-from robot_energy.errors import ParameterError
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import NO_JOINT, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import ZERO_DEGC, Adapter, Said
+from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, differences
 from robot_energy.model import RobotModel
 from robot_energy.physics.urdf.checks import moved_mass, parse
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, differences
 
 HEAT_CAPACITY = 900.0  # J/(kg K), aluminium; steel and copper hold less
 MIN_MASS = 0.5  # kg, where a URDF gives none

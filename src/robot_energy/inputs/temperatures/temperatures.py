@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Int, TemperatureBlock
-from robot_energy.cdr.batch import RawBatch
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
+from robot_energy.timeline.blocks import NANOSECOND, Int, TemperatureBlock
 from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
 from robot_energy.timeline.streams import (

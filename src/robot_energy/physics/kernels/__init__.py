@@ -200,7 +200,7 @@ def _load() -> Compiled | None:
     if os.environ.get(SWITCH) == "off":
         return None
     try:
-        return cast("Compiled", import_module("robot_energy.kernels._compiled"))
+        return cast("Compiled", import_module("robot_energy.physics.kernels._compiled"))
     except ImportError:
         return None
 

@@ -1,4 +1,4 @@
-/* Columns of numbers out of serialised messages of one layout; see cdr/decode.py. */
+/* Columns of numbers out of serialised messages of one layout; see bag/cdr/decode.py. */
 
 #include <string.h>
 

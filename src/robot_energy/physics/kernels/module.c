@@ -383,7 +383,7 @@ static PyObject *compare(PyObject *self, PyObject *args) {
 
 PyDoc_STRVAR(columns_doc,
 "columns(buffer, offset, key, starts, stops, places, outs)\n--\n\n"
-"Take columns out of messages of one layout, for `robot_energy.cdr.decode`; whether all agree.");
+"Take columns out of messages of one layout, for `robot_energy.bag.cdr.decode`; whether all agree.");
 
 static PyObject *columns_of(PyObject *self, PyObject *args) {
     PyObject *buffer_given, *offset_given, *key_given, *starts_given, *stops_given, *places, *outs;
@@ -472,7 +472,7 @@ static PyMethodDef methods[] = {
 static struct PyModuleDef definition = {
     .m_base = PyModuleDef_HEAD_INIT,
     .m_name = "_compiled",
-    .m_doc = "Compiled kernels; see robot_energy.kernels.",
+    .m_doc = "Compiled kernels; see robot_energy.physics.kernels.",
     .m_methods = methods,
 };
 

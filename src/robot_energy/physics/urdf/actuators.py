@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from robot_energy.foundation.shown_text import shown
 from robot_energy.physics.urdf.limits import first_names
-from robot_energy.shown_text import shown
 
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
 _INERTIAS = ("motorInertia", "drake:rotor_inertia")

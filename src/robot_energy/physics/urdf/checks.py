@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.errors import RobotDescriptionError, UnknownJointError
+from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.urdf.limits import UNLIMITED, limit_values, usable_limit
 from robot_energy.physics.urdf.parse import RESERVED_NAMES, check_numbers, read_elements
+from robot_energy.timeline.blocks import Float
 
 MAX_LINKS = 1000
 MOVING_TYPES = ("revolute", "continuous", "prismatic")

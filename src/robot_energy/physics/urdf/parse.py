@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from robot_energy.errors import RobotDescriptionError
+from robot_energy.foundation.errors import RobotDescriptionError
 from robot_energy.physics.urdf.limits import LIMITS
 
 MAX_URDF_BYTES = 8 * 1024 * 1024

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_energy.blocks import MeterLocation, MeterMeaning
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.cabinet import Level, fit_cabinet, with_cabinet
-from robot_energy.identify.data.recordings import Recording, read_recording
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
-from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, Sensors, VirtualRig, load_profile
-from robot_energy.rig.record import outputs, record
+from robot_energy.timeline.blocks import MeterLocation, MeterMeaning
+from robot_energy_identify.cabinet.cabinet import Level, fit_cabinet, with_cabinet
+from robot_energy_identify.data.recordings import Recording, read_recording
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, Sensors, VirtualRig, load_profile
+from robot_energy_rig.record import outputs, record
 
 MODEL = load("kr16")
 

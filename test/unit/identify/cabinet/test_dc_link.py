@@ -12,17 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robots
-from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.dc_link import fit_link, with_link
-from robot_energy.identify.data.bags import Bag, folds_of
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.run_all import identify_everything
-from robot_energy.identify.stats.held_out_energy import held_out_energy
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load, save, validate
-from robot_energy.motion import random_program, tool_above
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy_identify.cabinet.dc_link import fit_link, with_link
+from robot_energy_identify.data.bags import Bag, folds_of
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.run_all import identify_everything
+from robot_energy_identify.stats.held_out_energy import held_out_energy
+from robot_energy_plan.motion import random_program, tool_above
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig.record import record
 
 PERIOD = 0.002  # s
 LOSS_GRID, LOSS_DC = 200.0, 100.0

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from plants import PROGRAM, two_link_profile
-from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.data.recordings import read_recording, undone
-from robot_energy.identify.drives.all_drives import find_drives
-from robot_energy.identify.drives.delays import (
+from robot_energy.model import load
+from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.data.recordings import read_recording, undone
+from robot_energy_identify.drives.all_drives import find_drives
+from robot_energy_identify.drives.delays import (
     estimate_meter_delay,
     estimate_time_constant,
     with_meters_earlier,
 )
-from robot_energy.identify.drives.drive_data import drive_data
-from robot_energy.identify.drives.total_power import fit_total
-from robot_energy.identify.drives.total_sums import sums
-from robot_energy.model import load
-from robot_energy.rig import RigConfig, Sensors, VirtualRig
-from robot_energy.rig.record import record
+from robot_energy_identify.drives.drive_data import drive_data
+from robot_energy_identify.drives.total_power import fit_total
+from robot_energy_identify.drives.total_sums import sums
+from robot_energy_rig import RigConfig, Sensors, VirtualRig
+from robot_energy_rig.record import record
 
 
 @pytest.fixture(scope="module", params=[MeterMeaning.MEAN_OVER_INTERVAL, MeterMeaning.CUMULATIVE])

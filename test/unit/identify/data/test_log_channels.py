@@ -11,12 +11,13 @@ import yaml
 import robots
 from excited import recorded
 from logbook import read_bag
-from robot_energy.cli import main
-from robot_energy.errors import LogFormatError
-from robot_energy.identify.data.log_channels import model_of, read_channels
-from robot_energy.logs import LogMapping, import_log, load_mapping
+from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy_cli import main
+from robot_energy_identify.data.log_channels import model_of, read_channels
+from robot_energy_logs.log_import import import_log
+from robot_energy_logs.mapping import LogMapping, load_mapping
 
 MODEL = robots.two_link()
 DRIVETRAIN = Drivetrain.from_model(MODEL)

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.blocks import MeterBlock
-from robot_energy.cdr.types import typestore
-from robot_energy.identify.cabinet.cabinet import fit_cabinet
-from robot_energy.identify.data.recordings import read_recording
-from robot_energy.identify.drives.drive_data import drive_data
-from robot_energy.identify.drives.total_sums import sums
+from robot_energy.bag.cdr.types import typestore
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.model import load
-from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.rig.record import POWER_METER, record
+from robot_energy.timeline.blocks import MeterBlock
+from robot_energy_identify.cabinet.cabinet import fit_cabinet
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.drives.drive_data import drive_data
+from robot_energy_identify.drives.total_sums import sums
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig.record import POWER_METER, record
 
 FLOAT64 = "std_msgs/msg/Float64"
 STORE = typestore()

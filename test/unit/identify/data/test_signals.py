@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.errors import NotIdentifiableError, ShapeError
-from robot_energy.identify.data.signals import (
-    Channels,
-    inside,
-    later,
-    low_pass,
-    motion_from_position,
-    standing,
-    stretches,
-)
+from robot_energy.foundation.errors import NotIdentifiableError, ShapeError
+from robot_energy_identify.data.signals import Channels, inside, later, standing, stretches
+from robot_energy_plan.motion.sampled_motion import low_pass, motion_from_position
 
 RATE = 500.0
 TIME = np.arange(4000) / RATE

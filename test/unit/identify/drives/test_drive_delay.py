@@ -9,11 +9,11 @@ import pytest
 
 import drive_reports
 from drive_reports import contents
-from robot_energy.cli.main import main
-from robot_energy.identify.drives.delays import estimate_power_delay, with_delay_undone
-from robot_energy.identify.drives.drive_data import drive_data_of_logs
-from robot_energy.identify.drives.drives import fit_drives
-from robot_energy.logs.recording import FileAccount, LogBlock, write_bag
+from robot_energy_cli.main import main
+from robot_energy_identify.drives.delays import estimate_power_delay, with_delay_undone
+from robot_energy_identify.drives.drive_data import drive_data_of_logs
+from robot_energy_identify.drives.drives import fit_drives
+from robot_energy_logs.recording import FileAccount, LogBlock, write_bag
 
 PERIOD = 0.004  # s, of the rig's joint states
 

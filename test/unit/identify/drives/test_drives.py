@@ -10,21 +10,21 @@ import pytest
 import drive_reports
 from drive_reports import contents
 from driver_messages import Driver
-from robot_energy.bag_replay import replay
-from robot_energy.blocks import MeterLocation
-from robot_energy.cli.main import main
-from robot_energy.errors import LogFormatError, MissingTopicError, NotIdentifiableError
-from robot_energy.identify.drives.drive_data import drive_data_of_logs
-from robot_energy.identify.drives.drive_power import drive_topics
-from robot_energy.identify.drives.drives import fit_drives, with_drives
-from robot_energy.identify.drives.efficiency import fitted_efficiency
-from robot_energy.identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
-from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
-from robot_energy.identify.drives.total_sums import sums
-from robot_energy.identify.stats.regression import independent
-from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
+from robot_energy.foundation.errors import LogFormatError, MissingTopicError, NotIdentifiableError
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, load_profile
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import MeterLocation
+from robot_energy_cli.main import main
+from robot_energy_identify.drives.drive_data import drive_data_of_logs
+from robot_energy_identify.drives.drive_power import drive_topics
+from robot_energy_identify.drives.drives import fit_drives, with_drives
+from robot_energy_identify.drives.efficiency import fitted_efficiency
+from robot_energy_identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
+from robot_energy_identify.drives.total_power import compare_total, fit_total, with_total
+from robot_energy_identify.drives.total_sums import sums
+from robot_energy_identify.stats.regression import independent
+from robot_energy_logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
+from robot_energy_rig import RigConfig, load_profile
 
 TRUE = {"constant": 4.0, "copper": 5.0, "linear": 0.05, "quadratic": 4e-4}
 SECONDS, RATE = 60.0, 200.0

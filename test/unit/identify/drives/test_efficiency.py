@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drives.efficiency import (
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.physics.drive import EfficiencyMaps
+from robot_energy_identify.drives.efficiency import (
     MIN_EFFICIENCY,
     processed,
     reduced_map,
     smooth,
     without_outliers,
 )
-from robot_energy.physics.drive import EfficiencyMaps
 
 PERIOD = 0.004
 MOTOR, GENERATOR = 0.8, 1.25  # P_mech / P_el: 1 / 1.25 of what brakes comes back

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from places import ROOT
-from robot_energy.cli.main import main
 from robot_energy.model import load
+from robot_energy_cli.main import main
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_energy.blocks import EffortMeaning, MeterLocation
-from robot_energy.cli.main import main
-from robot_energy.identify.data.recordings import read_recording
-from robot_energy.identify.drives.drive_data import drive_data, held_energy
-from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
-from robot_energy.identify.drives.total_sums import sums
 from robot_energy.model import load
-from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
+from robot_energy_cli.main import main
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.drives.drive_data import drive_data, held_energy
+from robot_energy_identify.drives.total_power import compare_total, fit_total, with_total
+from robot_energy_identify.drives.total_sums import sums
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig.record import record
 
 PROFILE = load_profile("kr16")
 MODEL = load("kr16")

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.identify.dynamics.base_parameters import (
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
+from robot_energy_identify.dynamics.base_parameters import (
     base_parameters,
     not_excited,
     numerical_rank,
 )
-from robot_energy.identify.dynamics.torque_model import TorqueModel, standard_columns
-from robot_energy.model import load
-from robot_energy.physics.rigid_body import Robot
+from robot_energy_identify.dynamics.torque_model import TorqueModel, standard_columns
 
 
 def groups(model, columns=()):

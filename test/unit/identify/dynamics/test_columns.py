@@ -5,12 +5,12 @@ import pytest
 
 import robots
 from excited import fourier_motion
-from robot_energy.errors import ModelFileError
-from robot_energy.identify.dynamics.torque_model import Estimate, standard_columns
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel
-from robot_energy.motion import Trajectory
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
+from robot_energy_identify.dynamics.torque_model import Estimate, standard_columns
+from robot_energy_plan.motion import Trajectory
 
 MODEL = robots.two_link()
 DRIVETRAIN = Drivetrain.from_model(MODEL)

@@ -6,14 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robots
-from robot_energy.identify.dynamics.consistent import (
+from robot_energy.physics.rigid_body import Robot
+from robot_energy_identify.dynamics.consistent import (
     Prior,
     consistent_fit,
     link_prior,
     pseudo_inertia,
     second_moments,
 )
-from robot_energy.physics.rigid_body import Robot
 
 LINKS = Robot.from_model(robots.two_link()).link_parameters
 

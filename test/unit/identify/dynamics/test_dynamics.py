@@ -8,16 +8,16 @@ import pytest
 import robots
 from excited import coming_to_rest, fourier_motion, monitor_torque, recorded
 from plants import PROGRAM, two_link_profile
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.observations import Filters
-from robot_energy.identify.data.signals import Channels, stretches
-from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
-from robot_energy.identify.dynamics.torque_model import standard_columns
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load, save, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig
+from robot_energy_identify.data.observations import Filters
+from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy_identify.dynamics.torque_model import standard_columns
+from robot_energy_rig import RigConfig, VirtualRig
 
 SMOOTH = 0.05
 COLUMNS = standard_columns(SMOOTH)

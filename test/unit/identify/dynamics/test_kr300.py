@@ -9,17 +9,17 @@ import pytest
 
 from excited import monitor_torque
 from places import ROOT
-from robot_energy.cli.main import main
-from robot_energy.identify.data.log_channels import model_of, read_channels
-from robot_energy.identify.data.signals import low_pass
-from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import to_model
-from robot_energy.identify.dynamics.leave_one_out import across_recordings
-from robot_energy.identify.dynamics.validation import torque_error
-from robot_energy.logs import load_mapping
 from robot_energy.model import load, save
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_cli.main import main
+from robot_energy_identify.data.log_channels import model_of, read_channels
+from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.dynamics_model import to_model
+from robot_energy_identify.dynamics.leave_one_out import across_recordings
+from robot_energy_identify.dynamics.validation import torque_error
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_plan.motion.sampled_motion import low_pass
 
 MAPPING = ROOT / "src/examples/identify/kr300.yaml"
 DATA = Path(os.environ.get("ROBOT_ENERGY_DATA", "/nonexistent")) / "kr300"

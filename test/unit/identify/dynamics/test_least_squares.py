@@ -9,14 +9,14 @@ from threadpoolctl import threadpool_limits
 
 import robots
 from excited import recorded
-from robot_energy.identify.data.observations import Filters, observe
-from robot_energy.identify.dynamics.dynamics import fit_rows
-from robot_energy.identify.dynamics.torque_model import TorqueModel, standard_columns
-from robot_energy.identify.stats.regression import Method, factor
 from robot_energy.model import validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_identify.data.observations import Filters, observe
+from robot_energy_identify.dynamics.dynamics import fit_rows
+from robot_energy_identify.dynamics.torque_model import TorqueModel, standard_columns
+from robot_energy_identify.stats.regression import Method, factor
 
 
 def smooth_two_link(smooth_velocity=0.05):

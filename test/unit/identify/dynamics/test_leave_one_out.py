@@ -7,19 +7,19 @@ import pytest
 
 import robots
 from excited import fourier_motion, monitor_torque, recorded
-from robot_energy.identify.data.observations import Filters, observe
-from robot_energy.identify.data.signals import Channels
-from robot_energy.identify.dynamics.consistent import Prior
-from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
-from robot_energy.identify.dynamics.torque_model import (
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy_identify.data.observations import Filters, observe
+from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.dynamics.consistent import Prior
+from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
+from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
     TorqueModel,
     standard_columns,
 )
-from robot_energy.identify.dynamics.validation import estimate_delay
-from robot_energy.motion import Trajectory
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy_identify.dynamics.validation import estimate_delay
+from robot_energy_plan.motion import Trajectory
 
 ARM = robots.two_link()
 QUICK = DynamicsSettings(columns=standard_columns(0.05), delay_span=0.0)

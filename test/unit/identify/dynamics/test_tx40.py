@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from places import ROOT
-from robot_energy.identify.data.log_channels import model_of, read_channels
-from robot_energy.identify.dynamics.dynamics import identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
-from robot_energy.logs import load_mapping
+from robot_energy_identify.data.log_channels import model_of, read_channels
+from robot_energy_identify.dynamics.dynamics import identify_dynamics
+from robot_energy_identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy_logs.mapping import load_mapping
 
 MAPPING = ROOT / "src/examples/identify/tx40.yaml"
 DATA = Path(os.environ.get("ROBOT_ENERGY_DATA", "/nonexistent")) / "tx40"

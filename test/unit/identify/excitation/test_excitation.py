@@ -8,19 +8,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import robots
-from robot_energy.errors import MotionError, RobotDescriptionError
-from robot_energy.identify.data.signals import stretches
-from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics.torque_model import standard_columns
-from robot_energy.identify.excitation.excitation import (
+from robot_energy.foundation.errors import MotionError, RobotDescriptionError
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
+from robot_energy_identify.data.signals import stretches
+from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.torque_model import standard_columns
+from robot_energy_identify.excitation.excitation import (
     ExcitationCriterion,
     ExcitationSettings,
     optimise_excitation,
 )
-from robot_energy.identify.excitation.limits import ExcitationLimits, Floor
-from robot_energy.identify.stats.regression import SCATTER
-from robot_energy.model import load
-from robot_energy.motion import (
+from robot_energy_identify.excitation.limits import ExcitationLimits, Floor
+from robot_energy_identify.stats.regression import SCATTER
+from robot_energy_plan.motion import (
     FourierBasis,
     FourierMotion,
     MotionLimits,
@@ -28,8 +29,7 @@ from robot_energy.motion import (
     random_program,
     tool_above,
 )
-from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy_rig import RigConfig, VirtualRig, load_profile
 
 QUICK = ExcitationSettings(harmonics=4, period=6.0, starts=1, iterations=50)
 LIMITED = '<limit lower="-2.5" upper="2.5" effort="40" velocity="2"/>\n  </joint>\n</robot>'

@@ -8,18 +8,18 @@ import pytest
 from rich.console import Console
 
 from logbook import mapping, write_csv
-from robot_energy.errors import LogFormatError, NotIdentifiableError
-from robot_energy.identify.friction.friction import fit_friction
-from robot_energy.identify.friction.samples import FrictionData, friction_data_of_log
-from robot_energy.identify.friction.temperature_study import Span, temperature_split
-from robot_energy.identify.plausibility import check_friction
-from robot_energy.identify.stats.regression import jackknife
-from robot_energy.logs import open_logs
+from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.physics.friction import viscous_law
-from robot_energy.report.document import Document
-from robot_energy.report.identification import friction_tables
-from robot_energy.report.printing import print_document
-from robot_energy.results.identification import FrictionReport, axis_study
+from robot_energy_identify.friction.friction import fit_friction
+from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
+from robot_energy_identify.friction.temperature_study import Span, temperature_split
+from robot_energy_identify.plausibility import check_friction
+from robot_energy_identify.results.identification import FrictionReport, axis_study
+from robot_energy_identify.stats.regression import jackknife
+from robot_energy_logs.log_import import open_logs
+from robot_energy_report.document import Document
+from robot_energy_report.identification import friction_tables
+from robot_energy_report.printing import print_document
 
 COULOMB, A, B, C = 0.4, 2e-3, 9e-3, 21.0
 
@@ -104,7 +104,7 @@ def test_a_block_that_alone_tells_a_figure_leaves_a_law_without_covariance(monke
 
         return covariance
 
-    monkeypatch.setattr("robot_energy.identify.stats.regression.jackknife", singular)
+    monkeypatch.setattr("robot_energy_identify.stats.regression.jackknife", singular)
     law = fit_friction(measurement()).laws["exponential"]
     assert law.covariance is None
     assert law.c.std is None

@@ -4,14 +4,14 @@ import pytest
 
 import robots
 from plants import LIMITS, PROGRAM, two_link_profile
-from robot_energy.blocks import EffortMeaning
-from robot_energy.identify.data.recordings import read_recording
-from robot_energy.identify.friction.friction import fit_axes, with_friction
-from robot_energy.identify.friction.hold import fit_hold
-from robot_energy.identify.friction.samples import friction_data
-from robot_energy.motion import Program
-from robot_energy.rig import RigConfig, VirtualRig
-from robot_energy.rig.record import record
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.friction.friction import fit_axes, with_friction
+from robot_energy_identify.friction.hold import fit_hold
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_plan.motion import Program
+from robot_energy_rig import RigConfig, VirtualRig
+from robot_energy_rig.record import record
 
 MODEL = robots.two_link()
 RESTING = Program(PROGRAM.via, LIMITS, dwell=1.0)

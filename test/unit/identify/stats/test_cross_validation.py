@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy.identify.stats.cross_validation import (
+from robot_energy_identify.stats.cross_validation import (
     EnergyScore,
     contiguous_blocks,
     contiguous_folds,

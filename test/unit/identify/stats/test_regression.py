@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.stats.regression import regress
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy_identify.stats.regression import regress
 
 TRUTH = np.array([1.5, -0.4])
 NAMES = ("gain", "slope")

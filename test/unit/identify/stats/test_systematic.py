@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.errors import ModelFileError
-from robot_energy.identify.stats.regression import fit, jackknife, regress, student
-from robot_energy.identify.stats.systematic import SensorLimits, moved_by, total, with_systematic
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy_identify.stats.regression import fit, jackknife, regress, student
+from robot_energy_identify.stats.systematic import SensorLimits, moved_by, total, with_systematic
 
 NAMES = ("level", "slope")
 

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_energy.blocks import PowerBlock, TorqueBlock
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.identify.thermal.gear import GearsFound, fit_gear, fit_gears
-from robot_energy.identify.thermal.gears_by_meter import gears_by_meter
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import validate
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.blocks import PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.thermal.gear import GearsFound, fit_gear, fit_gears
+from robot_energy_identify.thermal.gears_by_meter import gears_by_meter
 from warm_wheel import readings, turning, wheel
 
 PERIOD, AIR = 0.04, 20.0

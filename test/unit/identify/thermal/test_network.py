@@ -12,12 +12,12 @@ from scipy.integrate import solve_ivp
 
 from logbook import mapping, write_csv
 from places import ROOT
-from robot_energy.cli.identify_inputs import IdentifyInputs
-from robot_energy.cli.main import main
-from robot_energy.errors import LogFormatError, NotIdentifiableError
-from robot_energy.identify.thermal.network import fit_network, fit_networks
-from robot_energy.identify.thermal.windows import WINDOW, ThermalRun, runs_of_log
-from robot_energy.logs import open_logs
+from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
+from robot_energy_cli.identify_inputs import IdentifyInputs
+from robot_energy_cli.main import main
+from robot_energy_identify.thermal.network import fit_network, fit_networks
+from robot_energy_identify.thermal.windows import WINDOW, ThermalRun, runs_of_log
+from robot_energy_logs.log_import import open_logs
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA")
 AIR = 22.0
@@ -132,8 +132,9 @@ def test_a_log_without_currents_or_temperatures_is_refused(tmp_path, lacking):
 
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
 def test_the_afternoon_of_a_real_ur3_follows_from_its_morning(tmp_path):
-    from robot_energy.logs import load_mapping, open_logs
-    from robot_energy_papers.thermal_study import free_runs
+    from robot_energy_logs.log_import import open_logs
+    from robot_energy_logs.mapping import load_mapping
+    from robot_energy_studies.thermal_study import free_runs
 
     mapping = ROOT / "src/examples/mappings/ur3_cobotops.yaml"
     log = str(Path(DATA) / "ur3_cobotops/dataset_02052023.csv")

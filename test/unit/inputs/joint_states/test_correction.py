@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from joint_messages import NAMES, limits, message, take
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest

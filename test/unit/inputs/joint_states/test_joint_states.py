@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from joint_messages import NAMES, SECOND, batch, limits, message, take
-from robot_energy.blocks import Quality
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
+from robot_energy.timeline.blocks import Quality
 
 
 def test_joints_are_matched_by_name_in_every_message():

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from joint_messages import NAMES, SECOND, batch, limits, message, take
-from robot_energy.blocks import JointBlock
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
+from robot_energy.timeline.blocks import JointBlock
 
 
 def motion(t):

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
-from robot_energy.inputs.meter.power_curve import MeterCurve
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.timeline.pieces import CoveredPieces
 
 SECOND = 10**9

@@ -6,10 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import extended, typestore
-from robot_energy.errors import MessageTypeError, ParameterError
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.types import extended, typestore
+from robot_energy.foundation.errors import MessageTypeError, ParameterError
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import (
     BATTERY_STATE,
@@ -18,6 +17,7 @@ from robot_energy.inputs.meter.source import (
     POWER_READING,
     MeterSource,
 )
+from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 
 SECOND = 10**9
 STORE = typestore()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import temperature_messages as says
-from robot_energy.errors import ParameterError
+from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,

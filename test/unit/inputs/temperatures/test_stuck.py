@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import FrictionBlock, Quality, TemperatureBlock
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.blocks import FrictionBlock, Quality, TemperatureBlock
 
 S = 10**9
 MASS = 8.0  # kg, of the wheel; its capacity 8 * 900 J/K, its conductance that over an hour

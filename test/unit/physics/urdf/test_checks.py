@@ -11,7 +11,7 @@ import pytest
 
 import robots
 from refusals import refused
-from robot_energy.errors import RobotDescriptionError
+from robot_energy.foundation.errors import RobotDescriptionError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.parse import prefix_remarks

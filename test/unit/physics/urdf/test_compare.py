@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from robot_energy.errors import RobotDescriptionError
+from robot_energy.foundation.errors import RobotDescriptionError
 from robot_energy.model import load
 from robot_energy.physics.urdf.compare import disagreements
 

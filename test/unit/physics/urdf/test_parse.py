@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.errors import RobotDescriptionError, RobotEnergyError
+from robot_energy.foundation.errors import RobotDescriptionError, RobotEnergyError
 from robot_energy.physics.rigid_body import Robot
 
 MASS = (
