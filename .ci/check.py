@@ -52,8 +52,16 @@ LINT = {
         ["pyright", "-p", "ros2_energy_monitor/pyrightconfig.json"],
     ],
 }
-# The packages that run online; each has a folder of the same name in test/unit.
-ONLINE = ["accounting", "cdr", "inputs", "messages", "physics", "pipeline", "store", "timeline"]
+# Folders of test/unit with the tests of the packages that run online, and these packages.
+ONLINE = [
+    *("accounting", "cdr", "certainty", "inputs", "kernels", "messages", "physics", "pipeline"),
+    *("store", "timeline"),
+]
+MEASURED = [
+    *("accounting", "bag.cdr", "certainty", "inputs", "messages", "physics", "pipeline", "store"),
+    "timeline",
+]
+LIBRARY = [path.parent.name for path in sorted(ROOT.glob("src/robot_energy*/__init__.py"))]
 MEASURE = ["--cov-report=", f"--cov-report=json:{COVERAGE}"]
 
 
@@ -75,7 +83,7 @@ TESTS = {
     **{name: ["-c", "test/pytest.ini", *paths] for name, paths in APART.items()},
     "online tests": [
         *("-c", "test/pytest.ini", *folders(*ONLINE)),
-        *(f"--cov=robot_energy.{name}" for name in ONLINE),
+        *(f"--cov=robot_energy.{name}" for name in MEASURED),
         *MEASURE,
     ],
     "node tests": ["-c", "ros2_energy_monitor/setup.cfg", "ros2_energy_monitor/test"],
@@ -87,7 +95,9 @@ ORDER = ["tests", "studies", "identification", "types", "scenarios", "online tes
 WAITING = ["node tests"]
 # More lanes than this would not end earlier.
 MAX_LANES = 4
-WHOLE = {"coverage": ["-c", "test/pytest.ini", "test", "--cov=robot_energy", *MEASURE]}
+WHOLE = {
+    "coverage": ["-c", "test/pytest.ini", "test", *(f"--cov={name}" for name in LIBRARY), *MEASURE]
+}
 
 
 class Checks:

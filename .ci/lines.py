@@ -13,8 +13,9 @@ from ownership import header
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = {
-    "robot_energy": ROOT / "src/robot_energy",
-    "robot_energy_papers": ROOT / "src/robot_energy_papers",
+    **{
+        path.parent.name: path.parent for path in sorted(ROOT.glob("src/robot_energy*/__init__.py"))
+    },
     "ros2_energy_monitor": ROOT / "ros2_energy_monitor/ros2_energy_monitor",
 }
 NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor")
@@ -33,14 +34,14 @@ def main() -> None:
         importlib.import_module(f"ros2_energy_monitor.nodes.{node}")
     loaded = {Path(module.__file__).resolve() for module in list(sys.modules.values())
               if getattr(module, "__file__", None)}  # fmt: skip
-    print(f"{'package':<20} {'lines':>7} {'of the monitor nodes':>21}")
+    print(f"{'package':<22} {'lines':>7} {'of the monitor nodes':>21}")
     sums = [0, 0]
     for name, folder in PACKAGES.items():
         files = list(folder.rglob("*.py"))
         counts = [sum(map(lines, files)), sum(lines(one) for one in files if one in loaded)]
         sums = [before + count for before, count in zip(sums, counts, strict=True)]
-        print(f"{name:<20} {counts[0]:7d} {counts[1]:21d}")
-    print(f"{'all':<20} {sums[0]:7d} {sums[1]:21d}")
+        print(f"{name:<22} {counts[0]:7d} {counts[1]:21d}")
+    print(f"{'all':<22} {sums[0]:7d} {sums[1]:21d}")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ CORE = [
     "mcap>=1.1,<2",
     "numpy>=1.26,<3",
     "pin>=3.2,<5",
-    "polars>=2.1,<3",
     "pydantic>=2.7,<3",
     "PyYAML>=6.0",
     "rich>=13.7",
@@ -26,10 +25,17 @@ CORE = [
     "tzdata>=2024.1",
     "zstandard>=0.22",
 ]
+# Import packages of the distribution; robot_energy_studies stays in the clone.
+COMPANIONS = ("cli", "fleet", "identify", "logs", "papers", "plan", "report", "rig")
+PACKAGES = [NAME, *(f"{NAME}_{companion}" for companion in COMPANIONS)]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]
 PRINTING = ["shapely>=2.0", "trimesh>=4.0"]
-FLEET = ["cryptography>=42", "distributed>=2025.1", "fsspec>=2024.2", "threadpoolctl>=3.1"]
+LOGS = ["polars>=2.1,<3"]
+FLEET = [
+    *("cryptography>=42", "distributed>=2025.1", "fsspec>=2024.2", "threadpoolctl>=3.1"),
+    *LOGS,
+]
 DASHBOARD = ["prometheus-client>=0.20", "starlette>=0.37", "uvicorn>=0.30"]
 PAPERS = ["Jinja2>=3.1", *IDENTIFY, *REPORT]
 
@@ -41,13 +47,13 @@ WORKSPACE = [
     ("bin", ["bin/robot-energy"]),
 ]
 
-# Without a compiler the library is installed all the same, see robot_energy/kernels. The stable
+# Without a compiler the library is installed all the same, see physics/kernels. The stable
 # ABI of Python 3.11 serves all later versions; no instruction may be fused, so that all
 # processors give the same bits.
 KERNELS = Extension(
-    f"{NAME}.kernels._compiled",
-    sorted(str(path.relative_to(HERE)) for path in HERE.glob(f"{NAME}/kernels/*.c")),
-    depends=[f"{NAME}/kernels/kernels.h"],
+    f"{NAME}.physics.kernels._compiled",
+    sorted(str(path.relative_to(HERE)) for path in HERE.glob(f"{NAME}/physics/kernels/*.c")),
+    depends=[f"{NAME}/physics/kernels/kernels.h"],
     define_macros=[("Py_LIMITED_API", "0x030b0000")],
     extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-Wno-psabi"],
     py_limited_api=True,
@@ -57,21 +63,19 @@ KERNELS = Extension(
 setup(
     name=NAME,
     version=VERSION,
-    packages=find_packages(
-        include=[NAME, f"{NAME}.*", "robot_energy_papers", "robot_energy_papers.*"]
-    ),
+    packages=find_packages(include=[part for name in PACKAGES for part in (name, f"{name}.*")]),
     package_data={
+        "": ["py.typed", "README.md"],
         NAME: [
-            "py.typed",
             "models/*.yaml",
             "models/*.urdf",
             "presets/*.yaml",
-            "robot_energy_rig/profiles/*.yaml",
-            "robot_energy_report/page/static/*",
             # Copies of those of ros2_energy_msgs, so that the folder stands alone.
             "bag/cdr/msg/*.msg",
         ],
-        "robot_energy_papers": ["templates/*.j2"],
+        f"{NAME}_papers": ["templates/*.j2"],
+        f"{NAME}_report": ["page/static/*"],
+        f"{NAME}_rig": ["profiles/*.yaml"],
     },
     ext_modules=[KERNELS],
     options={"bdist_wheel": {"py_limited_api": "cp311"}},
@@ -84,6 +88,7 @@ setup(
     install_requires=CORE,
     extras_require={
         "identify": IDENTIFY,
+        "logs": LOGS,
         "printing": PRINTING,
         "report": REPORT,
         "dashboard": DASHBOARD,

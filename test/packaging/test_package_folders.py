@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from places import ROOT
+from places import LIBRARY, ROOT
 
 FOLDERS = {
     "robot_energy": ROOT / "src",
@@ -20,11 +20,11 @@ FOLDERS = {
 }
 # What Python sources of a package import when it runs, and when it is tested.
 RUN = {
-    "robot_energy": ["robot_energy", "robot_energy_papers"],
+    "robot_energy": [path.name for path in LIBRARY],
     "ros2_energy_monitor": ["ros2_energy_monitor", "launch"],
 }
 TESTED = {"ros2_energy_monitor": ["test"]}
-OWN = {"robot_energy": ["robot_energy", "robot_energy_papers"]}
+OWN = {"robot_energy": [path.name for path in LIBRARY]}
 # Modules of another name than their distribution, and one of the type checker alone.
 DISTRIBUTIONS = {"paho": "paho_mqtt", "pydantic_core": "pydantic"}
 TYPES_ONLY = {"_typeshed"}
@@ -117,8 +117,8 @@ def imported(package: str, folders: list[str]) -> set[str]:
         for module in modules(ast.parse(path.read_text(encoding="utf-8"))):
             found[module.split(".")[0]] = path
     names = found.keys() - sys.stdlib_module_names - own - TYPES_ONLY
-    if "robot_energy_papers" in names:
-        names = names - {"robot_energy_papers"} | {"robot_energy"}
+    companions = {path.name for path in LIBRARY} & names
+    names = names - companions | ({"robot_energy"} if companions else set())
     return {DISTRIBUTIONS.get(name, name) for name in names}
 
 

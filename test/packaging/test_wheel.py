@@ -10,7 +10,7 @@ import zipfile
 
 import pytest
 
-from places import ROOT
+from places import LIBRARY, ROOT
 
 PINNED = re.compile(r"^[A-Za-z0-9_.-]+==[^\s\\;]+")
 
@@ -40,6 +40,12 @@ def test_the_wheel_holds_library_models_and_messages_and_no_workspace(wheel):
     assert any(name.endswith("presets/ur.yaml") for name in names)
     assert any(name.endswith("msg/PowerState.msg") for name in names)
     assert "robot_energy_papers/templates/paper_a.md.j2" in names
+    assert "robot_energy_report/page/static/index.html" in names
+    assert "robot_energy_rig/profiles/kr16.yaml" in names
+    packages = {path.name for path in LIBRARY}
+    shipped = {name.partition("/")[0] for name in names if name.endswith(".py")}
+    assert shipped == packages - {"robot_energy_studies"}
+    assert all(f"{name}/README.md" in names for name in shipped - {"robot_energy"})
     assert not any(".data/" in name for name in names)
     assert "robot_energy/physics/kernels/_compiled.abi3.so" in names
     assert "-cp311-abi3-" in wheel.name  # one for all later versions of Python

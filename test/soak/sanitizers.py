@@ -16,7 +16,7 @@ from figure import Figure
 
 MINUTES = (2.0, 1.0)
 ROOT = Path(__file__).resolve().parents[2]
-KERNELS = ROOT / "src" / "robot_energy" / "kernels"
+KERNELS = ROOT / "src/robot_energy/physics/kernels"
 NAME = "robot_energy.physics.kernels._compiled"
 FLAGS = (
     "-shared", "-fPIC", "-O1", "-g", "-DPy_LIMITED_API=0x030b0000", "-ffp-contract=off",
