@@ -1,0 +1,173 @@
+"""Recordings as the public functions of identification are given them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robot_energy.foundation.errors import ModelFileError, ParameterError
+from robot_energy.model import RobotModel
+from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
+from robot_energy.timeline.blocks import EffortMeaning
+
+if TYPE_CHECKING:
+    from robot_energy.inputs.sources import Inputs
+    from robot_energy_identify.data.bags import Bag
+    from robot_energy_identify.data.recordings import Recording
+    from robot_energy_identify.data.signals import Channels
+    from robot_energy_identify.drives.drive_power import DrivePowerTopics
+    from robot_energy_identify.friction.samples import FrictionData
+    from robot_energy_identify.stats.systematic import SensorLimits
+
+EFFORTS = ("motor_torque", "joint_torque", "motor_current")
+NEVER_GUESSED = "the effort of a driver is never guessed"
+
+
+@dataclass(frozen=True)
+class BagSource:
+    """Recordings of one robot for identification, and how they are read.
+
+    Attributes:
+        bags: MCAP files or rosbag2 folders.
+        effort: What the effort in the joint states is; None: as ``inputs`` says.
+        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        robot: Name of a robot whose driver is known.
+        progress: Called with what is going on; gives a function of the share done.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
+    """
+
+    bags: Sequence[str | Path]
+    effort: str | None = None
+    inputs: str | Path | None = None
+    robot: str | None = None
+    progress: Stages = silent
+    sensors: SensorLimits | None = None
+
+    @property
+    def paths(self) -> list[Path]:
+        """The bags as paths."""
+        return [Path(bag) for bag in self.bags]
+
+    @property
+    def names(self) -> str:
+        """Names of the bags in one line."""
+        return ", ".join(path.name for path in self.paths)
+
+    def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
+        """Return what the effort means, and the inputs of the parameter file.
+
+        Raises:
+            ParameterError: If the parameter file cannot be used.
+        """
+        read, notes = driver_inputs(self.inputs, self.robot)
+        if notes:
+            raise ParameterError(notes[0], remedy=f"change {self.inputs}")
+        stated = EffortMeaning.NONE if read is None else read.joint_states.effort_meaning
+        return effort_meaning(self.effort or stated), read
+
+    def recordings(self, model: RobotModel) -> list[Recording]:
+        """Return the bags as the stages of the monitor read them.
+
+        Args:
+            model: Of the robot.
+
+        Raises:
+            RobotEnergyError: If a bag cannot be used.
+        """
+        from robot_energy_identify.data.recordings import read_recording
+        from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
+
+        meaning, read = self.meaning()
+        sensors = self.sensors or DEFAULT_LIMITS
+        found: list[Recording] = []
+        for bag in self.bags:
+            with self.progress(f"reading {Path(bag).name}") as report:
+                part = read_recording(bag, model, meaning, None, report, read)
+                found.append(replace(part, sensors=sensors))
+        return found
+
+    def with_effort(self, model: RobotModel) -> list[Recording]:
+        """Return bags with measured torque or current as the stages of the monitor read them.
+
+        Args:
+            model: Of the robot.
+
+        Raises:
+            ModelFileError: If it is not said what the effort means.
+            ImplausibleIdentificationError: If the torque contradicts the model, naming the cause.
+            RobotEnergyError: If a bag cannot be used.
+        """
+        from robot_energy_identify.causes import refuse_torque, torque_evidence
+        from robot_energy_identify.plausibility import check_signs
+
+        meaning, _ = self.meaning()
+        if meaning is EffortMeaning.NONE:
+            raise ModelFileError(
+                f"{self.inputs} does not say what the effort means"
+                if self.inputs
+                else "it is not said what the effort means",
+                f"an effort, one of {', '.join(EFFORTS)}",
+                NEVER_GUESSED,
+            )
+        found = self.recordings(model)
+        check_signs(found, meaning)
+        with self.progress("comparing with the model"):
+            refuse_torque([torque_evidence(part, meaning) for part in found])
+        return found
+
+    def friction_data(self, model: RobotModel) -> list[FrictionData]:
+        """Return what is needed to identify friction, one entry per joint.
+
+        Argument as in `BagSource.recordings`.
+        """
+        from robot_energy_identify.friction.samples import friction_data
+
+        recordings = self.with_effort(model)
+        return [friction_data(recordings, joint) for joint in range(len(model.joints))]
+
+    def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
+        """Return evenly sampled motion and torque of each recording by its name.
+
+        Argument as in `BagSource.recordings`.
+        """
+        from robot_energy_identify.data.recordings import channels_of
+
+        found: dict[str, list[Channels]] = {}
+        rate: float | None = None
+        for bag, part in zip(self.bags, self.with_effort(model), strict=True):
+            sampled = channels_of([part], rate=rate)
+            rate = sampled[0].rate
+            name = Path(bag).name
+            found[str(bag) if name in found else name] = sampled
+        return found
+
+    def lazy(
+        self, model: RobotModel, drive_power: DrivePowerTopics | None
+    ) -> tuple[list[Bag], str]:
+        """Return the bags as identification reads them again and again, in parts.
+
+        Args:
+            model: Of the robot.
+            drive_power: Where the bags have the power of each drive, if they have.
+
+        Returns:
+            The bags, and why their effort cannot be used; empty if it can, or was not stated.
+
+        Raises:
+            RobotEnergyError: If a bag or the parameter file cannot be used.
+        """
+        from robot_energy_identify.data.bags import Bag
+        from robot_energy_identify.run_all import usable_effort
+        from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
+
+        meaning, read = self.meaning()
+        refused = usable_effort(model, meaning)
+        used = EffortMeaning.NONE if refused else meaning
+        sensors = self.sensors or DEFAULT_LIMITS
+        bags: list[Bag] = []
+        for path in self.paths:
+            power = drive_power and drive_power.read(path, model.joint_names)
+            bags.append(Bag(path, used, read, power, sensors=sensors))
+        return bags, refused
