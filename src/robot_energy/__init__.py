@@ -6,7 +6,9 @@ used, so that the import itself is quick and needs neither Pinocchio, scipy nor 
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.3.0"
@@ -70,42 +72,45 @@ if TYPE_CHECKING:
     from robot_energy_plan.results.optimization import OptimizationReport
     from robot_energy_plan.results.prediction import PredictionReport
 
-# Public names by their module; `:` where a name is another one there.
+# Public names by their module; `:` where a name is another one there. Those of the companions are
+# found by this table alone: the core imports none of them.
 _NAMES = {
     "": ("physics",),
-    "advice.run": ("AdviceResult", "advise"),
-    "api.evaluate": ("evaluate",),
-    "api.identify": (
-        "IdentificationResult", "identify_auxiliary", "identify_cabinet", "identify_dynamics",
-        "identify_friction", "identify_thermal",
-    ),
-    "api.identify_all": ("identify_all",),
-    "api.online_monitor": ("OnlineMonitor",),
-    "api.optimize": ("OptimizationResult", "optimize"),
-    "api.predict": ("PredictionResult", "predict"),
-    "api.replay": ("ReplayResult", "replay"),
-    "blocks": ("Phase", "Quality"),
-    "errors": (
+    "robot_energy.foundation.errors": (
         "BagError", "DatasetError", "ImplausibleIdentificationError", "LogFormatError",
         "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError",
         "ParameterError", "PayloadError", "ReportError", "RobotDescriptionError",
         "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
-    "fleet.api": ("fleet_identify", "fleet_report", "fleet_run"),
-    "identify.stats.systematic": ("SensorLimits",),
-    "model": ("RobotModel", "load_model:load", "save_model:save"),
-    "model.payload": ("Payload",),
-    "motion.load_motion": ("ToolOptions",),
-    "optimization.rest_states": ("RestState",),
-    "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
-    "results.advice": ("AdviceReport",),
-    "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
-    "results.evaluation": ("EvaluationReport",),
-    "results.fleet": ("FleetFriction", "FleetReport", "FleetRunReport"),
-    "results.optimization": ("OptimizationReport",),
-    "results.prediction": ("PredictionReport",),
-    "results.replay": ("ReplayReport",),
-    "time_series": ("TimeSeries",),
+    "robot_energy.model": ("RobotModel", "load_model:load", "save_model:save"),
+    "robot_energy.model.payload": ("Payload",),
+    "robot_energy.pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
+    "robot_energy.pipeline.online_monitor": ("OnlineMonitor",),
+    "robot_energy.replay.api": ("ReplayResult", "replay"),
+    "robot_energy.results.energy": (
+        "EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy",
+    ),
+    "robot_energy.results.replay": ("ReplayReport",),
+    "robot_energy.timeline.blocks": ("Phase", "Quality"),
+    "robot_energy.timeline.time_series": ("TimeSeries",),
+    "robot_energy_fleet.advice.run": ("AdviceResult", "advise"),
+    "robot_energy_fleet.api": ("fleet_identify", "fleet_report", "fleet_run"),
+    "robot_energy_fleet.results.advice": ("AdviceReport",),
+    "robot_energy_fleet.results.fleet": ("FleetFriction", "FleetReport", "FleetRunReport"),
+    "robot_energy_identify.api.evaluate": ("evaluate",),
+    "robot_energy_identify.api.identify": (
+        "IdentificationResult", "identify_auxiliary", "identify_cabinet", "identify_dynamics",
+        "identify_friction", "identify_thermal",
+    ),
+    "robot_energy_identify.api.identify_all": ("identify_all",),
+    "robot_energy_identify.results.evaluation": ("EvaluationReport",),
+    "robot_energy_identify.stats.systematic": ("SensorLimits",),
+    "robot_energy_plan.api.optimize": ("OptimizationResult", "optimize"),
+    "robot_energy_plan.api.predict": ("PredictionResult", "predict"),
+    "robot_energy_plan.motion.load_motion": ("ToolOptions",),
+    "robot_energy_plan.optimization.rest_states": ("RestState",),
+    "robot_energy_plan.results.optimization": ("OptimizationReport",),
+    "robot_energy_plan.results.prediction": ("PredictionReport",),
 }  # fmt: skip
 _EXPORTS = {
     public: (module, original or public)
@@ -133,11 +138,30 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, original = _EXPORTS[name]
     if not module:
-        return import_module(f"robot_energy.{name}")
-    value = getattr(import_module(f"robot_energy.{module}"), original)
+        return import_module(f"{__name__}.{name}")
+    try:
+        value = getattr(import_module(module), original)
+    except ModuleNotFoundError as error:
+        from robot_energy.foundation.extras import is_ours, missing
+
+        if error.name is None or not is_ours(error.name):
+            raise
+        raise missing(error.name, f"{__name__}.{name}") from error
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+class _Face(ModuleType):
+    """This module, in which `replay` is the verb, not the package that holds it."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # The import of a package sets it in the one above, which would hide the verb.
+        if not (name == "replay" and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Face

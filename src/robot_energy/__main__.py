@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 
 from robot_energy.foundation.stopping import end_at_once
 
@@ -11,12 +12,11 @@ def main() -> int:
     """Run the command; a signal ends it from here on, also while its modules are imported.
 
     Returns:
-        The exit code of `robot_energy_cli.main`.
+        The exit code of `robot_energy_cli.main.main`.
     """
     end_at_once("robot-energy")
-    from robot_energy_cli import main as run
-
-    return run()
+    # By name: the core imports no companion.
+    return import_module("robot_energy_cli.main").main()
 
 
 if __name__ == "__main__":

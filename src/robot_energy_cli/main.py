@@ -20,6 +20,7 @@ from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
 from robot_energy.foundation.errors import KindError, RobotEnergyError
+from robot_energy.foundation.extras import is_ours, missing
 from robot_energy.foundation.kinds import LIKELY, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.foundation.stopping import Stopped, stoppable
@@ -30,22 +31,6 @@ from robot_energy_cli.listings import COMPLETION
 
 DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
 
-# Libraries that only some commands need, and the extra of the package that brings them.
-EXTRAS = {
-    "clarabel": "identify",
-    "threadpoolctl": "identify",
-    "matplotlib": "report",
-    "trimesh": "printing",
-    "shapely": "printing",
-    "jinja2": "papers",
-    "starlette": "dashboard",
-    "uvicorn": "dashboard",
-    "prometheus_client": "dashboard",
-    "dask": "fleet",
-    "distributed": "fleet",
-    "fsspec": "fleet",
-    "cryptography": "fleet",
-}
 FEW = 6  # choices that are all named, even where one of them is near
 ENTRY_POINTS = "robot_energy.commands"  # group of those that have an add_parser
 
@@ -228,13 +213,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:  # a bug of ours; the user still gets one sentence
         if args.debug:
             raise
-        lacking = str(getattr(error, "name", None) or "").split(".")[0]
-        if isinstance(error, ModuleNotFoundError) and lacking in EXTRAS:
-            return _fail(
-                f"this command needs {lacking}, which is not installed; install it, in the clone: "
-                f"pip install './src[{EXTRAS[lacking]}]', or {lacking} alone",
-                REFUSED,
-            )
+        lacking = error.name if isinstance(error, ModuleNotFoundError) else None
+        if lacking is not None and is_ours(lacking):
+            return _fail(str(missing(lacking, "this command")), REFUSED)
         text = " ".join(str(error).split()) or "no message"
         return _fail(
             f"unexpected error, {type(error).__name__}: {text}; run again with --debug and "

@@ -15,6 +15,7 @@ from multiprocessing import resource_tracker
 from typing import Any, cast
 
 from robot_energy.foundation.errors import DatasetError
+from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
 from robot_energy_fleet.bag_list import FleetBag
@@ -63,6 +64,7 @@ def on_dask(
     Raises:
         DatasetError: If the scheduler does not answer.
     """
+    require("distributed", "a fleet")
     import dask.config
     from distributed import Client, LocalCluster
     from distributed.security import Security

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import GENERATOR, PICTURE, write_file
 from robot_energy.foundation.shown_text import shown, shown_lines
 from robot_energy_report.formats import typeset
@@ -71,6 +72,7 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
     """
     if not isinstance(path, BytesIO):
         check_format(Path(path))
+    require("matplotlib", "a figure")
     from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

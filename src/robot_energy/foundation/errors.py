@@ -169,5 +169,9 @@ class ImplausibleIdentificationError(RobotEnergyError, ValueError):
     """What was identified contradicts physics or the URDF grossly, so that it is not written."""
 
 
+class MissingExtraError(RobotEnergyError, ImportError):
+    """A library is not installed that only some parts need; an extra of the distribution has it."""
+
+
 class PageError(RobotEnergyError, ValueError):
     """The energy page cannot be served, set up or saved as asked."""

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.stats.regression import qr_r
 
@@ -104,6 +105,7 @@ def consistent_fit(
     Raises:
         NotIdentifiableError: If the solver finds no solution.
     """
+    require("clarabel", "a fit of bodies that can exist")
     import clarabel
     from scipy import sparse
 

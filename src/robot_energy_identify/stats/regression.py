@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.foundation.errors import NotIdentifiableError, check_shape
+from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float, Int
 
 P = ParamSpec("P")
@@ -374,6 +375,7 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 def _blas(modules: int) -> Any:
     """Libraries that are loaded, looked up again once more modules are."""
     del modules
+    require("threadpoolctl", "identification")
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

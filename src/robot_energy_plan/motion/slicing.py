@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.regular_file import read_regular, why_unreadable
 from robot_energy.timeline.blocks import Float
 
@@ -142,6 +143,8 @@ def _without_outline(path: str | Path, open_cuts: int, bead_width: float) -> Mot
 
 
 def _mesh(path: Path, unit: float) -> Any:
+    require("trimesh", "a shape")
+    require("shapely", "a shape")
     import trimesh
 
     reader: Any = trimesh

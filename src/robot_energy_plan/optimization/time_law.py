@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.ptp import Trajectory
 from robot_energy_plan.optimization.chain import PowerChain
@@ -284,6 +285,7 @@ class _ConeProgram:
 
     def solve(self, step: float, price: float) -> Float | None:
         """Minimise the energy from the grid and the price of time."""
+        require("clarabel", "a time law")
         import clarabel
         from scipy.sparse import csc_matrix, vstack
 

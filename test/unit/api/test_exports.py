@@ -51,8 +51,29 @@ def test_an_unknown_name_is_an_attribute_error():
 
 
 def test_functions_are_not_hidden_by_modules():
-    import robot_energy.replay.api  # noqa: F401
-    import robot_energy_plan.api.predict
+    """The package `robot_energy.replay` is set in its parent when it is imported."""
+    code = (
+        "import robot_energy.replay.bag_replay, robot_energy as re; "
+        "from robot_energy import replay; from robot_energy.replay import bag_replay; "
+        "assert replay is re.replay; assert re.replay.__module__ == 'robot_energy.replay.api'; "
+        "assert bag_replay.replay is not replay"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
-    assert callable(re.replay)
-    assert callable(re.predict)
+
+@pytest.mark.parametrize(
+    ("name", "missing", "remedy"),
+    [
+        ("fleet_run", "fsspec", "pip install './src[fleet]'"),
+        ("optimize", "robot_energy_plan", "pip install ./src"),
+    ],
+)
+def test_a_name_of_a_companion_says_what_is_missing(name, missing, remedy):
+    code = (
+        f"import sys, robot_energy as re; sys.modules['{missing}'] = None\n"
+        f"try:\n    re.{name}\n"
+        "except ImportError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert f"robot_energy.{name} needs {missing}" in done.stdout
+    assert remedy in done.stdout

@@ -15,9 +15,9 @@ from command_line import refused
 from logbook import WHEEL_MAPPING, wheel_bag, wheel_model, write_csv
 from places import ROOT
 from robot_energy import __version__
+from robot_energy.foundation.extras import EXTRAS
 from robot_energy.physics import kernels
 from robot_energy_cli import main
-from robot_energy_cli.main import EXTRAS
 
 
 def test_outputs_are_checked_before_the_work(
@@ -156,6 +156,20 @@ def test_a_missing_extra_is_named(
 
     monkeypatch.setattr("robot_energy.model.shipped_models", lacking)
     assert f"pip install './src[{EXTRAS[library]}]'" in refused(capsys, "models")
+
+
+def test_studies_that_count_our_own_claims_ask_for_a_clone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a wheel has them not."""
+    for name in [name for name in sys.modules if name.startswith("robot_energy_studies")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "robot_energy_studies", None)
+    out = tmp_path / "study"
+    said = refused(capsys, "reproduce", "certainty", "--quick", "--out", out)
+    assert "needs robot_energy_studies" in said
+    assert "Run it in a clone" in said
+    assert not out.exists()
 
 
 def test_a_command_keeps_to_one_thread_of_blas():

@@ -1,0 +1,74 @@
+"""Libraries that only some parts need, and the extra of the distribution that brings them."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from robot_energy.foundation.errors import MissingExtraError
+
+EXTRAS = {
+    "clarabel": "identify",
+    "threadpoolctl": "identify",
+    "polars": "logs",
+    "matplotlib": "report",
+    "trimesh": "printing",
+    "shapely": "printing",
+    "jinja2": "papers",
+    "starlette": "dashboard",
+    "uvicorn": "dashboard",
+    "prometheus_client": "dashboard",
+    "dask": "fleet",
+    "distributed": "fleet",
+    "fsspec": "fleet",
+    "cryptography": "fleet",
+}
+COMPANIONS = "robot_energy_"
+STUDIES = f"{COMPANIONS}studies"
+
+
+def require(library: str, user: str) -> None:
+    """Refuse to go on where a library of an extra is not installed.
+
+    Args:
+        library: A key of `EXTRAS`.
+        user: What needs it.
+
+    Raises:
+        MissingExtraError: If it is not there.
+    """
+    if find_spec(library) is None:
+        raise missing(library, user)
+
+
+def missing(library: str, user: str) -> MissingExtraError:
+    """Return what to say of a module that is not installed, which ours need.
+
+    Args:
+        library: Its name, or that of a module in it.
+        user: What needs it.
+    """
+    library = library.partition(".")[0]
+    found = f"{user} needs {library}, which is not installed"
+    if library in EXTRAS:
+        return MissingExtraError(
+            found,
+            f"the extra '{EXTRAS[library]}'",
+            f"install it, in the clone: pip install './src[{EXTRAS[library]}]', or {library} alone",
+        )
+    if library == STUDIES:
+        return MissingExtraError(
+            found, "a clone, as it is not in the wheel", "run it in a clone, after make setup"
+        )
+    return MissingExtraError(
+        found, "the whole library", "install it: pip install ./src in the clone"
+    )
+
+
+def is_ours(library: str) -> bool:
+    """Whether an extra or the distribution brings a module.
+
+    Args:
+        library: Its name, or that of a module in it.
+    """
+    library = library.partition(".")[0]
+    return library in EXTRAS or library.startswith(COMPANIONS)
