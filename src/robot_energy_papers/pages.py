@@ -25,6 +25,7 @@ from robot_energy_report.formats import percent, signed_percent
 Piece = Callable[[Any], object]
 """Draws a figure into a buffer, or writes a part onto a page."""
 
+PAPERS = "robot_energy_papers"
 BLOCKS = re.compile(r"\n\s*\n")
 CELLS = re.compile(r"(?<!\\)\|")
 FIGURE = re.compile(r"!\[(.*)\]\((\w+)\)")
@@ -37,6 +38,7 @@ def document(
     template: str,
     context: Mapping[str, Any],
     pieces: Mapping[str, Piece],
+    package: str = PAPERS,
 ) -> Document:
     """Return a page.
 
@@ -44,11 +46,12 @@ def document(
         template: Name of the template without its suffix.
         context: What its expressions use.
         pieces: Figures and parts by name.
+        package: That has the template.
 
     Raises:
         RobotEnergyError: If a figure cannot be drawn.
     """
-    title, lead, *blocks = _blocks(template, context)
+    title, lead, *blocks = _blocks(template, context, package)
     page = Document(_joined(title).removeprefix("# "), _joined(lead))
     for block in blocks:
         if (found := FIGURE.fullmatch(_joined(block))) is not None:
@@ -62,15 +65,18 @@ def document(
     return page
 
 
-def print_template(template: str, context: Mapping[str, Any], page: Document) -> None:
+def print_template(
+    template: str, context: Mapping[str, Any], page: Document, package: str = PAPERS
+) -> None:
     """Write text and tables of a template without figures.
 
     Args:
         template: Name of the template without its suffix.
         context: What its expressions use.
         page: Where to.
+        package: That has the template.
     """
-    for block in _blocks(template, context):
+    for block in _blocks(template, context, package):
         _write(block, page)
 
 
@@ -121,9 +127,9 @@ FILTERS: dict[str, Callable[..., Any]] = {
 }
 
 
-def _blocks(template: str, context: Mapping[str, Any]) -> list[str]:
+def _blocks(template: str, context: Mapping[str, Any], package: str) -> list[str]:
     environment = Environment(
-        loader=PackageLoader("robot_energy_papers"),
+        loader=PackageLoader(package),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -46,7 +46,7 @@ has not seen, run them before and after: how often claimed savings are right, ho
 bands hold, how far the choice is from the best. With --waits, each cycle has 3 to 8 s to spend on
 slower moves. Writes report.html and figures.json.
 """
-PAPERS = ("paper-a", "paper-b")  # what identifies one model
+PAPERS = ("paper-a", "paper-b")  # what identifies one model; the others count our own claims
 WORKERS = 2
 REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
 BAGS = "bags"
@@ -96,8 +96,8 @@ def _run(args: Namespace) -> int:
     from robot_energy_report.printing import print_document
 
     name = args.paper.replace("-", "_")
-    module = f"robot_energy_papers.{name}"
-    paper, page = (import_module(module + part) for part in ("", "_page"))
+    package = "robot_energy_papers" if args.paper in PAPERS else "robot_energy_studies"
+    paper, page = (import_module(f"{package}.{name}{part}") for part in ("", "_page"))
     workers = getattr(args, "workers", 1) or (1 if args.quick else WORKERS)
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, testing") as report:
@@ -106,7 +106,7 @@ def _run(args: Namespace) -> int:
                 scale = replace(scale, waits=True) if args.quick else paper.WAITS
             result = paper.study(StudyRun(folder / BAGS, args.seed, workers, report), scale)
         context = {**page.context(result), "command": _command(args)}
-        write_page(document(name, context, page.pieces(result)), folder / REPORT)
+        write_page(document(name, context, page.pieces(result), package), folder / REPORT)
         write_json(str(folder / FIGURES), page.figures(result))
         written = [REPORT, FIGURES]
         if args.paper in PAPERS:
@@ -114,7 +114,7 @@ def _run(args: Namespace) -> int:
             page.front_picture(result, folder / FRONT)
             written += [FRONT, MODEL, BAGS]
     out = Document()
-    print_template(f"{name}_terminal", context, out)
+    print_template(f"{name}_terminal", context, out, package)
     for file in written:
         out.paragraph(f"wrote {shown(str(Path(args.out) / file))}")
     print_document(out, console())
