@@ -25,7 +25,7 @@ import importlib, sys
 for name in sys.argv[1:]:
     importlib.import_module(name)
 for name, module in sorted(sys.modules.items()):
-    if name.startswith("robot_energy."):
+    if name.startswith("robot_energy"):
         print(name, module.__file__)
 """
 NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor")

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from places import ROOT
+from places import LIBRARY, ROOT
 
 PACKAGES = ("src", "ros2_energy_monitor", "ros2_energy_msgs")
-LIBRARY = ROOT / "src"
+SOURCE = ROOT / "src"
 NODES = ROOT / "ros2_energy_monitor/ros2_energy_monitor"
 VERSION = re.search(
-    r'__version__ = "(.+)"', (LIBRARY / "robot_energy/__init__.py").read_text()
+    r'__version__ = "(.+)"', (SOURCE / "robot_energy/__init__.py").read_text()
 ).group(1)  # fmt: skip
 
 
@@ -32,8 +32,7 @@ def tracked(*patterns: str) -> list[Path]:
 
 
 SOURCES = tracked(
-    "src/robot_energy/*.py",
-    "src/robot_energy_papers/*.py",
+    "src/robot_energy*.py",
     "ros2_energy_monitor/ros2_energy_monitor/*.py",
 )
 CODE = [*SOURCES, *tracked("test/*.py", ".ci/*.py", "ros2_energy_monitor/test/*.py")]
@@ -71,10 +70,10 @@ def test_the_workflow_is_clean():
 
 # Names and files that texts refer to
 
-DOTTED = re.compile(r"\b(robot_energy(?:_papers)?|ros2_energy_monitor)((?:\.\w+)+)")
+DOTTED = re.compile(r"\b(robot_energy(?:_[a-z]+)?|ros2_energy_monitor)((?:\.\w+)+)")
 # Files named in a text: a folder, a slash, and a Python file.
 FILE = re.compile(r"(?<![\w./~{*-])((?:[\w.-]+/)+[\w-]+\.(?:py|md|yaml|gcode))\b")
-NOT_NAMES = ("commands",)  # a group of entry points
+NOT_NAMES = ("commands", "kinds")  # groups of entry points
 
 
 @cache
@@ -92,7 +91,7 @@ def comments_and_strings(path: Path) -> str:
 
 def exists(package: str, tail: str) -> bool:
     """Whether a dotted name is a module, or an attribute of one."""
-    top = NODES if package == "ros2_energy_monitor" else LIBRARY / package
+    top = NODES if package == "ros2_energy_monitor" else SOURCE / package
     parts = tail.strip(".").split(".")
     place = top
     while parts and (place / parts[0]).is_dir():
@@ -134,8 +133,8 @@ def named_file_exists(path: Path, name: str) -> bool:
     """Whether a text's file exists: from the root, beside the text, or in a package."""
     if name.startswith(MADE):
         return True
-    tops = (ROOT, path.parent, LIBRARY, LIBRARY / "robot_energy", LIBRARY / "robot_energy_papers",
-            LIBRARY / "doc", ROOT / "test", NODES, NODES.parent)  # fmt: skip
+    tops = (ROOT, path.parent, SOURCE, SOURCE / "robot_energy", SOURCE / "doc", ROOT / "test",
+            NODES, NODES.parent)  # fmt: skip
     return any((top / name).exists() for top in tops)
 
 
@@ -179,7 +178,7 @@ def imports(path: Path) -> frozenset[str]:
 
 def third_party(paths: list[Path]) -> set[str]:
     """Third-party names of several files, as the table calls them."""
-    own = {"robot_energy", "robot_energy_papers", "ros2_energy_monitor", "_typeshed"}
+    own = {*(path.name for path in LIBRARY), "ros2_energy_monitor", "_typeshed"}
     names = set().union(*map(imports, paths)) - own - set(sys.stdlib_module_names)
     return {CALLED.get(name, name) for name in names if not ROS.match(name)}
 
@@ -199,7 +198,7 @@ def test_every_third_party_import_has_its_row():
 
 
 def test_every_direct_dependency_of_the_wheel_has_its_row():
-    text = (LIBRARY / "setup.py").read_text()
+    text = (SOURCE / "setup.py").read_text()
     names = {name.lower() for name in re.findall(r'"([A-Za-z0-9_-]+)>=', text)}
     assert names <= set(rows())
 

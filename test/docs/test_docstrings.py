@@ -9,13 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from places import ROOT
+from places import LIBRARY, ROOT
 
-PACKAGES = (
-    ROOT / "src/robot_energy",
-    ROOT / "src/robot_energy_papers",
-    ROOT / "ros2_energy_monitor/ros2_energy_monitor",
-)
+PACKAGES = (*LIBRARY, ROOT / "ros2_energy_monitor/ros2_energy_monitor")
 
 ARRAY = re.compile(r"\b(Float|Int|NDArray|ndarray)\b")
 REAL = re.compile(r"\b(float|Float|np\.float64)\b")

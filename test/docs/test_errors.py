@@ -5,14 +5,10 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from places import ROOT
+from places import LIBRARY, ROOT
 
 ERRORS = ROOT / "src/robot_energy/foundation/errors.py"
-PACKAGES = (
-    "src/robot_energy",
-    "src/robot_energy_papers",
-    "ros2_energy_monitor/ros2_energy_monitor",
-)
+PACKAGES = (*LIBRARY, ROOT / "ros2_energy_monitor/ros2_energy_monitor")
 
 # Raised with one part only, because that part says it all: module and number of such places.
 # A number may only fall.
@@ -59,7 +55,7 @@ def parts(call: ast.Call) -> set[str]:
 def test_every_error_says_found_and_expected_or_remedy():
     without_found, one_part = [], {}
     for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
+        for path in sorted(package.rglob("*.py")):
             if path == ERRORS:
                 continue
             for call in raised(path):

@@ -12,7 +12,10 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["robot_energy"]):
+LIBRARY = Path(__file__).resolve().parents[2] / "src"
+PACKAGES = sorted(path.parent.name for path in LIBRARY.glob("robot_energy*/__init__.py"))
+
+with atheris.instrument_imports(include=PACKAGES):
     import targets
 
 # Against hangs only; bounds.py measures the plain code. Instrumented code is slower, and

@@ -46,7 +46,10 @@ MINUTES = (4.0, 1.0)
 RATE, DURATION = 250.0, 2.0  # Hz, s
 WAIT = 300.0  # s for one file
 TORQUE, ENERGY = 1e-8, 2e-3  # difference from Pinocchio, shares of the greatest of the robot
-USED = ("api.replay", "cli.models", "cli.replay", "report.model", "report.replay", "starter")
+USED = (
+    *("robot_energy.replay.api", "robot_energy_cli.models", "robot_energy_cli.replay"),
+    *("robot_energy_report.model", "robot_energy_report.replay", "robot_energy_identify.starter"),
+)
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EQUAL, ALONE = "used, as Pinocchio", "used, Pinocchio refuses it"
 FAILED = ("unexpected error", "silent zero", "differs from Pinocchio", "no reason", "no answer")
@@ -108,7 +111,7 @@ def try_files(files: list[Path], log: Path | None = None) -> list[Outcome]:
         log: Where each outcome is written as a line of JSON as soon as it is known.
     """
     for name in USED:  # once, and not in each process
-        import_module(f"robot_energy.{name}")
+        import_module(name)
     outcomes: list[Outcome] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for outcome in pool.map(_apart, files):

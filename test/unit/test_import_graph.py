@@ -1,8 +1,8 @@
 """Layers: which module may import which, for the complete list of modules.
 
-A module that is not listed fails, so that every new one is given its place. A module imports
-from its own layer and from those below; packages of one layer may use each other as long as no
-cycle arises.
+A module that is not listed fails, so that every new one is given its place. The core imports no
+companion, companions import those before them, and within each a module imports from its own
+part and from those below. A part is a folder, or a module that stands elsewhere than its folder.
 """
 
 import ast
@@ -18,85 +18,36 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file energy_bag errors held_rows kinds log_formats
-        prediction process_memory read_ahead recorded_jobs replay_steps replay_topics schema_errors
-        shown_text stopping time_series time_zone
-        units
+        __main__
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging band_calibration comparison energy_calibration
-        energy_curve exact_sum integration job_intervals load_curve meter_checks meter_response
-        plain_text prediction_errors record record_repair registers sample_counts settings
-        shaft_comparison totals
-    """,
-    "robot_energy_fleet.advice": """
-        claims dataset_evidence evidence run speeds
-    """,
-    "robot_energy.api": """
-        condition evaluate identify identify_all inputs online_monitor optimize power_table predict
-        replay
+        account account_record auxiliary averaging comparison energy_curve exact_sum
+        integration job_intervals load_curve meter_checks meter_response plain_text
+        power_curve record record_repair registers sample_counts settings shaft_comparison
+        totals
     """,
     "robot_energy.bag": """
-        by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader
-        sources sqlite_source time_range writer
+        by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
+        reader sources sqlite_source time_range writer
     """,
     "robot_energy.bag.cdr": """
         batch decode encode plan schema types walk
     """,
-    "robot_energy_identify.check": """
-        evidence finding hypotheses meter motion payload process remedies run torque
-    """,
-    "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text
-        identify_all identify_drives identify_dynamics identify_excitation identify_friction
-        identify_inputs identify_metered identify_thermal import_logs info
-        layouts listings main models monitoring numbers optimize predict replay replay_options
-        report simulate terminal test tool_options
+    "robot_energy.certainty": """
+        band band_calibration deviation energy_calibration friction_certainty
+        prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline buckets drift_test joint_friction learner meter_fit meter_windows
+        api baseline buckets drift_test joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
+    """,
+    "robot_energy.foundation": """
+        config_file errors extras kinds process_memory schema_errors shown_text stopping
+        time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder output_streams placement private_file
         regular_file temporary_folder xml_encoding
-    """,
-    "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
-        identify joint_sums merged_friction merged_laws report run sisters tables wear_history
-        workers
-    """,
-    "robot_energy_identify": """
-        bounds causes plausibility provenance run_all steps
-    """,
-    "robot_energy_identify.auxiliary": """
-        readings states
-    """,
-    "robot_energy_identify.cabinet": """
-        cabinet dc_link link_errors link_readings supply
-    """,
-    "robot_energy_identify.data": """
-        bags log_channels observations recordings signals
-    """,
-    "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency losses total_power
-        total_sums
-    """,
-    "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out
-        sufficiency torque_model validation
-    """,
-    "robot_energy_identify.excitation": """
-        excitation limits
-    """,
-    "robot_energy_identify.friction": """
-        friction hold laws samples shape temperature_study
-    """,
-    "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic
-    """,
-    "robot_energy_identify.thermal": """
-        gear gears_by_meter network windows
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -106,139 +57,231 @@ MODULES = {
         velocities zero_states
     """,
     "robot_energy.inputs.meter": """
-        energy_counter kinds meter power_curve source voltage_current_pairs
+        energy_counter kinds meter source voltage_current_pairs
     """,
     "robot_energy.inputs.temperatures": """
         filter kinds reader stuck temperatures
-    """,
-    "robot_energy_report.layouts": """
-        foxglove plotjuggler plots viewers
-    """,
-    "robot_energy_logs": """
-        cells columns diadem instants log_import mapped_log mapping recording rows table text_table
-        ur_rtde
     """,
     "robot_energy.messages": """
         friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema payload
-        reference schema
-    """,
-    "robot_energy_plan.motion": """
-        fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
-        joint_trajectory load_motion planar planned point_columns ptp ptp_file ptp_loop sequence
-        slicing tool_corners tool_motion tool_path tool_timing trajectory_io
-    """,
-    "robot_energy_plan.optimization": """
-        candidates chain comparison deviations forms gcode_form levelling measures
-        order place plan program_form ptp_form recorded_motion rest_states search task
-        time_law timed_moves trajectory_form
-    """,
-    "robot_energy_report.page": """
-        access alarms energy_flow headless_browser history hub json_numbers messages metrics
-        monitoring phase_totals recording robot_state rows saved_page settings web_app web_server
+        auxiliary drive_models figure friction_laws joint load open_schema payload reference
+        schema
     """,
     "robot_energy.physics": """
-        cabinet collision derivative drive drivetrain effort effort_check electrical_power equations
-        friction hold_torque limit_utilisation motor_heat plausibility rigid_body torque
-        torque_limits transmission
+        cabinet collision derivative drive drivetrain effort effort_check electrical_power
+        equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
+        torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        consecutive energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
-        payload_timeline power_stage settings torque_stage
+        consecutive energy_pipeline fallback_use friction_stage friction_timeline
+        online_monitor payload_timeline power_stage settings torque_stage
     """,
-    "robot_energy_report": """
-        advice canvas document drives dynamics energy evaluation fleet fleet_figures formats
-        friction_figure headline held_out html identification identify_all jobs kinds layout model
-        optimization parameters prediction prediction_figure printing recordings repeats replay
-        replay_figures series
+    "robot_energy.replay": """
+        api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
+        replay_topics
     """,
     "robot_energy.results": """
-        advice auxiliary base check condition drives dynamics energy evaluation fleet identification
-        model optimization prediction replay schema
-    """,
-    "robot_energy_rig": """
-        auxiliary config lubricant output plant profile random_plant record sensors supply
-        virtual_rig
-    """,
-    "robot_energy_identify.starter": """
-        arm description joints model_text priors
+        auxiliary base condition energy model replay
     """,
     "robot_energy.store": """
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        coverage epochs gaps hold pieces stamps streams
+        blocks coverage epochs gaps held_rows hold pieces stamps streams time_series
     """,
-    "robot_energy.certainty": """
-        band deviation priors
+    "robot_energy_cli": """
+        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        identify_all identify_drives identify_dynamics identify_excitation identify_friction
+        identify_inputs identify_metered identify_thermal import_logs info layouts listings
+        main models monitoring numbers optimize predict replay replay_options report
+        result_schema simulate terminal test tool_options
+    """,
+    "robot_energy_fleet": """
+        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
+        identify joint_sums merged_friction merged_laws report run sisters tables
+        wear_history workers
+    """,
+    "robot_energy_fleet.advice": """
+        claims dataset_evidence evidence run speeds
+    """,
+    "robot_energy_fleet.documents": """
+        advice fleet fleet_figures
+    """,
+    "robot_energy_fleet.results": """
+        advice fleet
+    """,
+    "robot_energy_identify": """
+        bounds causes plausibility provenance run_all steps
+    """,
+    "robot_energy_identify.api": """
+        bag_source evaluate identify identify_all
+    """,
+    "robot_energy_identify.auxiliary": """
+        readings states
+    """,
+    "robot_energy_identify.cabinet": """
+        cabinet dc_link link_errors link_readings supply
+    """,
+    "robot_energy_identify.check": """
+        evidence finding hypotheses meter motion payload process remedies run torque
+    """,
+    "robot_energy_identify.data": """
+        bags log_channels observations recordings signals
+    """,
+    "robot_energy_identify.drives": """
+        all_drives delays drive_data drive_power drives efficiency losses total_power
+        total_sums
+    """,
+    "robot_energy_identify.dynamics": """
+        base_parameters consistent dynamics dynamics_model leave_one_out sufficiency
+        torque_model validation
+    """,
+    "robot_energy_identify.excitation": """
+        excitation limits
+    """,
+    "robot_energy_identify.friction": """
+        friction hold laws samples shape temperature_study
+    """,
+    "robot_energy_identify.results": """
+        check drives dynamics evaluation identification
+    """,
+    "robot_energy_identify.starter": """
+        arm description joints model_text priors
+    """,
+    "robot_energy_identify.stats": """
+        autocorrelation cross_validation held_out_energy lag regression systematic
+    """,
+    "robot_energy_identify.thermal": """
+        gear gears_by_meter network windows
+    """,
+    "robot_energy_logs": """
+        cells columns diadem instants log_formats log_import mapped_log mapping recording
+        rows table text_table ur_rtde
     """,
     "robot_energy_papers": """
-        accuracy advice_study band_coverage boat calibration certainty certainty_page drawings
-        drive_study experiment fleet_study gear_study generated_fleet held_out interval_coverage
-        job_pool judged_savings kr16_sensitivity learning_study machines mantis map_sensitivity
-        models pages paper_a paper_a_page paper_b paper_b_page savings savings_page
-        savings_study sensitivity soaked_rigs thermal_study wall wall_sensitivity
-        wear_cycle wear_rows wear_shift wear_study
+        accuracy boat calibration drawings drive_study experiment held_out job_pool
+        kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
+        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
+    "robot_energy_plan": """
+        prediction
+    """,
+    "robot_energy_plan.api": """
+        optimize predict
+    """,
+    "robot_energy_plan.motion": """
+        fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
+        joint_trajectory load_motion planar planned point_columns ptp ptp_file ptp_loop
+        sampled_motion sequence slicing tool_corners tool_motion tool_path tool_timing
+        trajectory_io
+    """,
+    "robot_energy_plan.optimization": """
+        candidates chain comparison deviations forms gcode_form levelling measures order
+        place plan program_form ptp_form recorded_motion rest_states search task time_law
+        timed_moves trajectory_form
+    """,
+    "robot_energy_plan.results": """
+        optimization prediction
+    """,
+    "robot_energy_report": """
+        canvas document drives dynamics energy evaluation formats friction_figure headline
+        held_out html identification identify_all jobs kinds layout model optimization
+        parameters prediction prediction_figure printing recordings repeats replay
+        replay_figures series
+    """,
+    "robot_energy_report.layouts": """
+        foxglove plotjuggler plots viewers
+    """,
+    "robot_energy_report.page": """
+        access alarms energy_flow headless_browser history hub json_numbers messages metrics
+        monitoring phase_totals recording robot_state rows saved_page settings web_app
+        web_server
+    """,
+    "robot_energy_rig": """
+        auxiliary config lubricant output plant profile random_plant record sensors supply
+        virtual_rig
+    """,
+    "robot_energy_studies": """
+        advice_study band_coverage certainty certainty_page fleet_study gear_study
+        generated_fleet interval_coverage judged_savings learning_study savings savings_page
+        savings_study thermal_study wear_cycle wear_rows wear_shift wear_study
+    """,
 }
-# From the ground up; each line may import from itself and from the lines above it.
-LAYERS = (
-    (
-        "errors",
-        "units",
-        "kinds",
-        "held_rows",
-        "blocks",
-        "shown_text",
-        "stopping",
-        "process_memory",
-        "kernels",
-        "time_zone",
-    ),
-    ("files",),
-    ("config_file", "schema_errors", "model"),
-    ("physics", "timeline", "cdr"),
-    ("uncertainty",),
-    ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
-    ("condition",),
-    ("pipeline", "messages", "store"),
-    ("motion",),
-    (
-        "bag_replay",
-        "energy_bag",
-        "read_ahead",
-        "replay_steps",
-        "replay_topics",
-        "prediction",
-        "recorded_jobs",
-        "starter",
-        "layouts",
-    ),
-    ("identify", "rig", "check", "page", "optimization"),
-    ("results",),
-    ("report",),
-    ("api",),
-    ("fleet",),
-    ("advice",),
-    ("cli", "__main__"),
+# From the ground up: the core, and what each companion may stand on.
+PACKAGES = (
+    ("robot_energy",),
+    ("robot_energy_logs",),
+    ("robot_energy_plan",),
+    ("robot_energy_rig", "robot_energy_identify"),
+    ("robot_energy_report",),
+    ("robot_energy_fleet",),
+    ("robot_energy_cli",),
     ("robot_energy_papers",),
+    ("robot_energy_studies",),
 )
+# Parts of a package from the ground up; each line may import from itself and from the lines above
+# it. A part is a folder, or modules that stand elsewhere than their folder; "" is all the others.
+LAYERS = {
+    "robot_energy": (
+        ("foundation", "physics.kernels"),
+        ("timeline", "presets", "inputs.rejection_log", "__main__"),
+        ("bag", "model", "inputs.meter.energy_counter"),
+        ("physics", "accounting.power_curve"),
+        ("certainty", "inputs"),
+        ("accounting",),
+        ("certainty.band_calibration", "condition"),
+        ("accounting.account accounting.account_record",),
+        ("pipeline", "store"),
+        ("messages",),
+        ("replay",),
+        ("results",),
+        ("replay.inputs", "replay.power_table"),
+        ("replay.api", "pipeline.online_monitor"),
+        ("condition.api",),
+    ),
+    "robot_energy_plan": (
+        ("motion",),
+        ("prediction", "optimization"),
+        ("results",),
+        ("api",),
+    ),
+    "robot_energy_identify": (
+        ("starter", "check"),
+        ("",),
+        ("results",),
+        ("api",),
+    ),
+    "robot_energy_report": (
+        ("layouts", "page"),
+        ("",),
+    ),
+    "robot_energy_fleet": (
+        ("results", "documents"),
+        ("",),
+        ("advice",),
+    ),
+}
+# The nodes stand on these companions beside the core: pages, the rig, predicted trajectories.
+NODES = Path(__file__).resolve().parents[2] / "ros2_energy_monitor" / "ros2_energy_monitor"
+OF_THE_NODES = {"robot_energy", "robot_energy_plan", "robot_energy_report", "robot_energy_rig"}
+# The demo shows an identification too.
+OF_THE_DEMO = {"demo/demo_identification.py": {"robot_energy_identify"}}
 # Nothing online imports these.
 OFFLINE = (
-    "identify", "fleet", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
-    "optimization", "advice",
+    "robot_energy_cli", "robot_energy_fleet", "robot_energy_identify", "robot_energy_logs",
+    "robot_energy_plan", "robot_energy_report", "robot_energy_rig",
 )  # fmt: skip
 ONLINE = (
-    "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
-    "timeline", "cdr",
+    "accounting", "bag.cdr", "certainty", "condition", "inputs", "messages", "pipeline", "store",
+    "timeline",
 )  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
@@ -247,11 +290,13 @@ FOREIGN = {
 }  # fmt: skip
 
 
+@cache
 def files():
     """Every module of the library by its dotted name."""
     return {
-        ".".join(path.relative_to(SOURCES).with_suffix("").parts): path
-        for package in ("robot_energy", "robot_energy_papers")
+        ".".join(path.relative_to(SOURCES).with_suffix("").parts).removesuffix(".__init__"): path
+        for packages in PACKAGES
+        for package in packages
         for path in sorted((SOURCES / package).rglob("*.py"))
     }
 
@@ -261,51 +306,69 @@ def imports(path):
     found = []
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
-            found.append(node.module)
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            found += [name if name in files() else node.module for name in names]
         elif isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
     return tuple(found)
 
 
-def part(module):
-    """The package or module of the library that has a layer, of a dotted name."""
-    names = module.split(".")
-    return names[0] if names[0] == "robot_energy_papers" or len(names) == 1 else names[1]
+def rank(package):
+    return next(level for level, names in enumerate(PACKAGES) if package in names)
 
 
-def layer(name):
-    return next(level for level, names in enumerate(LAYERS) if name in names)
+def place(module):
+    """The package of a module, its part there, and the layer of that part."""
+    package, _, inner = module.partition(".")
+    layers = LAYERS.get(package, (("",),))
+    fitting = [
+        (len(name), part, level)
+        for level, parts in enumerate(layers)
+        for part in parts
+        for name in part.split() or [""]
+        if not name or inner == name or inner.startswith(f"{name}.")
+    ]
+    assert fitting, f"{module} has no layer"
+    return package, *max(fitting)[1:]
+
+
+def library_imports():
+    """Each module that has a layer, and what it imports of the library."""
+    for module, path in files().items():
+        if module != "robot_energy":  # the one face: see the test of its own
+            for used in imports(path):
+                if used.partition(".")[0].startswith("robot_energy") and used != "robot_energy":
+                    yield module, used
 
 
 def test_every_module_is_listed_and_every_listed_module_exists():
     listed = {f"{package}.{name}" for package, names in MODULES.items() for name in names.split()}
-    found = {name for name in files() if not name.endswith("__init__")}
+    found = {name for name, path in files().items() if path.stem != "__init__"}
     assert found == listed
+    assert {path.parent.name for path in SOURCES.glob("robot_energy*/__init__.py")} == {
+        package for packages in PACKAGES for package in packages
+    }
 
 
 def test_modules_import_only_from_their_own_layer_and_below():
-    for module, path in files().items():
-        own = part(module)
-        if own in ("robot_energy", "__init__"):  # the public API stands on everything
-            continue
-        for used in imports(path):
-            if used.split(".")[0] in ("robot_energy", "robot_energy_papers"):
-                below = part(used) == "robot_energy" or layer(part(used)) <= layer(own)
-                assert below, f"{module} imports {used}, which stands above it"
+    for module, used in library_imports():
+        (own, part, layer), (below, other, level) = place(module), place(used)
+        said = f"{module} imports {used}, which stands above it"
+        assert rank(below) < rank(own) or below == own, said
+        if own == below and part != other:
+            assert level <= layer, said
 
 
-def test_packages_import_each_other_in_no_circle():
+def test_parts_import_each_other_in_no_circle():
     edges = {}
-    for module, path in files().items():
-        own = part(module)
-        edges.setdefault(own, set()).update(
-            part(used) for used in imports(path) if used.startswith("robot_energy.")
-        )
-        edges[own].discard(own)
+    for module, used in library_imports():
+        own, other = place(module)[:2], place(used)[:2]
+        if own != other:
+            edges.setdefault(own, set()).add(other)
     done, open_ = set(), []
 
     def visit(name):
-        assert name not in open_, f"a circle of imports: {' -> '.join([*open_, name])}"
+        assert name not in open_, f"a circle of imports: {[*open_, name]}"
         if name not in done:
             open_.append(name)
             for used in sorted(edges.get(name, ())):
@@ -314,8 +377,38 @@ def test_packages_import_each_other_in_no_circle():
             done.add(name)
 
     for name in sorted(edges):
-        if name not in ("robot_energy", "__init__"):
-            visit(name)
+        visit(name)
+
+
+def test_the_face_names_the_companions_but_imports_none():
+    """Only for type checkers does it import; what runs is a table of names."""
+    tree = ast.parse(files()["robot_energy"].read_text())
+    run = [node for node in tree.body if not isinstance(node, ast.If)]
+    named = [
+        node.module or ""
+        for part in run
+        for node in ast.walk(part)
+        if isinstance(node, ast.ImportFrom)
+    ]
+    assert {name for name in named if name.startswith("robot_energy")} == {
+        "robot_energy.foundation.extras"
+    }
+
+
+def test_the_core_runs_without_a_companion():
+    core = [name for name in files() if name.partition(".")[0] == "robot_energy"]
+    code = (
+        f"import sys, {', '.join(core)}; "
+        "sys.exit(any(name.startswith('robot_energy_') for name in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_nodes_stand_on_the_core_the_pages_the_plans_and_the_rig():
+    for path in sorted(NODES.rglob("*.py")):
+        allowed = OF_THE_NODES | OF_THE_DEMO.get(path.relative_to(NODES).as_posix(), set())
+        used = {name.partition(".")[0] for name in imports(path)}
+        assert {name for name in used if name.startswith("robot_energy")} <= allowed, path
 
 
 def test_no_public_class_has_the_name_of_another():
@@ -342,7 +435,7 @@ def test_two_modules_import_pinocchio():
 
 @pytest.mark.parametrize(
     "heavy",
-    ["matplotlib", "scipy", "rich", "clarabel", *(f"robot_energy.{name}" for name in OFFLINE)],
+    ["matplotlib", "scipy", "rich", "clarabel", "polars", *OFFLINE],
 )
 def test_nothing_online_imports_what_only_reports_need(heavy):
     online = ", ".join(f"robot_energy.{name}" for name in ONLINE)

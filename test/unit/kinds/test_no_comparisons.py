@@ -2,9 +2,8 @@
 
 import ast
 import importlib
-from pathlib import Path
 
-import robot_energy
+from places import LIBRARY, ROOT
 from robot_energy.inputs.meter.kinds import METER_KINDS
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -17,8 +16,7 @@ NAMES = {name for table in TABLES for name in table}
 ENTRIES = {
     kind.entry.__name__ for kind in (*DRIVE_MODELS.values(), *FRICTION_LAWS.values()) if kind.entry
 }
-SOURCES = Path(robot_energy.__file__).parent.parent
-NODES = Path(__file__).resolve().parents[3] / "ros2_energy_monitor" / "ros2_energy_monitor"
+NODES = ROOT / "ros2_energy_monitor/ros2_energy_monitor"
 # Words that are a kind's name and mean something else.
 OTHER_WORDS = {
     ("robot_energy/bag/sqlite_source.py", "table"),  # type of an object of a database
@@ -75,9 +73,9 @@ def classes(tree):
 
 def modules():
     """Every file with its name and, where it needs no ROS, its module."""
-    for package in ("robot_energy", "robot_energy_papers"):
-        for path in sorted((SOURCES / package).rglob("*.py")):
-            name = path.relative_to(SOURCES)
+    for package in LIBRARY:
+        for path in sorted(package.rglob("*.py")):
+            name = path.relative_to(ROOT / "src")
             if path.name != "__main__.py":
                 dotted = ".".join(name.with_suffix("").parts).removesuffix(".__init__")
                 yield path, str(name), importlib.import_module(dotted)

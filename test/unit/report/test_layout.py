@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from rich.console import Console
 
-import robot_energy
-from places import ROOT
+from places import LIBRARY, ROOT
 from robot_energy_cli.main import main
 from robot_energy_papers.wall import Wall
 from robot_energy_report.document import Document
@@ -98,10 +97,7 @@ def test_pairs_wrap_between_words() -> None:
 
 def test_only_the_layout_makes_tables_for_a_terminal() -> None:
     """One that rich lays out by itself is cropped, or folded within figures."""
-    packages = (
-        Path(robot_energy.__file__).parent,
-        ROOT / "ros2_energy_monitor/ros2_energy_monitor",
-    )
+    packages = (*LIBRARY, ROOT / "ros2_energy_monitor/ros2_energy_monitor")
     found = {
         path.name
         for package in packages
