@@ -84,6 +84,12 @@ class _Reading:
         return self.said(self.source, run)
 
 
+def _reading(
+    fields: tuple[str, ...], said: Callable[[TemperatureSource, Run], Said | str]
+) -> Callable[[TemperatureSource], Adapter]:
+    return partial(_Reading, fields, said)
+
+
 def _motor_temperatures(source: TemperatureSource, run: Run) -> Said | str:
     return _named(run.names("joint_names"), run.array("temperature_degc"))
 
@@ -216,7 +222,7 @@ _FLOAT_ARRAY = TemperatureKind(
     name=FLOAT_ARRAY,
     label="Float64MultiArray",
     line="values alone, in the order of the joints of the source",
-    adapter=partial(_Reading, ("data",), _float_array),
+    adapter=_reading(("data",), _float_array),
     headed=False,
     needs_joints=True,
     named=False,
@@ -228,16 +234,14 @@ TEMPERATURE_KINDS = Kinds(
         name=MOTOR_TEMPERATURES,
         label="MotorTemperatures",
         line="parallel arrays of joint names and temperatures",
-        adapter=partial(
-            _Reading, (*HEADER, "joint_names", "temperature_degc"), _motor_temperatures
-        ),
+        adapter=_reading((*HEADER, "joint_names", "temperature_degc"), _motor_temperatures),
         found_by_type=True,
     ),
     TemperatureKind(
         name=TEMPERATURE,
         label="Temperature",
         line="one value; its joint is that of the topic, or said by `frame_id`",
-        adapter=partial(_Reading, (*HEADER, "header.frame_id", "temperature"), _temperature),
+        adapter=_reading((*HEADER, "header.frame_id", "temperature"), _temperature),
         found_by_type=True,
         single=True,
     ),
@@ -251,8 +255,7 @@ TEMPERATURE_KINDS = Kinds(
         name=DYNAMIC_JOINT_STATE,
         label="DynamicJointState",
         line="interfaces of each joint, one of which is the temperature",
-        adapter=partial(
-            _Reading,
+        adapter=_reading(
             (*HEADER, "joint_names", INTERFACES, INTERFACE_NUMBERS),
             _dynamic_joint_state,
         ),
