@@ -1,8 +1,8 @@
 """How often the report of a fleet finds the faults, and how often one that is not there.
 
-The fleets are those of `robot_energy_studies.generated_fleet`, without the way through bags: rig and
-pipeline are joined directly, which takes a third of the time. All that the report reads comes from
-the same accumulators; only the energy of a job is summed here, from the samples and the meter.
+The fleets are those of `robot_energy_studies.generated_fleet`, without the way through bags: rig
+and pipeline are joined directly, which takes a third of the time. All that the report reads comes
+from the same accumulators; only the energy of a job is summed here, from the samples and the meter.
 
 Run it with ``python -m robot_energy_studies.fleet_study SEEDS``.
 """

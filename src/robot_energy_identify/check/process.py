@@ -1,8 +1,9 @@
 """The checks as a process of their own, of low priority, for a monitor that goes on meanwhile.
 
-``python -m robot_energy_identify.check.process NICENESS`` reads what a monitor saw from its standard input,
-as pickled keyword arguments of `robot_energy_identify.check.evidence.evidence_of`, and writes the findings
-as JSON, without the options of the command. Only a parent process on the same machine feeds it.
+``python -m robot_energy_identify.check.process NICENESS`` reads what a monitor saw from its
+standard input, as pickled keyword arguments of `robot_energy_identify.check.evidence.evidence_of`,
+and writes the findings as JSON, without the options of the command. Only a parent process on the
+same machine feeds it.
 """
 
 from __future__ import annotations
