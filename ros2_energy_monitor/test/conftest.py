@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 import socket
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import wait
@@ -42,8 +41,6 @@ from ros2_energy_monitor.base.publishers import best_effort, reliable
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.nodes.virtual_robot import make_rig
 
-# Studies are in no wheel. The installed packages come first.
-sys.path.append(str(Path(__file__).resolve().parents[2] / "src"))
 LOOPBACK = {  # UDP without shared memory, which what is killed would leave half made
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(
