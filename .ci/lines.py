@@ -1,4 +1,4 @@
-"""Lines of Python in the packages, and how many of them the monitor nodes load.
+"""Lines of Python in the core, its companions and the nodes; how many the monitor nodes load.
 
 Run it in the environment of the set-up: ``python .ci/lines.py``.
 """
@@ -18,6 +18,7 @@ PACKAGES = {
     },
     "ros2_energy_monitor": ROOT / "ros2_energy_monitor/ros2_energy_monitor",
 }
+GROUPS = {"robot_energy": "core", "ros2_energy_monitor": "nodes"}  # all others are companions
 NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor")
 
 
@@ -34,14 +35,18 @@ def main() -> None:
         importlib.import_module(f"ros2_energy_monitor.nodes.{node}")
     loaded = {Path(module.__file__).resolve() for module in list(sys.modules.values())
               if getattr(module, "__file__", None)}  # fmt: skip
-    print(f"{'package':<22} {'lines':>7} {'of the monitor nodes':>21}")
-    sums = [0, 0]
+    row = "{:<24} {:>7} {:>21}".format
+    print(row("package", "lines", "of the monitor nodes"))
+    groups = {"core": (0, 0), "companions": (0, 0), "nodes": (0, 0), "all": (0, 0)}
     for name, folder in PACKAGES.items():
         files = list(folder.rglob("*.py"))
-        counts = [sum(map(lines, files)), sum(lines(one) for one in files if one in loaded)]
-        sums = [before + count for before, count in zip(sums, counts, strict=True)]
-        print(f"{name:<22} {counts[0]:7d} {counts[1]:21d}")
-    print(f"{'all':<22} {sums[0]:7d} {sums[1]:21d}")
+        counts = sum(map(lines, files)), sum(lines(one) for one in files if one in loaded)
+        print(row(name, *counts))
+        for group in (GROUPS.get(name, "companions"), "all"):
+            groups[group] = tuple(map(sum, zip(groups[group], counts, strict=True)))
+    print()
+    for group, counts in groups.items():
+        print(row(group, *counts))
 
 
 if __name__ == "__main__":
