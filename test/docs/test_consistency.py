@@ -2,6 +2,7 @@
 
 import ast
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -146,6 +147,48 @@ def test_every_file_that_is_named_exists():
         if not named_file_exists(path, name)
     }
     assert not missing
+
+
+# Architecture
+
+ARCHITECTURE = (SOURCE / "doc/architecture.md").read_text()
+
+
+def defines(path: Path, name: str) -> bool:
+    """Whether a file defines a function, or a class with this method."""
+    body = ast.parse(path.read_text()).body
+    for part in name.split("."):
+        found = [node for node in body if getattr(node, "name", "") == part]
+        if not found:
+            return False
+        body = getattr(found[0], "body", [])
+    return True
+
+
+def test_the_ways_through_the_code_name_what_is_there():
+    named = re.findall(r"`([\w.]+)`\s+\(`([\w/]+\.py)`\)", ARCHITECTURE)
+    tops = (NODES, SOURCE / "robot_energy", SOURCE)
+    files = [(name, top / path) for name, path in named for top in tops if (top / path).exists()]
+    assert len(files) == len(named) > 50
+    assert not [(name, str(path)) for name, path in files if not defines(path, name)]
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / ".ci")
+        return runpy.run_path(str(ROOT / ".ci/architecture.py"))
+
+
+def test_the_table_of_packages_is_in_the_order_of_imports(drawing):
+    named = re.findall(r"^\| `(\w+)` \|", ARCHITECTURE, flags=re.MULTILINE)
+    assert set(named) == set(drawing["PACKAGES"])
+    between, _ = drawing["imports"]()
+    assert not [pair for pair in between if named.index(pair[0]) < named.index(pair[1])]
+
+
+def test_the_picture_of_the_packages_shows_their_imports(drawing):
+    assert drawing["PICTURE"].read_text() == drawing["picture"](), "run: python .ci/architecture.py"
 
 
 # Dependencies
