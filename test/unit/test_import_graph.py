@@ -269,7 +269,7 @@ LAYERS = {
         ("advice",),
     ),
 }
-# The nodes stand on these companions beside the core: pages, the rig, predicted trajectories.
+# Besides the core the nodes stand on these companions: pages, the rig, predicted trajectories.
 NODES = Path(__file__).resolve().parents[2] / "ros2_energy_monitor" / "ros2_energy_monitor"
 OF_THE_NODES = {"robot_energy", "robot_energy_plan", "robot_energy_report", "robot_energy_rig"}
 # The demo shows an identification too.
