@@ -14,14 +14,13 @@ from argparse import (
 )
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
-from importlib.metadata import entry_points
 from io import TextIOWrapper
 from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
 from robot_energy.foundation.errors import KindError, RobotEnergyError
 from robot_energy.foundation.extras import is_ours, missing
-from robot_energy.foundation.kinds import LIKELY, load_kinds
+from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.foundation.stopping import Stopped, stoppable
 from robot_energy_cli.command import Command
@@ -143,7 +142,7 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     # Those of other packages, such as that of the papers, by the entry points they declare.
-    further = [entry.load() for entry in entry_points(group=ENTRY_POINTS)]
+    further = [entry.load() for entry in installed(ENTRY_POINTS)]
     for command in (*COMMANDS, *further, COMPLETION, HELP):
         command.add_parser(commands)
     return parser
@@ -178,6 +177,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # Before numpy is imported: matrices are small, and more threads only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # No plugin of pydantic is used; to look for one reads all installed packages again.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
             stream.reconfigure(errors="backslashreplace")  # names may hold any letter

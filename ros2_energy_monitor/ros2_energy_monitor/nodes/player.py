@@ -38,7 +38,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.types import extended
+from robot_energy.bag.cdr.types import differs
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.foundation.errors import BagError, MissingTopicError, RobotEnergyError
@@ -143,7 +143,7 @@ class Player:
             raise BagError(f"another topic is played as {name}", "each topic once")
         kind = message_class(msgtype)
         recorded = self._bag.typestore
-        if msgtype in recorded.fielddefs and extended(recorded, definitions_of(kind)) != recorded:
+        if msgtype in recorded.fielddefs and differs(recorded, definitions_of(kind)):
             raise BagError(
                 f"the bag has {msgtype} of another release",
                 "the definition that is installed",

@@ -57,7 +57,7 @@ def saturated(value: int) -> int:
 class RecordPart(BaseModel):
     """Base of all records: frozen, strict, no unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
 class LoadTotals(RecordPart):

@@ -21,7 +21,7 @@ from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
 
 if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
+    from robot_energy.bag.cdr.lazy_store import LazyStore
 
 __all__ = ["BagReader", "TopicInfo"]
 
@@ -89,7 +89,7 @@ class BagReader:
         self.message_count = contents.message_count
 
     @cached_property
-    def typestore(self) -> Typestore:
+    def typestore(self) -> LazyStore:
         """Message definitions for this bag: the known ones, and the bag's own where they differ.
 
         Raises:

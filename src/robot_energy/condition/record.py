@@ -24,7 +24,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, revalidate_instances="always") 
 class ConditionPart(BaseModel):
     """Base of the records: frozen, strict, no unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
     def to_json(self) -> bytes:
         """Return the record as JSON text."""

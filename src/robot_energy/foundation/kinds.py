@@ -13,8 +13,8 @@ import importlib.util
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from importlib.metadata import entry_points
+from functools import cache, cached_property
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar, cast
@@ -152,13 +152,25 @@ def load_kinds() -> None:
     Raises:
         KindError: If a file is missing or cannot be run.
     """
-    for entry in entry_points(group=GROUP):
+    for entry in installed(GROUP):
         entry.load()
     for text in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
         path = Path(text).resolve()
         if path not in _loaded:
             _run(path)
             _loaded.add(path)
+
+
+def installed(group: str) -> EntryPoints:
+    """Return what the installed packages declare, read once: that takes 30 ms.
+
+    Args:
+        group: Group of entry points.
+    """
+    return _entry_points().select(group=group)
+
+
+_entry_points = cache(entry_points)
 
 
 _loaded: set[Path] = set()

@@ -121,9 +121,8 @@ def check_size(
         count = 1
         for _, (kind, detail) in fielddefs[msgtype][1]:
             inner = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
-            name = inner[1] if inner[0] == Nodetype.NAME else None
-            if name in fielddefs:
-                count += check_size(str(name), fielddefs, (*inside, msgtype), known)
+            if inner[0] == Nodetype.NAME and inner[1] in fielddefs:
+                count += check_size(str(inner[1]), fielddefs, (*inside, msgtype), known)
             else:
                 count += 1
             if count > MAX_FIELDS:
