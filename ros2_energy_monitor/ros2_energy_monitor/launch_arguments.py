@@ -60,8 +60,6 @@ def check_arguments(command_line: Sequence[str], file: str, known: Iterable[str]
 
     Args:
         command_line: That of the process.
-        file: The launch file.
-        known: Names of its arguments.
 
     Raises:
         RuntimeError: If one is unknown.

@@ -58,9 +58,6 @@ class NodeRights:
     """Full names of what a node uses.
 
     Attributes:
-        node: Full name of the node.
-        publish: Topics.
-        subscribe: Topics.
         reply: Services that it offers.
         request: Services that it calls.
     """
@@ -93,11 +90,7 @@ def rights_of(node: Node) -> NodeRights:
 
 
 def is_seen(node: Node) -> bool:
-    """Return whether the graph shows all that a node has made.
-
-    Args:
-        node: Any node.
-    """
+    """Return whether the graph shows all that a node has made."""
     found = rights_of(node)
     return (
         {one.topic_name for one in node.publishers} <= found.publish
@@ -108,11 +101,7 @@ def is_seen(node: Node) -> bool:
 
 
 def policy_xml(rights: Iterable[NodeRights]) -> bytes:
-    """Return an SROS 2 policy: one enclave for each node, named as the node.
-
-    Args:
-        rights: Of the nodes.
-    """
+    """Return an SROS 2 policy: one enclave for each node, named as the node."""
     policy = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(policy, "enclaves")
     for one in rights:

@@ -31,13 +31,9 @@ class Command:
     """A sub-command.
 
     Attributes:
-        name: As it is typed.
-        text: What it does, in the list of commands.
         run: Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and
             was read in part. What it refuses is a `RobotEnergyError`.
-        options: Its arguments and options, or what adds them.
         description: What it does, in its own help; empty for that of the list.
-        epilog: Examples.
     """
 
     name: str
@@ -72,11 +68,6 @@ class Group:
     """A sub-command that has sub-commands.
 
     Attributes:
-        name: As it is typed.
-        text: What they do, in the list of commands.
-        description: What they do, in its own help.
-        title: Above their list.
-        metavar: What stands for one of them.
         parts: Gives them; asked once all kinds are known.
         default: Name, text and run of the one that need not be named; None: one must be named.
     """
@@ -110,12 +101,7 @@ class Group:
 
 
 def add_options(group: Any, options: Options) -> None:
-    """Add options from a table.
-
-    Args:
-        group: Of options, or a parser.
-        options: The table.
-    """
+    """Add options from a table."""
     for spelled, said in options.items():
         match said:
             case str():
@@ -130,11 +116,9 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
     """Add an option or argument.
 
     Args:
-        group: Of options, or a parser.
         spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
             unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
             ``bags BAG`` are arguments.
-        text: What it is or does.
         **words: Further ones of `ArgumentParser.add_argument`.
     """
     name, _, metavar = spelled.partition(" ")

@@ -95,7 +95,6 @@ def result_options(what: str, plot: str = "") -> Options:
     """Return what can be written.
 
     Args:
-        what: Content of the model file.
         plot: Help of ``--plot``; empty for a command without a figure.
     """
     figure = {"--plot FILE": plot} if plot else {}
@@ -104,9 +103,6 @@ def result_options(what: str, plot: str = "") -> Options:
 
 class IdentifyInputs:
     """What was typed of recordings, logs and files to write, with that of the options above.
-
-    Args:
-        args: Of the command.
 
     Attributes:
         log_notes: What was found and assumed about a log, and rows that were not used.

@@ -53,9 +53,6 @@ class Parser(ArgumentParser):
 
     Wrong words, such as names of files, are quoted without what acts on a terminal.
     Sub-commands have this class too, and with it the same form of help.
-
-    Args:
-        words: As those of the base class.
     """
 
     def __init__(self, **words: Any) -> None:
@@ -63,11 +60,7 @@ class Parser(ArgumentParser):
         super().__init__(**words)
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and where the help is, and exit.
-
-        Args:
-            message: What is wrong.
-        """
+        """Print what is wrong and where the help is, and exit."""
         text = message.replace("the following arguments are required:", "required:")
         self.exit(REFUSED, shown_lines(f"{self.prog}: {text} (see {self.prog} --help)") + "\n")
 

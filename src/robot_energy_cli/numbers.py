@@ -15,7 +15,6 @@ def number_type(
     """Return a type of arguments.
 
     Args:
-        what: An argument of this type, with its range.
         low: Least value. [its unit]
         high: Greatest value. [its unit]
         open_low: Whether the least value itself is refused.
@@ -43,9 +42,6 @@ frequency = number_type("frequency in Hz (above 0)", 0.0, MAX_NUMBER, open_low=T
 
 def whole(text: str) -> int:
     """Return a whole number.
-
-    Args:
-        text: An argument.
 
     Raises:
         ArgumentTypeError: If it is none, or beyond 1e9.

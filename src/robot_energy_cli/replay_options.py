@@ -24,9 +24,6 @@ ROBOT: Options = {
 def model_named(args: Namespace) -> str:
     """Return the model that --model or --robot names.
 
-    Args:
-        args: Of the command.
-
     Raises:
         ModelFileError: If neither names one.
         KindError: If the robot is unknown.

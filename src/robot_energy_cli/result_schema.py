@@ -162,9 +162,6 @@ class _Generator(GenerateJsonSchema):
 def read_result(path: str | Path) -> ReplayReport | PredictionsReport:
     """Read a result back from the JSON of a command.
 
-    Args:
-        path: The file.
-
     Returns:
         The same as the command gave.
 

@@ -80,9 +80,6 @@ def console() -> Console:
 def progress(label: str) -> Generator[Callable[[float], None], None, None]:
     """Show a bar on a terminal, nothing elsewhere.
 
-    Args:
-        label: What is going on.
-
     Yields:
         To be called with the share done, 0 to 1.
     """
@@ -134,7 +131,6 @@ def check_report(path: str, inputs: Iterable[str] = ()) -> None:
     """Refuse the file of a report before the work that it is for.
 
     Args:
-        path: HTML or PDF file.
         inputs: Files and folders that the command reads.
 
     Raises:
@@ -155,7 +151,6 @@ def check_bag(
     """Refuse the folder of a new bag before the work that it is for.
 
     Args:
-        path: The folder.
         overwrite: Whether a bag of this tool may be replaced.
         inputs: Files and folders that the command reads.
         files: Files that it writes as well.
@@ -178,7 +173,6 @@ def write_json(path: str, summary: Mapping[str, Any]) -> None:
     """Write a JSON document whole or not at all; ``-`` is the standard output.
 
     Args:
-        path: The file.
         summary: Its content, as `Result.to_dict` gives it: no number is infinite or NaN.
 
     Raises:
@@ -199,7 +193,6 @@ def present(
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-        result: What goes into the JSON file.
         page: The same for terminal and page.
         made: What ``--out`` names.
         plot: Draws the figure of ``--plot``.
@@ -244,8 +237,6 @@ def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
 
     Args:
         out: Where to.
-        path: The file or folder.
-        what: It is, and how much.
         done: Whether it was written.
     """
     from rich.text import Text

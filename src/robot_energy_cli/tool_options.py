@@ -36,9 +36,7 @@ def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> N
     """Add the options.
 
     Args:
-        group: Of a parser.
         several: Whether a command takes several robots.
-        also: Older names of the start position.
     """
     action = "append" if several else "store"
     each = "; once for all robots, or once per model" if several else ""
@@ -62,14 +60,6 @@ def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> N
 
 def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
     """Return what was given.
-
-    Args:
-        args: Of the command line.
-        base: Place of this robot's base.
-        start: Its joint positions near the first one.
-
-    Returns:
-        The options.
 
     Raises:
         MotionError: If a figure makes no sense.

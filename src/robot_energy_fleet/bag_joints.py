@@ -48,12 +48,10 @@ class BagJoints:
     """Bags with moving joints, of robots with one model.
 
     Attributes:
-        robots: Names.
         joints: Names, in the order of the model.
         key: Of each bag, shape (B,).
         robot: Number of its robot, shape (B,).
         stamp_ns: Its begin, shape (B,). [ns]
-        figures: Friction against the model and mass.
         degc: Mean motor temperature, shape (B, n). [degC]
         work: What bags differ in: shares of w^2 at temperatures, mean and square speed,
             shape (B, n, K). [-]
@@ -73,7 +71,6 @@ def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
     """Return the bags of robots with one model.
 
     Args:
-        tables: Of the bags with this model.
         robots: Names, in the order of their numbers.
     """
     rows = (
@@ -120,9 +117,7 @@ def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Flo
     """Return the sums of products of one joint, and the samples behind them.
 
     Args:
-        tables: Of the fleet.
         bags: Which bags.
-        joint: Name of the joint.
 
     Returns:
         Shape (B, COLUMNS, COLUMNS) and (B,); 0 where a bag has none.
@@ -139,11 +134,7 @@ def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Flo
 
 
 def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
-    """Return the records of one joint of one robot, in order of time.
-
-    Args:
-        rows: Of the table of joints.
-    """
+    """Return the records of one joint of one robot, in order of time."""
     written = (
         one
         for one in rows.iter_rows(named=True)  # an earlier release wrote other features

@@ -42,14 +42,10 @@ class FleetBag:
 
     Attributes:
         place: Where it is.
-        robot: Name of its robot in the fleet.
         programme: What the robot did; may be empty.
         shift: When; may be empty.
-        model: File or name of its model.
         options: Of the replay, plain values under the names of `ReplayOptions`.
         texts: Text of files among the options, by option: workers need not have the files.
-        model_digest: Hash of the model.
-        version: Of this tool.
         named: Addresses under which a table names it.
     """
 
@@ -113,9 +109,6 @@ class FleetModels:
     def digest_of(self, name: str) -> str:
         """Read a model and return its hash.
 
-        Args:
-            name: Model file, or name of a shipped model.
-
         Returns:
             The hash, by which `models` has the model.
 
@@ -130,7 +123,6 @@ class FleetModels:
         """Keep a model.
 
         Args:
-            model: The model.
             name: Under which `digest_of` finds it; empty for that of its file.
 
         Returns:
@@ -156,16 +148,11 @@ def list_bags(
     """Return the bags of a fleet.
 
     Args:
-        where: Folder, pattern, bag or CSV table.
         models: Where models are kept.
         model: File or name of the model of bags for which a table names none.
-        options: Of the replay, for all bags.
         robot: Name of the robot of all bags; None: that of the folder in which a recording lies.
         split: As of `find_bags`.
         complete: As of `find_bags`.
-
-    Returns:
-        The bags.
 
     Raises:
         DatasetError: If place or table cannot be used.

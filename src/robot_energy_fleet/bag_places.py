@@ -37,11 +37,7 @@ Infos = dict[str, dict[str, Any]]
 
 
 def digest(*parts: object) -> str:
-    """Return a short hash of plain values.
-
-    Args:
-        *parts: The values.
-    """
+    """Return a short hash of plain values."""
     text = json.dumps(parts, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
@@ -51,10 +47,8 @@ class BagPlace:
     """Where a bag is.
 
     Attributes:
-        address: Local path, or URL.
         files: Addresses of its files with messages and metadata; none if it is not there.
         sizes: Of these files. [bytes]
-        state: Hash of their sizes and times of change.
         is_folder: Whether it is a folder of rosbag2.
         is_local: Whether it can be read where it is.
         problem: Why it cannot be used; None if nothing speaks against it.
@@ -78,18 +72,13 @@ def unusable(address: str, problem: Exception) -> BagPlace:
     """Return the place of a bag that cannot be used.
 
     Args:
-        address: As far as it is known.
         problem: Why not.
     """
     return BagPlace(shown(address), (), (), UNREAD, False, True, problem)
 
 
 def no_bag(where: str) -> DatasetError:
-    """Return the error of a place without bags.
-
-    Args:
-        where: Its address.
-    """
+    """Return the error of a place without bags."""
     return DatasetError(
         f"{shown(where)} holds no bag", "MCAP files or folders of rosbag2", "check the path"
     )
@@ -97,9 +86,6 @@ def no_bag(where: str) -> DatasetError:
 
 def file_system(address: str) -> tuple[Any, str]:
     """Return the file system of an address, and the path there.
-
-    Args:
-        address: Local path, or URL.
 
     Raises:
         DatasetError: If its protocol is none of `PROTOCOLS`, or its client is missing.
@@ -129,9 +115,6 @@ def _unreadable(address: str, error: Exception) -> DatasetError:
 def read_whole(address: str) -> bytes:
     """Return the content of a small file.
 
-    Args:
-        address: Local path, or URL.
-
     Raises:
         DatasetError: If it cannot be read.
     """
@@ -148,9 +131,6 @@ class Folders:
     """The files below local folders, each counted once.
 
     Links to folders are followed where they lead to files that are not below the folders anyway.
-
-    Args:
-        system: The local file system.
     """
 
     def __init__(self, system: Any) -> None:
@@ -291,11 +271,7 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
 
 
 def is_of_folder(path: str) -> bool:
-    """Return whether an MCAP file has the name of its folder and a number.
-
-    Args:
-        path: Of the file.
-    """
+    """Return whether an MCAP file has the name of its folder and a number."""
     *_, folder, file = ("", "", *filter(None, path.split("/")))
     name, _, number = file.removesuffix(".mcap").rpartition("_")
     return name == folder and number.isdecimal() and file.endswith(".mcap")
@@ -316,21 +292,12 @@ def _place(system: Any, address: str, infos: Infos, files: list[str]) -> BagPlac
 
 
 def named_on(system: Any, path: str) -> str:
-    """Return the address of a path.
-
-    Args:
-        system: Of fsspec.
-        path: There.
-    """
+    """Return the address of a path."""
     return path if is_local(system) else str(system.unstrip_protocol(path))
 
 
 def is_local(system: Any) -> bool:
-    """Return whether a file system is that of this host.
-
-    Args:
-        system: Of fsspec.
-    """
+    """Return whether a file system is that of this host."""
     names = system.protocol
     return "file" in ((names,) if isinstance(names, str) else tuple(names))
 

@@ -43,8 +43,6 @@ class BagRow:
 
     Attributes:
         key: Of which bag it is, and why that could not be used, if so.
-        date: UTC day of the first sample.
-        data: The Parquet file.
         problems: What was wrong with a bag that was used.
         jobs_left_out: Jobs of which the bag holds a part only, how many.
         observed_time: Predicted. [s]
@@ -64,7 +62,6 @@ def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) ->
     """Return the row of a bag that could not be used.
 
     Args:
-        bag: The bag.
         error: Why not.
         bag_hash: Hash of its content; None if it could not be read, so that the next run tries
             again.
@@ -86,8 +83,6 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
     """Replay a bag; whatever is wrong with it becomes a row with the reason.
 
     Args:
-        bag: The bag.
-        model: Its model.
         max_scratch: Size up to which a remote bag is copied here. [bytes]
 
     Returns:

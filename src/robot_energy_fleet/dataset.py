@@ -47,10 +47,7 @@ class RowKey(NamedTuple):
     """What says of which bag a row is.
 
     Attributes:
-        name: Of the row.
         key: Equal for the same content and settings.
-        robot: Name of the robot.
-        bag: Address of the bag.
         bag_hash: Of its content; None if it could not be read.
         reason: Why the bag could not be used; empty where it could.
     """
@@ -141,11 +138,7 @@ class Dataset:
         return found
 
     def has(self, name: str) -> bool:
-        """Return whether a bag is there unchanged; older rows of it are removed.
-
-        Args:
-            name: Of its row.
-        """
+        """Return whether a bag is there unchanged; older rows of it are removed."""
         if name in self._rows():
             self._keep(name)
         return name in self._rows()
@@ -156,8 +149,6 @@ class Dataset:
         A bag that cannot be read takes no row away: where it was read before, that row stays.
 
         Args:
-            key: Of the row.
-            date: UTC day.
             data: The row, from `row_bytes`.
 
         Returns:
@@ -178,7 +169,6 @@ class Dataset:
         """Remove the rows of bags.
 
         Args:
-            bags: Robots and addresses.
             unread: Whether only where the bag could not be read.
         """
         rows = self._rows()
@@ -291,9 +281,6 @@ def _scan(files: list[Path], file_column: str | None = None) -> pl.LazyFrame:
 def scan(folder: str | Path) -> pl.LazyFrame:
     """Return all rows of a dataset, one of each bag and robot: copies of a bag count once.
 
-    Args:
-        folder: Of the dataset.
-
     Raises:
         DatasetError: If there is none.
     """
@@ -316,7 +303,6 @@ def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
 
     Args:
         rows: What is wanted of them, from `scan`.
-        folder: Of the dataset.
 
     Raises:
         DatasetError: If a file cannot be read, which it names.
@@ -367,9 +353,6 @@ def _why_wrong(rows: pl.DataFrame) -> str:
 
 def read_tables(folder: str | Path) -> FleetTables:
     """Return the rows of a dataset as the tables that reports are made from.
-
-    Args:
-        folder: Of the dataset.
 
     Raises:
         DatasetError: If there is none, or a file cannot be read.

@@ -23,9 +23,7 @@ class TableColumn(NamedTuple):
     """One column.
 
     Attributes:
-        kind: Of its values.
         unit: Empty where there is none.
-        text: What it holds.
     """
 
     kind: pl.DataType

@@ -36,9 +36,7 @@ class RobotsCompared:
     """Robots of one model after all comparisons.
 
     Attributes:
-        findings: What was found.
         friction: Levels of the friction of each joint, logarithms; in the order of the model.
-        comparisons: Kinds of figures, of all models.
         with_sisters: Robots that were compared with sisters, by one kind of figure at least.
         with_before: Robots that were compared with themselves before, by one joint at least.
     """
@@ -56,8 +54,6 @@ def compare(
     """Compare robots of one model with each other, and each with itself before.
 
     Args:
-        tables: Of the bags with this model.
-        bags: Of these robots.
         duty: Share of motion in the time of the bags of each robot. [-]
         models: In the whole report, whose robots are compared each.
 

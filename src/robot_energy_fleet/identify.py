@@ -34,10 +34,7 @@ def identify_fleet(
     out. A test on the newest bags comes first; the model is then that of all bags.
 
     Args:
-        tables: Of the fleet.
         model: The model with which its bags were run.
-        dataset: Name of the dataset.
-        sensors: Limits of the constant errors of the sensors.
 
     Returns:
         What was found, and the model with it.

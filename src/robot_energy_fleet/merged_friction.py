@@ -55,7 +55,6 @@ def fit_merged(
 
     Args:
         bags: Its sums, without nuisances.
-        sensors: Standard deviations of constant errors.
         own_bodies: Whether the bodies of the model come from measured torque.
         source: Where the data come from, for the model file.
 

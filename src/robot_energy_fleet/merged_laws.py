@@ -49,7 +49,6 @@ class JointBags:
     """Sums of one joint in B bags.
 
     Attributes:
-        name: Of the joint.
         gram: Sums of products, shape (B, COLUMNS, COLUMNS).
         rows: Samples, shape (B,).
         degc: Mean motor temperature, shape (B,). [degC]
@@ -96,10 +95,8 @@ class MergedSums:
     """Sums of a joint, for fits of any shape over temperature.
 
     Attributes:
-        bags: Its bags.
         whole: Their sums of products, shape (COLUMNS, COLUMNS).
         group: Of bags that are left out together, shape (B,).
-        sensors: Standard deviations of constant errors.
         own_bodies: Whether the bodies of the model come from measured torque.
         source: Where the data come from.
     """
@@ -116,7 +113,6 @@ class MergedSums:
 
         Args:
             shape: Values at the nodes, shape (NODES, K). [-]
-            names: Of the coefficients.
             bend: Combinations of the coefficients that are 0 where the bags do not show them,
                 shape (M, K); None for none. [-]
         """
@@ -152,9 +148,6 @@ class MergedSums:
 def fit_constant(merged: MergedSums) -> tuple[LawEntry, Fit]:
     """Fit one viscous coefficient for all temperatures.
 
-    Args:
-        merged: Sums of the joint.
-
     Returns:
         The law, and fc with its coefficients.
     """
@@ -165,9 +158,6 @@ def fit_constant(merged: MergedSums) -> tuple[LawEntry, Fit]:
 
 def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
     """Fit the exponential law: its scale c is searched, everything else is linear.
-
-    Args:
-        merged: Sums of the joint.
 
     Returns:
         The law, and fc with its coefficients.
@@ -230,9 +220,6 @@ def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
 
 def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
     """Fit the viscous coefficient at every node that the bags have seen.
-
-    Args:
-        merged: Sums of the joint.
 
     Returns:
         The law, and fc with its coefficients.

@@ -282,12 +282,7 @@ def _model_errors(read: pl.DataFrame) -> tuple[ModelError, ...]:
 
 
 def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
-    """Return the share of motion in the time of the bags of each robot.
-
-    Args:
-        hours: Table of the fleet.
-        robots: Their names.
-    """
+    """Return the share of motion in the time of the bags of each robot."""
     sums = hours.group_by("robot", maintain_order=True).agg(
         pl.col("motion_time", "observed_time").sum()
     )

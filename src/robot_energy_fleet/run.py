@@ -28,7 +28,6 @@ class FleetRun:
     Attributes:
         bags: That were asked for.
         there: Of them, that the dataset held already, unchanged.
-        read: Replayed.
         refused: Those that could not be used, by robot and address.
         damaged: Those replayed that were read in part, by robot and address.
         jobs_left_out: Jobs of which a bag replayed holds a part only.
@@ -75,11 +74,9 @@ def run_fleet(
     """Replay what the dataset does not hold yet.
 
     Args:
-        bags: Of the fleet.
         models: By their hashes.
         dataset: Where the rows go.
         replays: From `in_turn` or `on_dask`.
-        done: Of an earlier round, to be continued.
         progress: Called after each bag.
 
     Returns:
@@ -187,10 +184,6 @@ def where_asked(
 
 
 def why_refused(refused: Iterable[RefusedBag]) -> list[tuple[str, int]]:
-    """Return the reasons of refused bags without their addresses, the most frequent first.
-
-    Args:
-        refused: The bags.
-    """
+    """Return the reasons of refused bags without their addresses, the most frequent first."""
     reasons = Counter(one.reason.replace(one.bag, "BAG") for one in refused)
     return reasons.most_common()

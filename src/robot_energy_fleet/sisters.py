@@ -60,7 +60,6 @@ class Deviation:
     """A robot that differs from its sisters.
 
     Attributes:
-        robot: Its number.
         size: Its level less the mean of the sound ones. [unit of the figure]
         std: Standard deviation of the size, by the scatter of bags and of sound sisters.
         certainty: Probability that it is no chance, all comparisons considered. [-]

@@ -69,11 +69,7 @@ class FleetTables:
     joints: pl.DataFrame
 
     def of_model(self, model_id: str) -> FleetTables:
-        """Return the rows of the bags that were read with one model.
-
-        Args:
-            model_id: Of the model.
-        """
+        """Return the rows of the bags that were read with one model."""
         runs = self.runs.filter((pl.col("model_id") == model_id) & (pl.col("reason") == ""))
         keys = runs.select("key")
         others = (one.join(keys, on="key", how="semi", maintain_order="left")

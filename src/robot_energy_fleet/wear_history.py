@@ -27,7 +27,6 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
     """Test one joint of one robot.
 
     Args:
-        records: Of all its bags, oldest first.
         duty: Share of motion in the time of the bags. [-]
 
     Returns:

@@ -26,11 +26,7 @@ def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
 
 
 def is_at_bound(figure: Figure) -> bool:
-    """Whether a figure was written by `at_bound`.
-
-    Args:
-        figure: Of a model file.
-    """
+    """Whether a figure was written by `at_bound`."""
     return figure.source.startswith(AT_BOUND)
 
 
@@ -60,7 +56,6 @@ def only_the_sum(value: float, of: str, source: str) -> PositiveFigure:
 
     Args:
         value: Its share. [of the figure]
-        of: What the sum is of, with its figure.
         source: Where the data come from.
     """
     text = f"only the sum of {of}, is identified"

@@ -43,11 +43,7 @@ MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags:
 
 
 def bodies_known(model: RobotModel) -> bool:
-    """Whether the model file says where its masses come from.
-
-    Args:
-        model: With tags for its URDF.
-    """
+    """Whether the model file says where its masses come from."""
     return model.urdf.tags.get("masses", "assumed") != "assumed"
 
 
@@ -60,12 +56,7 @@ def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
 
 
 def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
-    """Return the few samples of a recording that the checks of its torque need.
-
-    Args:
-        recording: Run with a model.
-        effort: What its effort means.
-    """
+    """Return the few samples of a recording that the checks of its torque need."""
     return replace(
         _evidence_of(recording, effort).thinned(), supply=None, shaft_power=None, meter=None
     )
@@ -149,7 +140,6 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
 
     Args:
         recordings: With their meters; those without are passed over.
-        effort: What their effort means.
 
     Raises:
         ImplausibleIdentificationError: Naming the cause and the line that mends it.

@@ -69,7 +69,6 @@ def opposite_joints(
     and s = -1: bodies of any size and friction of any size, but never of the wrong sign.
 
     Args:
-        names: Of the joints.
         measured: Torque, shape (N, n). [N m]
         rigid: Torque of the bodies as given, same side, shape (N, n). [N m]
         velocity: Of the same side, shape (N, n). [rad/s]
@@ -120,10 +119,6 @@ def _refuse_opposite(found: Mapping[str, float], joints: int, remedy: str = TURN
 def check_signs(recordings: Sequence[Recording], effort: EffortMeaning | None = None) -> None:
     """Refuse recordings whose measured torque has the wrong sign.
 
-    Args:
-        recordings: Run with one model.
-        effort: What was measured, for the remedy.
-
     Raises:
         ImplausibleIdentificationError: Naming the joints.
     """
@@ -141,7 +136,6 @@ def check_dynamics(result: Dynamics, held_out: TorqueError) -> None:
     """Refuse dynamics that no robot has.
 
     Args:
-        result: The identification.
         held_out: Torque error of its model file on what it has not seen.
 
     Raises:
@@ -265,10 +259,6 @@ def _refuse_mass(result: Dynamics, given: Float) -> None:
 def check_drives(data: DriveData, fit: DrivesFit) -> None:
     """Refuse drives whose measured power contradicts their shaft power.
 
-    Args:
-        data: Samples of all drives.
-        fit: What was identified.
-
     Raises:
         ImplausibleIdentificationError: Naming the drives.
     """
@@ -306,7 +296,6 @@ def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
     """Refuse losses from one meter that predict it no better than zero does.
 
     Args:
-        data: Pieces between its readings.
         scores: On held-out data, by way.
 
     Raises:
@@ -325,9 +314,6 @@ def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
 
 def check_cabinet(fit: CabinetFit) -> None:
     """Refuse a cabinet that gives power while nothing moves.
-
-    Args:
-        fit: Its losses.
 
     Raises:
         ImplausibleIdentificationError: Saying what the meter reads.

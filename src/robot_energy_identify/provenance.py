@@ -18,9 +18,6 @@ NOTHING = hashlib.sha256().hexdigest()[:DIGITS]  # the hash of a folder without 
 def sha256_of(path: Path) -> str:
     """Return the first digits of the hash over the files with messages, in the order of names.
 
-    Args:
-        path: A bag folder or one file.
-
     Raises:
         OSError: If a file cannot be read.
     """
@@ -39,9 +36,6 @@ def sha256_of(path: Path) -> str:
 def hashed(path: Path) -> str:
     """Return how a model file names a recording: its name and its hash.
 
-    Args:
-        path: A bag folder or one file.
-
     Raises:
         OSError: If a file cannot be read.
     """
@@ -52,10 +46,6 @@ def require_distinct(bags: Sequence[Path], tests: Sequence[Path] = ()) -> None:
     """Refuse a recording that counts twice in a fit, or in the fit and in its test.
 
     Copies are found whatever their names. What cannot be read is left to those who read it.
-
-    Args:
-        bags: Recordings of the fit.
-        tests: Recordings for the test alone.
 
     Raises:
         BagError: Naming both.
@@ -87,9 +77,6 @@ def require_distinct(bags: Sequence[Path], tests: Sequence[Path] = ()) -> None:
 def require_some(recordings: Sequence[object]) -> None:
     """Refuse an identification from nothing.
 
-    Args:
-        recordings: Of the fit.
-
     Raises:
         BagError: If there is none.
     """
@@ -104,7 +91,6 @@ def identified_from(
 
     Args:
         before: Of the model that it began with.
-        done: What was identified, one sentence.
         recordings: Those behind it, see `hashed`.
         data_date: When they were recorded; empty where stamps are no dates.
     """

@@ -104,9 +104,6 @@ def identify_everything(
     """Return every subject with what the bags tell of it, or why nothing.
 
     Args:
-        bags: Of one robot, at least one.
-        model: Kinematics and drivetrain, and figures to begin with.
-        skip: What to leave as it is.
         progress: Called with the subject and the share done, 0 to 1.
         effort_refused: Why the effort of the bags cannot be used, from `usable_effort`.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
@@ -183,7 +180,6 @@ def in_turns(
     Args:
         cabinet: Found with the drives of ``model``.
         drives: Found with that cabinet.
-        bags: Of the fit.
         model: As the steps before left it.
         source: Where the data come from.
     """
@@ -213,23 +209,14 @@ def in_turns(
 
 
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:
-    """Return the order of the steps: what is measured on its own comes before what is left.
-
-    Args:
-        bags: Of the fit.
-    """
+    """Return the order of the steps: what is measured on its own comes before what is left."""
     if any(bag.drive_power is not None for bag in bags):
         return ("dynamics", "friction", "drives", "cabinet", "capacitor", "thermal")
     return SUBJECTS
 
 
 def usable_effort(model: RobotModel, effort: EffortMeaning) -> str:
-    """Return why an effort of this meaning cannot be used with a model; empty if it can.
-
-    Args:
-        model: Of the robot.
-        effort: What the effort in the joint states means.
-    """
+    """Return why an effort of this meaning cannot be used with a model; empty if it can."""
     try:
         Effort.from_model(model, effort, Drivetrain.from_model(model))
     except ModelFileError as error:
@@ -238,12 +225,7 @@ def usable_effort(model: RobotModel, effort: EffortMeaning) -> str:
 
 
 def with_provenance(result: FullIdentification, read: Sequence[BagFacts]) -> RobotModel:
-    """Return the model with the names and hashes of the bags it was made from.
-
-    Args:
-        result: What was identified.
-        read: The bags of the fit.
-    """
+    """Return the model with the names and hashes of the bags it was made from."""
     before = result.given.provenance
     dates = sorted(entry.date for entry in read if entry.date)
     origins = sorted({entry.origin for entry in read if entry.origin})

@@ -66,8 +66,6 @@ class DynamicsFound:
     """Bodies, rotors and friction, and what the bodies are worth.
 
     Attributes:
-        result: The identification.
-        consistent: Held-out torque error of what the model file would hold.
         given: The same with the bodies as given; rotors and friction refitted.
         seconds: Taken from the start of each recording; infinite for all. [s]
     """
@@ -117,7 +115,6 @@ def find_friction(
     """Return the friction of every axis, over the temperature of gears where they show.
 
     Args:
-        recordings: With measured torque.
         model: With which they were run.
         source: Where the data come from.
         share: Whether axes of too small a range borrow the temperature shape of others.
@@ -170,7 +167,6 @@ def find_thermal(
 
     Args:
         recordings: Run with the model without networks.
-        model: With friction and drives.
         ambient_degc: Of the air; None: the coldest first reading. [degC]
         source: Where the data come from.
 
@@ -205,10 +201,8 @@ class Step:
     """One step of the whole.
 
     Attributes:
-        subject: What it is about.
         found: What the recordings tell; None if the step was left out.
         reason: Why it was left out, or why what was found was not taken; empty otherwise.
-        model: As the step left it.
         notes: What was decided without data, one sentence each.
     """
 
@@ -365,7 +359,6 @@ def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
 
     Args:
         model: As the steps before left it.
-        fit: The constants.
         source: Where the data come from.
 
     Raises:
@@ -388,7 +381,6 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     Each drive by measured torque; one meter for all by that of the model, which is what runs.
 
     Args:
-        bags: Of the fit.
         model: As the steps before left it.
         source: Where the data come from.
 
@@ -444,7 +436,6 @@ def capacitor_step(
     """Return what was found of the DC link's energy, after all that decides when it fills.
 
     Args:
-        bags: Of the fit.
         model: As the steps before left it.
         source: Where the data come from.
         voltages: Of the link, rectified and of the chopper; None if they are not known. [V]

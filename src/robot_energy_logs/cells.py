@@ -38,7 +38,6 @@ class TableRows:
         cells: The columns of the values as they stand in the file; their names are those of
             the columns.
         texts: Further columns as they stand in the file, such as the time.
-        decimal: Decimal sign of the texts.
         repeated: Lines that repeat the header, before or among the rows.
     """
 
@@ -59,7 +58,6 @@ class TableRows:
         """Return name and text of what in a row is no number, or not finite; empty for none.
 
         Args:
-            row: Its place in the block.
             required: Columns whose cells must not be empty, shape (K,).
         """
         for value, cell, needed in zip(self.values[row], self.cells, required, strict=True):
@@ -70,11 +68,7 @@ class TableRows:
         return "", ""
 
     def text_cell(self, row: int) -> tuple[str, str]:
-        """Return name and cell of the first text in a row; empty where there is none.
-
-        Args:
-            row: Its place in the block.
-        """
+        """Return name and cell of the first text in a row; empty where there is none."""
         if not self.texts:
             return "", ""
         return self.texts[0].name, shown(_text(self.texts[0], row), MAX_CELL)
@@ -105,8 +99,6 @@ def as_numbers(
         cells: Columns asked for, named; text or of a type of numbers.
         width: Cells of each row, shape (N,).
         columns: Cells that a row should have.
-        numbers: How many of the columns are numbers.
-        decimal: The decimal sign of text.
         repeated: Lines that repeat the header.
     """
     values = np.full((len(line), numbers), np.nan)
@@ -142,11 +134,7 @@ def _written_number(column: pl.Series, decimal: str) -> pl.Expr:
 
 
 def number_remedy(cell: str) -> str:
-    """Return what makes a number of a cell; empty where nothing is known.
-
-    Args:
-        cell: As it stands in the file.
-    """
+    """Return what makes a number of a cell; empty where nothing is known."""
     text = cell.strip()
     if DECIMAL_COMMA.fullmatch(text) and not THOUSANDS.fullmatch(text):
         return 'these are decimal commas: set decimal: "," in the mapping'

@@ -112,7 +112,6 @@ class JointColumns(Columns[Unit], Generic[Unit]):
 
     Attributes:
         sign: 1 or -1: -1 where the log counts the other way than the URDF.
-        scale: Factor.
         zero: Value in the URDF where the log says 0. [rad], [rad/s], [N m] or [A]
     """
 

@@ -40,7 +40,6 @@ class DiademChannel:
     """One channel.
 
     Attributes:
-        name: Its name.
         unit: As the header says it, in the recorder's own words; may be empty.
         values: Shape (N,).
     """
@@ -52,9 +51,6 @@ class DiademChannel:
 
 def read_diadem(path: Path) -> list[DiademChannel]:
     """Read all channels that a header names.
-
-    Args:
-        path: The header.
 
     Returns:
         Its channels, of one length: ``values = factor * stored + offset``, or

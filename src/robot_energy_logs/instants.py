@@ -38,9 +38,6 @@ class Instants:
     A date that has no zone is of the zone of the mapping. At the end of summer time an hour
     stands twice: its rows are the first until the times step back.
 
-    Args:
-        time: What the mapping says of it.
-
     Attributes:
         notes: What was assumed, one sentence each.
     """
@@ -68,7 +65,6 @@ class Instants:
         Args:
             column: Numbers or text, or dates, which have a unit of their own.
             lines: Where each stands, for the notes.
-            source: Name of the file, for the notes.
         """
         if isinstance(column.dtype, pl.Datetime | pl.Duration):
             # Whole numbers of Python: a date of another century does not fit into 64 bits of ns.
@@ -176,11 +172,7 @@ class Instants:
 
 
 def time_remedy(cell: str) -> str:
-    """Return the key of a mapping that reads a cell of the time; empty where none is known.
-
-    Args:
-        cell: As it stands in the file.
-    """
+    """Return the key of a mapping that reads a cell of the time; empty where none is known."""
     text = cell.strip()
     try:
         number = Decimal(text)

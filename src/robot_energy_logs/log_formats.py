@@ -19,8 +19,6 @@ class LogFormat(Kind):
     """One format of logs. Its name is that of ``robot-energy import NAME``.
 
     Attributes:
-        description: What the format needs and uses, for the help.
-        epilog: Examples, for the help.
         add_arguments: Adds the arguments of the import, but for ``--out`` and ``--overwrite``.
         run: Turns logs into the bag of ``--out``, by these arguments.
         recording: Turns one file into a bag, with the joints of a model; with it

@@ -30,7 +30,6 @@ def open_logs(
 
     Args:
         paths: Tables: CSV, plain or gzip, or Parquet. One folder, if the mapping names files.
-        mapping: What the columns mean.
         drivetrain: Gears of the robot; None: as the mapping says.
         optional: Whether files may lack columns other than those of time and position.
 
@@ -69,8 +68,6 @@ def import_log(
     Args:
         paths: Tables of one log: CSV, plain or gzip, or Parquet. One folder, if the mapping
             names the files.
-        mapping: What their columns mean.
-        out: Folder of the bag.
         overwrite: Whether an existing bag may be replaced.
         optional: Whether files may lack columns other than those of time and position.
         start_ns: Added to every time; None: as the mapping says. [ns]

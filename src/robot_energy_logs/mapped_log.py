@@ -35,14 +35,9 @@ class MappedLog:
 
     Args:
         path: The table; a folder if the mapping names the files.
-        mapping: What the columns mean.
         recording: Name of the recording, where the mapping names several.
         drivetrain: Gears of the robot; None: as the mapping says.
         optional: Whether the file may lack columns other than those of time and position.
-
-    Attributes:
-        name: Of the recording, for people.
-        account: What became of the rows read so far.
 
     Raises:
         LogFormatError: If a file cannot be read or lacks a column.

@@ -250,7 +250,6 @@ def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping
     """Return the validated mapping of a log.
 
     Args:
-        path: A YAML file.
         recordings: Names of the recordings, instead of those in the file.
 
     Raises:

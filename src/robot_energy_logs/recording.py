@@ -102,7 +102,6 @@ class FileAccount(RejectionLog):
     """What became of the rows of one file: received = accepted + rejected.
 
     Attributes:
-        path: The file.
         first_line: Line number of the first row rejected for each reason.
         first_cell: Name and text of the cell that offends there; the name may be empty.
     """
@@ -115,7 +114,6 @@ class FileAccount(RejectionLog):
         """Count rejected rows and remember where the first one stands.
 
         Args:
-            reason: Why they are rejected.
             lines: Where they stand in the file, rising, shape (N,).
             cell: Name and text of what offends in the first of them.
         """
@@ -133,11 +131,7 @@ class FileAccount(RejectionLog):
         )
 
     def offending(self, reason: str) -> str:
-        """Return the first cell that was rejected for a reason, as in ", where q1 is 'x'".
-
-        Args:
-            reason: Why rows were rejected.
-        """
+        """Return the first cell that was rejected for a reason, as in ", where q1 is 'x'"."""
         name, text = self.first_cell.get(reason, ("", ""))
         if name:
             return f", where {name} is '{text}'"
@@ -159,17 +153,13 @@ class ImportReport:
     """What an import wrote.
 
     Attributes:
-        bag: The bag.
-        contents: Joints and quantities in it.
         files: Account of the rows of every file, in time order.
         start_ns: First stamp. [ns]
         end_ns: Last stamp. [ns]
-        joint_states: Messages written.
         temperatures: Messages written; rows without any temperature give none.
         readings: Meter readings written; rows without one give none.
         drive_powers: Messages written, stamped by their log time alone; rows without any
             power of a drive give none.
-        payloads: Changes of the payload written.
         notes: What a reader of the bag should know, one sentence each.
     """
 
@@ -302,8 +292,6 @@ def write_bag(
     """Write blocks of a log into a new bag; nothing is left behind if that fails.
 
     Args:
-        path: Folder of the bag.
-        contents: What the log holds.
         blocks: Its rows in time order.
         files: The accounts that ``blocks`` fills while it is read.
         overwrite: Whether an existing bag may be replaced.
@@ -367,11 +355,7 @@ def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[
 
 
 def nothing_used(files: Sequence[FileAccount]) -> tuple[str, str, str]:
-    """Return found, expected and remedy where no row can be used, or one alone.
-
-    Args:
-        files: Accounts of the rows of all files.
-    """
+    """Return found, expected and remedy where no row can be used, or one alone."""
     received = sum(account.received for account in files)
     used = sum(account.accepted for account in files)
     names = ", ".join(str(account.path) for account in files)

@@ -25,7 +25,6 @@ def side_by_side(
     """Join rows of tables that were recorded together, the first with the first and so on.
 
     Args:
-        tables: The tables, for messages.
         streams: Rows of each.
 
     Yields:
@@ -71,9 +70,6 @@ def _all(masks: Iterable[Mask]) -> Mask:
 class Clock:
     """Gives the rows of the tables of one log their time, run after run.
 
-    Args:
-        time: What the mapping says of it.
-
     Attributes:
         notes: What was assumed of the times, one sentence each.
     """
@@ -93,11 +89,7 @@ class Clock:
         self.notes = self._instants.notes
 
     def begin_table(self, name: str = "") -> None:
-        """Begin another table: where times begin at zero, it is a run of its own.
-
-        Args:
-            name: Of the file, for the notes.
-        """
+        """Begin another table: where times begin at zero, it is a run of its own."""
         self._begins, self._rows, self._source = self._in_runs, 0, name
         if self._time.each_file_is_a_run:
             self._instants.begin()
@@ -186,7 +178,6 @@ def usable_rows(
     (the time is no stamp) and ``not_newer`` (the time does not advance).
 
     Args:
-        rows: The rows.
         instants: From `Clock.instants`, shape (N,). [ns]
         known: From `Clock.instants`, shape (N,).
         required: Which of the numbers must be there, shape (K,).

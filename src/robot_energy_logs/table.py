@@ -52,17 +52,14 @@ class LogTable:
     """One file: CSV, plain or gzip, Parquet, or a header of DIAdem; which one, its first bytes say.
 
     Args:
-        path: The file.
         delimiter: Between cells of a text; None: the likeliest in its first line, spaces only
             where there is no other.
         column_names: Names of all columns of a text without a header.
-        decimal: The decimal sign of a text.
         encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
         comment: What lines of a text begin with that are left out; None: ``#``.
         skip_rows: Lines of a text before its header, or its rows, that are left out.
 
     Attributes:
-        columns: Names of the columns.
         units: Of the columns, in the words of the file, as far as it says them.
         notes: What was found about the file, one sentence each.
 
@@ -147,10 +144,6 @@ class LogTable:
     def require(self, name: str, owner: str = "") -> str:
         """Return the name of a column that must be there once.
 
-        Args:
-            name: The column.
-            owner: Who asks for it, for the message.
-
         Raises:
             LogFormatError: If it is absent or there twice; the text names near ones.
         """
@@ -187,9 +180,6 @@ class LogTable:
     def first(self, names: Sequence[str]) -> list[pl.Series]:
         """Return columns of the first row; nothing where there is none.
 
-        Args:
-            names: Columns wanted.
-
         Raises:
             LogFormatError: If the file cannot be read.
         """
@@ -202,8 +192,6 @@ class LogTable:
         """Yield all rows that are not blank.
 
         Args:
-            numbers: Columns wanted as numbers.
-            texts: Columns wanted as they stand.
             kept: Whether all rows will be kept in memory, so that their number is bounded.
 
         Yields:

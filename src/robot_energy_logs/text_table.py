@@ -55,17 +55,14 @@ class TextTable:
     """One text: CSV, plain or gzip.
 
     Args:
-        path: The file.
         delimiter: Between cells; None: the likeliest in its first line, spaces only where
             there is no other.
-        decimal: The decimal sign.
         encoding: Of the text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
         comment: What lines begin with that are left out; None: ``#``.
         skip_rows: Lines before the header, or the rows, that are left out.
         headed: Whether there is a header.
 
     Attributes:
-        columns: Names in the header.
         notes: What was found about the text, one sentence each.
 
     Raises:
@@ -138,11 +135,7 @@ class TextTable:
         return tuple(name.strip() for name in next(reader, list[str]()))
 
     def line_of(self, name: str) -> int:
-        """Return the line among the first ones that has a cell of this text; 0 where none has.
-
-        Args:
-            name: The text.
-        """
+        """Return the line among the first ones that has a cell of this text; 0 where none has."""
         try:
             with self._open() as file:
                 for number, line in enumerate(islice(self._lines(file), HEAD_LINES), 1):
@@ -155,10 +148,6 @@ class TextTable:
 
     def rows(self, pick: Sequence[int], width: int) -> Iterator[Cells]:
         """Yield all rows that are neither blank nor comments.
-
-        Args:
-            pick: Places of the columns wanted.
-            width: How many columns there are.
 
         Raises:
             LogFormatError: If the file cannot be read to its end.
@@ -253,7 +242,6 @@ class TextTable:
         """Return why the file cannot be read.
 
         Args:
-            error: What was raised.
             line: The last one that was read.
         """
         where = f" after line {line}" if line else ""

@@ -45,7 +45,6 @@ class Holding:
         mean: Over random poses. [W]
         least: [W]
         greatest: [W]
-        poses: How many.
     """
 
     mean: float
@@ -76,7 +75,6 @@ class Calibration:
         mean_power: Mean power by random program and start temperature, shape (programs, K). [W]
         peak_power: The same, greatest power. [W]
         start_degc: The start temperatures, shape (K,). [degC]
-        holding: Power at rest.
         flows: Mean power of every flow during the first program, by temperature. [W]
     """
 
@@ -112,7 +110,6 @@ def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: floa
     At rest friction and iron take nothing; copper and inverter carry gravity.
 
     Args:
-        profile: The plant.
         joint_position: Poses, shape (N, n). [rad]
         motor_degc: Temperature of every winding. [degC]
     """
@@ -126,7 +123,6 @@ def carrying_power(profile: PlantProfile, motor_torque: Float, motor_degc: float
     """Return the grid power while motors at rest carry torques, shape (N,). [W]
 
     Args:
-        profile: The plant.
         motor_torque: Shape (N, n). [N m]
         motor_degc: Temperature of every winding. [degC]
     """
@@ -142,8 +138,6 @@ def random_poses(profile: PlantProfile, seed: int, share: float = POSE_SHARE) ->
     """Return random poses with the tool above the floor, shape (`POSES`, n). [rad]
 
     Args:
-        profile: The plant.
-        seed: Of the poses.
         share: Of every joint range that they span. [-]
     """
     robot, _ = profile.mechanics()
@@ -162,8 +156,6 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
     """Return what a plant does with random programs, and while it holds random poses.
 
     Args:
-        profile: The plant.
-        seed: Seed of the study.
         programs: How many programs of the kind of the experiment; >= 1.
         moves: Motions in each.
 

@@ -34,8 +34,6 @@ class ModelEnergyCurve:
     """Energy of one model over robot temperature.
 
     Attributes:
-        label: For the legend.
-        role: Decides colour and line.
         energy: Relative to the measured energy at the reference, shape (K,). [-]
         error: Relative to the measured energy of the same set, shape (K,). [-]
     """
@@ -54,7 +52,6 @@ class EnergyStudy:
         robot_degc: Temperature of each set, shape (K,). [degC]
         measured: Relative to the reference, shape (K,). [-]
         cooling: Which sets were recorded while the robot cooled, shape (K,).
-        curves: The models.
         reference_degc: Where the measured energy is 1. [degC]
     """
 
@@ -71,9 +68,7 @@ def energy_over_temperature(
     """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b).
 
     Args:
-        study: What to draw.
         path: File to write: PNG, SVG or PDF by its suffix.
-        title: Above the figure.
         deviation: Whether to draw the deviation below the energy.
 
     Raises:
@@ -106,8 +101,6 @@ def shaft_power_over_temperature(
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
         path: File to write: PNG, SVG or PDF by its suffix.
-        name: Name of the axis.
-        title: Above the figure.
 
     Raises:
         ShapeError: If there is no curve.
@@ -171,10 +164,8 @@ class FigureLine:
     """One curve over time.
 
     Attributes:
-        label: In the legend.
         time: Shape (N,). [s]
         values: Shape (N,), in the unit of the figure.
-        colour: Colour of the line.
         width: Width of the line; a wide one below a thin one shows where they part. [pt]
     """
 
@@ -189,7 +180,6 @@ def by_column(names: Sequence[str], lines: Sequence[FigureLine]) -> dict[str, li
     """Return the panels of curves whose values have one column per panel.
 
     Args:
-        names: Names of the panels, K.
         lines: Curves with values of shape (N, K).
     """
     return {
@@ -211,9 +201,6 @@ def over_time(
 
     Args:
         curves: By the name of their panel.
-        unit: Unit of the values, for the axes.
-        path: File to write.
-        title: Above the figure.
         columns: Panels side by side.
         limits: Limits of the vertical axes, in the unit of the values [-]; None fits the curves.
         cut: Whether the highest peaks may lie outside.
@@ -245,7 +232,6 @@ def reliability(curves: Mapping[str, tuple[Float, Float]], path: Target) -> None
 
     Args:
         curves: Nominal share and observed share, shape (N,) each, by the name of their panel. [-]
-        path: File to write.
 
     Raises:
         ReportError: If the file cannot be written.
@@ -274,11 +260,7 @@ def bars(
     """Draw grouped bars with their values, and figures of a paper as marks.
 
     Args:
-        groups: Names of the groups.
         series: Values by name, one per group, in the unit of the axis. [-]
-        unit: For the axis.
-        path: File to write.
-        title: Above the figure.
         reference: Figure of paper B per group in the same unit [-], None where there is none.
 
     Raises:
@@ -318,12 +300,8 @@ def stacked(
     """Draw stacked horizontal bars, and other figures of the same groups as marks.
 
     Args:
-        groups: Names, from top to bottom.
         parts: Values by name, one per group, >= 0, in the unit of the axis. [-]
         marks: Values by name, one per group, in the same unit. [-]
-        unit: For the axis.
-        path: File to write.
-        title: Above the figure.
 
     Raises:
         ReportError: If the file cannot be written.

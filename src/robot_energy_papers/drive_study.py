@@ -67,7 +67,6 @@ class DriveTest:
     """All ways on one run.
 
     Attributes:
-        name: Name of the run.
         time: Shape (N,). [s]
         measured: Input of each drive, shape (N, n). [W]
         shaft: Measured torque times speed, shape (N, n). [W]
@@ -75,7 +74,6 @@ class DriveTest:
         efficiency: Shaft over input, energies of all drives. [-]
         joint_efficiency: The same of each drive, shape (n,). [-]
         outside: Share of the samples further from all points of a map than its reach. [-]
-        ways: Results.
     """
 
     name: str
@@ -95,9 +93,7 @@ def identify_drives(
     """Return maps and losses of every drive, identified from excitation runs.
 
     Args:
-        runs: Read with the model to identify from.
         cutoff: Of the low-pass of the maps. [Hz]
-        points: Greatest number of points of a map.
 
     Raises:
         NotIdentifiableError: If a drive cannot be identified from the runs.
@@ -118,7 +114,6 @@ def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]
 
     Args:
         runs: By name, read with the identified model.
-        fit: Fit of the drives.
     """
     drives: dict[Way, Drive] = {
         "map": EfficiencyMaps([a.map.entry for a in fit.axes if a.map is not None]),

@@ -47,11 +47,7 @@ class Programs:
     """What the robot does; all begin and end in the same pose.
 
     Attributes:
-        train: The set of motions for identification.
         test: Another set, which no fit ever sees.
-        hold: Rests in several poses.
-        train_warm_up: Between the sets for identification.
-        test_warm_up: Between the others.
     """
 
     train: Program
@@ -115,13 +111,7 @@ class Plan:
 
 
 def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Programs:
-    """Return all programs of a study.
-
-    Args:
-        profile: The plant.
-        seed: Seed of the study.
-        moves: Motions in a set.
-    """
+    """Return all programs of a study."""
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
     above = tool_above(robot, TOOL, MIN_HEIGHT)
@@ -164,13 +154,8 @@ def by_motion(
     a set is recorded is decided by the thermometers' readings, as at a real robot.
 
     Args:
-        profile: The plant.
         motion_set: The motions that are measured.
         warm_up: Looped for a minute, and a little more, between two sets.
-        plan: Times and temperatures.
-        folder: For the bags.
-        name: Beginning of their names.
-        seed: Seed of the rig.
         hold: Recorded at the very beginning, if any.
         config: Effects of the rig; all by default.
     """
@@ -224,11 +209,8 @@ def soaked(
     """Return the set recorded from several temperatures, each with all parts and the hall at it.
 
     Args:
-        profile: The plant.
         motion_set: The motions that are measured.
         start_degc: [degC]
-        folder: For the bags.
-        name: Beginning of their names.
         seed: Seed of every rig: they have the same meter and the same noise.
         config: Effects of the rig; all by default.
     """

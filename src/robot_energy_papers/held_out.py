@@ -21,7 +21,6 @@ class SetRow:
     """One set.
 
     Attributes:
-        bag: Name of the recording.
         way: ``heating``, ``cooling`` or ``soaked``.
         robot_degc: Mean over the motors of their mean temperature in the set. [degC]
         coldest_degc: The coldest motor. [degC]
@@ -55,11 +54,7 @@ class SetRow:
         return self.measured_energy / self.compared
 
     def error(self, model: str) -> float:
-        """Return predicted over measured energy, less 1. [-]
-
-        Args:
-            model: Name of the model.
-        """
+        """Return predicted over measured energy, less 1. [-]"""
         return self.predicted[model] / self.measured_energy - 1.0
 
 
@@ -71,7 +66,6 @@ def held_out(
     Args:
         sets: Recordings that were not used in any fit.
         models: By name.
-        reference: The model whose temperatures and extrapolation are reported.
 
     Raises:
         RigError: If the meter covers nothing of a set.
@@ -112,12 +106,7 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
 
 
 def worst(rows: Sequence[SetRow], model: str) -> float:
-    """Return the greatest error of a model in size, with its sign. [-]
-
-    Args:
-        rows: Held-out sets.
-        model: Name of the model.
-    """
+    """Return the greatest error of a model in size, with its sign. [-]"""
     errors = [row.error(model) for row in rows]
     return max(errors, key=abs)
 

@@ -39,7 +39,6 @@ class Steps:
     """Turns finished jobs into a share of the work.
 
     Args:
-        count: Number of jobs.
         progress: Called with the share done, 0 to 1; None for no report.
         share: What all jobs together are of the work. [-]
     """
@@ -52,11 +51,7 @@ class Steps:
         self._lock = threading.Lock()  # jobs end in several threads
 
     def done(self, _job: Any = None) -> None:
-        """Count one more job as finished.
-
-        Args:
-            _job: The job.
-        """
+        """Count one more job as finished."""
         with self._lock:
             self._done += 1
             if self._progress is not None:
@@ -71,7 +66,6 @@ def job_pool(
 
     Args:
         workers: Processes; 1 means to do every job here.
-        done: Called with every finished job.
 
     Raises:
         RigError: If a process ended by itself.

@@ -71,11 +71,7 @@ RISE_FIGURES = open_figures(
 
 
 def holding_table(seed: int) -> dict[str, SensitivityTable]:
-    """Return what the deviation of the power at rest over poses owes to open figures.
-
-    Args:
-        seed: Of the poses.
-    """
+    """Return what the deviation of the power at rest over poses owes to open figures."""
     profile = load_profile("kr16")
     robot, drivetrain = profile.mechanics()
     (weight,) = robot.payload
@@ -112,7 +108,6 @@ def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
     """Return what the rise of the motor that warms most in a cold set owes to open figures.
 
     Args:
-        seed: Of the motions.
         quick: Only the figures with the largest effect.
     """
     plain = load_profile("kr16")

@@ -45,12 +45,7 @@ class Machine:
     """A machine and how it stands to the wall.
 
     Attributes:
-        name: In tables and figures.
-        model: Name of the shipped model.
-        link: The tool.
         start: Joint positions near the first ones.
-        placement: Place of the base in the frame of the program.
-        options: Options of the inverse kinematics.
         paper: Energy over that of the arm less 1, from paper B; None for the arm. [-]
     """
 
@@ -95,7 +90,6 @@ def wall_motion(
     """Return the motion of a machine's joints that prints the wall.
 
     Args:
-        machine: The machine.
         layers: Printed one after the other.
         height: Height of the first one above the bottom of the wall. [m]
         infill: As of `Wall`.
@@ -186,7 +180,6 @@ def predicted(
     """Return energies and power of a motion by a model, motors at 25 degC throughout.
 
     Args:
-        model: The model.
         blocks: Times, shape (N,) [s], and joints of the motion, as of `ToolMotion.blocks`.
     """
     pipeline = EnergyPipeline(model, Settings(power_period=None, temperature_assumed=True))
@@ -215,13 +208,7 @@ def predicted(
 
 
 def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, Curve]:
-    """Return energies and power of a motion on the machine's virtual rig: its truth.
-
-    Args:
-        machine: The machine.
-        motion: The motion.
-        seed: Seed of the rig.
-    """
+    """Return energies and power of a motion on the machine's virtual rig: its truth."""
     smooth = Smooth(motion)
     profile = load_profile(machine.model)
     rig = VirtualRig(profile, smooth, None, seed, MOTOR_DEGC, MOTOR_DEGC)

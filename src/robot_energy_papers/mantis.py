@@ -46,8 +46,6 @@ class PrintRun:
     """One recorded motion, read back with one model.
 
     Attributes:
-        recording: Its stages.
-        power: Power of the drives, as measured.
         begin: First instant of the motion itself. [ns]
         end: Its last instant. [ns]
     """
@@ -96,7 +94,6 @@ class AfterRest:
     """A motion that begins after a rest, and rests at its end.
 
     Args:
-        motion: The motion.
         duration: After which it rests. [s]
     """
 
@@ -121,11 +118,7 @@ class AfterRest:
 
 
 class Smooth:
-    """A planned motion of a tool as a motion that can be sampled anywhere.
-
-    Args:
-        motion: The planned motion.
-    """
+    """A planned motion of a tool as a motion that can be sampled anywhere."""
 
     def __init__(self, motion: ToolMotion) -> None:
         from scipy.interpolate import make_interp_spline
@@ -154,10 +147,7 @@ def excitation(
     """Return an optimised excitation motion (paper B, 4.3.2).
 
     Args:
-        model: Whose parameters are to be identified.
         profile: The plant; its accelerations are not exceeded.
-        seed: Seed of the search.
-        iterations: Iterations of the search.
     """
     limits = ExcitationLimits(model, profile.acceleration)
     settings = ExcitationSettings(
@@ -170,7 +160,6 @@ def slower(motion: FourierMotion, share: float) -> FourierMotion:
     """Return the same path at a share of the speed: accelerations fall with its square.
 
     Args:
-        motion: At full speed.
         share: Share of the speed. [-]
     """
     basis = FourierBasis(motion.basis.harmonics, motion.period / share)
@@ -190,11 +179,7 @@ def recorded(
     """Return the bag of a motion between two rests on the rig.
 
     Args:
-        profile: The plant.
-        motion: The motion.
         duration: Duration of the motion. [s]
-        path: Folder of the bag.
-        seed: Seed of the rig.
         config: Effects of the rig; the default ones by default.
     """
     rig = VirtualRig(
@@ -208,7 +193,6 @@ def read_run(path: Path, model: RobotModel) -> PrintRun:
     """Return a recorded run, read back with a model.
 
     Args:
-        path: The bag.
         model: With which its stages are computed.
     """
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
@@ -225,8 +209,6 @@ def identify_mechanics(
 
     Args:
         runs: Read with ``model``.
-        model: Kinematics and gears.
-        method: Ordinary (paper B) or weighted least squares.
     """
     channels: list[Channels] = []
     for run in runs:

@@ -64,8 +64,6 @@ def map_tables(train: FourierMotion, seed: int, quick: bool) -> dict[str, Sensit
     By stage of the method; identified from both excitation runs, print path of all joints.
 
     Args:
-        train: The excitation at full speed.
-        seed: Seed of the rigs.
         quick: Only the figures that need no other excitation.
     """
     goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["map_processed"])

@@ -58,8 +58,6 @@ class Identified:
     """What was identified.
 
     Attributes:
-        fits: Friction of every axis over temperature.
-        cabinet: Constant losses.
         total: Drive losses behind the grid meter; None where the data do not determine them.
         models: By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.
         fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
@@ -95,11 +93,7 @@ def fixed_name(degc: float) -> str:
 
 
 def without_knowledge(model: RobotModel) -> RobotModel:
-    """Return a model with bodies and gears only: no friction, no losses.
-
-    Args:
-        model: Any model.
-    """
+    """Return a model with bodies and gears only: no friction, no losses."""
     zero = PositiveFigure(value=0.0, tag="assumed", source=UNKNOWN)
     friction = JointFriction(coulomb=zero, viscous=ConstantLaw(law="constant", viscous=zero))
     joints = [joint.model_copy(update={"friction": friction}) for joint in model.joints]
@@ -120,7 +114,6 @@ def identify(
 
     Args:
         bags: Sets of motions for identification, with motor torque in the effort.
-        rest: Recording with rest in several poses.
         start: Model with the bodies and gears; its friction and losses are not used.
         supply: Plant of whose name plate the capacitor is read; None: no such model is made.
         fixed_degc: Operating points of the models with fixed friction. [degC]
@@ -205,12 +198,7 @@ def _with_losses(
 
 
 def with_capacitor(model: RobotModel, supply: SupplyProfile) -> RobotModel:
-    """Return a model with the capacitor of a DC link, as on its name plate.
-
-    Args:
-        model: Any model.
-        supply: Capacitance and voltages.
-    """
+    """Return a model with the capacitor of a DC link, as on its name plate."""
 
     def plate(value: float) -> PositiveFigure:
         return PositiveFigure(value=value, tag="assumed", source="name plate of the rig's DC link")

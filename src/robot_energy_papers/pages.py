@@ -44,7 +44,6 @@ def document(
 
     Args:
         template: Name of the template without its suffix.
-        context: What its expressions use.
         pieces: Figures and parts by name.
         package: That has the template.
 
@@ -72,7 +71,6 @@ def print_template(
 
     Args:
         template: Name of the template without its suffix.
-        context: What its expressions use.
         page: Where to.
         package: That has the template.
     """

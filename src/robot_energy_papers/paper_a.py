@@ -42,15 +42,12 @@ class PaperAStudySize:
     """How much of the experiment is done.
 
     Attributes:
-        moves: Motions in a set.
         train: Experiment by motion for identification; None: soaked rigs.
         test: Experiment by motion that tests; None: soaked rigs.
         train_degc: Temperatures of soaked rigs for identification. [degC]
         test_degc: Temperatures of soaked rigs that test. [degC]
         effects: Effects of the table; None for all.
-        plants: Plants drawn at random.
         rigs: Temperatures and length of the experiments behind that table and on those plants.
-        programs: Random programs behind the calibration.
     """
 
     moves: int
@@ -120,20 +117,10 @@ class PaperA:
     """Everything the study found; all of it from the virtual rig.
 
     Attributes:
-        seed: Seed of programs and rigs.
-        scale: How much was done.
-        train: Sets for identification.
-        test: Held-out sets.
-        rest: The recording at rest.
-        identified: Models.
         rows: Held-out sets with every model, in the order of ``test``.
-        shaft: Shaft power of the first axis, cold to hot.
         truth: Of every set for identification mean motor temperatures [degC], and the true viscous
             friction at the gear temperature with the eddy drag of the motor [N m s/rad], shape (n,)
             each.
-        effects: What unmodelled effects cost.
-        plants: The experiment on plants drawn at random.
-        calibration: The plant in figures.
         open: What the HOLD power over poses and the rise of temperature owe to figures that are
             not published, by quantity.
     """
@@ -214,12 +201,7 @@ class PaperA:
 
 
 def study(options: StudyRun, scale: PaperAStudySize) -> PaperA:
-    """Return what the whole study finds.
-
-    Args:
-        options: How it runs.
-        scale: How much to do.
-    """
+    """Return what the whole study finds."""
     seed = options.seed
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
     steps = Steps(len(rigs) + scale.plants + 5, options.progress, SHARE_BEFORE_FITS)
@@ -277,13 +259,7 @@ def _record_training(
 
 
 def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionSet]:
-    """Return the recorded sets that no fit sees.
-
-    Args:
-        folder: For the bags.
-        seed: Seed of the study.
-        scale: How much.
-    """
+    """Return the recorded sets that no fit sees."""
     profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[1]
     if scale.test is None:

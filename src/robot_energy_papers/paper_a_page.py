@@ -71,7 +71,6 @@ def front_picture(result: PaperA, path: Path) -> None:
     """Draw measured and predicted energy over temperature, small and alone.
 
     Args:
-        result: The study.
         path: File to write: PNG, SVG or PDF by its suffix.
 
     Raises:
@@ -81,11 +80,7 @@ def front_picture(result: PaperA, path: Path) -> None:
 
 
 def context(result: PaperA) -> dict[str, Any]:
-    """Return what the expressions of the templates use.
-
-    Args:
-        result: The study.
-    """
+    """Return what the expressions of the templates use."""
     names = _model_names(result)
     outside, outside_by = result.beyond_range
     effects = {row.name: row for row in result.effects}
@@ -152,11 +147,7 @@ def _model_names(result: PaperA) -> dict[str, str]:
 
 
 def pieces(result: PaperA) -> dict[str, Piece]:
-    """Return the figures of the page, and the parts that the report writes.
-
-    Args:
-        result: The study.
-    """
+    """Return the figures of the page, and the parts that the report writes."""
     index = result.nearest(POWER_DEGC)
     at = f"robot at {result.rows[index].robot_degc:.0f} degC"
     axis, fits = result.model.joint_names[0], result.identified.fits
@@ -237,11 +228,7 @@ def _window(time: Float, power: Float, result: PaperA) -> tuple[Float, Float]:
 
 
 def figures(result: PaperA) -> dict[str, Any]:
-    """Return every figure of the study, ready for JSON; ratios are 0 to 1.
-
-    Args:
-        result: The study.
-    """
+    """Return every figure of the study, ready for JSON; ratios are 0 to 1."""
     found, heating = result.identified, result.warming
     return {
         "label": LABEL,

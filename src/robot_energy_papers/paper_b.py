@@ -50,7 +50,6 @@ class PaperBStudySize:
     """How much is done.
 
     Attributes:
-        iterations: Iterations of the search for an excitation.
         plants: Plants drawn at random for the contest of maps and losses.
         layers: Simulated layers of the wall, all of it; 0: single layers at `heights` instead.
         heights: Heights of single layers. [m]
@@ -71,7 +70,6 @@ class MechanicalTest:
     """Mechanical energy of one run, predicted and measured.
 
     Attributes:
-        run: The run, read with the identified model.
         accuracy: By definition.
     """
 
@@ -85,7 +83,6 @@ class Trained:
 
     Attributes:
         model: The Mantis's model with bodies by ordinary least squares, as in the paper.
-        drives: Maps and losses.
         mechanical: By run.
         tests: Tests of the drives, one per run.
     """
@@ -102,7 +99,6 @@ class MachineResult:
 
     Attributes:
         layer: One layer at the bottom, predicted by the shipped model.
-        curve: Its power over time.
         rig: The same layer on the virtual rig.
         heights: One layer at each of the heights of the scale, predicted.
         wall: The whole wall: all its layers, or those at several heights as their mean.
@@ -125,8 +121,6 @@ class PaperB:
     """Everything the studies found.
 
     Attributes:
-        seed: Seed of motions and rigs.
-        scale: How much was done.
         trained: By the excitation that was identified from, keys of `TRAININGS`.
         weighted: Accuracy on the validation run of the weighted fit, our default.
         machines: By the keys of `MACHINES`.
@@ -176,12 +170,7 @@ class PaperB:
 
 
 def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
-    """Return what all studies find.
-
-    Args:
-        options: How it runs.
-        scale: How much to do.
-    """
+    """Return what all studies find."""
     seed, folder = options.seed, options.folder
     step = Steps(STEPS + scale.plants, options.progress).done
     start, profile = load("mantis"), load_profile("mantis")

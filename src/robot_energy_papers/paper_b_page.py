@@ -68,7 +68,6 @@ def front_picture(result: PaperB, path: Path) -> None:
     """Draw where the electrical energy of one layer goes.
 
     Args:
-        result: The studies.
         path: File to write: PNG, SVG or PDF by its suffix.
 
     Raises:
@@ -80,11 +79,7 @@ def front_picture(result: PaperB, path: Path) -> None:
 
 
 def below_every_joint(result: PaperB) -> list[str]:
-    """Return the runs and definitions whose total accuracy lies below that of every joint.
-
-    Args:
-        result: The studies.
-    """
+    """Return the runs and definitions whose total accuracy lies below that of every joint."""
     found: list[str] = []
     for run in (VALIDATION, WALL):
         for name, value in result.main.mechanical[run].accuracy.items():
@@ -95,11 +90,7 @@ def below_every_joint(result: PaperB) -> list[str]:
 
 
 def context(result: PaperB) -> dict[str, Any]:
-    """Return what the expressions of the templates use.
-
-    Args:
-        result: The studies.
-    """
+    """Return what the expressions of the templates use."""
     ways = [test.ways for test in result.plants.values()]
     return {
         "result": result,
@@ -143,11 +134,7 @@ def _parts(result: PaperB) -> dict[str, list[float]]:
 
 
 def pieces(result: PaperB) -> dict[str, Piece]:
-    """Return the figures of the page.
-
-    Args:
-        result: The studies.
-    """
+    """Return the figures of the page."""
     return {**_drive_figures(result), **_machine_figures(result)}
 
 
@@ -263,11 +250,7 @@ def _smoothed(values: Float) -> Float:
 
 
 def figures(result: PaperB) -> dict[str, Any]:
-    """Return everything that was found, JSON-ready. Units: J, W, s, shares of 1.
-
-    Args:
-        result: The studies.
-    """
+    """Return everything that was found, JSON-ready. Units: J, W, s, shares of 1."""
     return {
         "about": "virtual rig and models of machine classes: nothing was measured on a robot",
         "seed": result.seed,

@@ -25,12 +25,10 @@ class OpenFigure:
 
     Attributes:
         key: By which `Evaluate` takes it.
-        name: In the table.
         unit: Empty for a factor.
         low: Lower end of what is plausible.
         nominal: As the study has it.
         high: Upper end.
-        reason: Why this range.
         switch: Whether nothing lies between its values.
     """
 
@@ -118,11 +116,7 @@ class SensitivityTable(Result):
         return [row for row in self.rows if row.reproduces is not None]
 
     def named(self, key: str) -> OpenFigure:
-        """Return the figure of a key.
-
-        Args:
-            key: One of the rows'.
-        """
+        """Return the figure of a key."""
         return next(row.figure for row in self.rows if row.figure.key == key)
 
 
@@ -136,8 +130,6 @@ def sensitivity(
     """Return a table for every quantity that the paper publishes.
 
     Args:
-        evaluate: The study in short.
-        figures: What is open.
         published: Results of the paper by quantity. [any unit]
         tolerance: Of values that are sought, share of the way to an end. [-]
         only: Keys of the figures that are changed; None for all.

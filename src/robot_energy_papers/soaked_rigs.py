@@ -68,7 +68,6 @@ class Rigs:
     Attributes:
         train_degc: Temperatures of the sets for identification.
         test_degc: Temperatures of the held-out sets.
-        moves: In a set.
     """
 
     train_degc: tuple[float, ...]
@@ -82,10 +81,6 @@ def soaked_errors(
     """Return the error of the grid energy at each of the held-out temperatures, by model. [-]
 
     Args:
-        profile: The plant.
-        config: Effects of the rig.
-        rigs: Temperatures and length.
-        seed: Seed of the study: of programs, meters and noise.
         beyond: Whether to identify more than paper A does, see `models.identify`, and to fix
             friction at the warm operating point too.
     """
@@ -115,9 +110,6 @@ def rig_seeds(seed: int) -> tuple[int, int]:
     """Return the seeds of the rig that is identified and of the one that tests.
 
     They differ in their meters and their noise.
-
-    Args:
-        seed: Seed of the study.
     """
     return 2 * seed + 1, 2 * seed + 2
 
@@ -175,9 +167,6 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     """Return what comes out on one rig.
 
     Args:
-        name: Name of the rig.
-        config: Its effects.
-        rigs: Temperatures and length.
         seed: Seed of the study; every rig has the same programs, meter and noise.
     """
     fixed = fixed_name(FIXED_DEGC[0])
@@ -190,7 +179,6 @@ class PlantRow:
     """One plant.
 
     Attributes:
-        plant_seed: Seed of its figures.
         error: Error of the grid energy at each held-out temperature, by model; empty where
             identification refused. [-]
         refused: What identification found; empty where it went through.
@@ -221,13 +209,7 @@ class ErrorSpread:
 
 
 def plant_row(plant_seed: int, rigs: Rigs, seed: int) -> PlantRow:
-    """Return what comes out on one drawn plant, with every effect of the rig.
-
-    Args:
-        plant_seed: Seed of the plant's figures.
-        rigs: Temperatures and length.
-        seed: Seed of the study: of programs, meters and noise.
-    """
+    """Return what comes out on one drawn plant, with every effect of the rig."""
     profile, hard = random_profile("kr16", plant_seed), RigConfig.hard()
     try:
         return PlantRow(plant_seed, soaked_errors(profile, hard, rigs, seed, beyond=True))

@@ -25,7 +25,6 @@ class Wall:
         length: Length of the plan along x. [m]
         width: Width of the plan along y. [m]
         layer_height: Rise from layer to layer. [m]
-        layers: Number of layers.
         speed: Path speed, the rise included. [m/s]
         infill: Strokes of a zigzag along the wall inside the outline, and as many back; 0 for none.
 

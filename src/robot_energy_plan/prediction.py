@@ -41,16 +41,11 @@ class Prediction:
     """What a prediction gave.
 
     Attributes:
-        program: Name of the motion.
-        model: The model used.
         motor_temperature_degc: Assumed and held, shape (n,). [degC]
         extrapolated: Joints whose friction law does not reach that temperature.
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
-        repeat: How often the motion is made.
         pipeline: After its last step.
-        limits: How much of the speed and torque limits is used.
-        means: Power over time.
         notes: What a reader should know, one sentence each.
         payload: What was given: instead of what the model has on the same link, and besides what
             it has on others.
@@ -173,10 +168,6 @@ def predict(
 
 def planned_samples(motion: PlannedMotion, repeat: int) -> int:
     """Return how many samples a prediction has, before it is made.
-
-    Args:
-        motion: From start to end.
-        repeat: How often it is made.
 
     Raises:
         MotionError: If it is repeated too often or lasts too long.

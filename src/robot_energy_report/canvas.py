@@ -62,7 +62,6 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
     Args:
         path: File to write: PNG, SVG or PDF by its suffix; or a buffer for SVG.
         size: Width and height. [inch]
-        title: Above the figure.
 
     Yields:
         The figure, whose layout fits itself to what is drawn.
@@ -108,7 +107,6 @@ def panels(
         edge: What the figure has beyond them, likewise. [inch]
         labels: Of the x axes at the bottom and of the y axes at the left.
         columns: Panels side by side, at most.
-        title: Above the figure.
 
     Yields:
         The figure, and the axes of each panel.
@@ -134,18 +132,13 @@ def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
     """Name the places of an axis with texts from outside, made safe to show.
 
     Args:
-        axis: The x or y axis of matplotlib.
         places: Where they stand, in data coordinates.
-        names: As many as there are places.
     """
     axis.set_ticks(places, [typeset(shown(name, MAX_TICK)) for name in names])
 
 
 def check_format(path: Path) -> None:
     """Refuse a file that is no picture.
-
-    Args:
-        path: The file.
 
     Raises:
         ReportError: If the suffix is not one of the formats.

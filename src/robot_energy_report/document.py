@@ -28,8 +28,6 @@ class Column:
     """What a table shows of each of its rows.
 
     Attributes:
-        name: Heading, perhaps of several lines.
-        value: Attribute of a row, or a function of it.
         form: The value as text; None is a dash.
         unit: Behind the name, in brackets; empty for none.
         total: Whether the row of sums has the sum of the values, or a function of all rows
@@ -56,11 +54,7 @@ class Column:
         return self._text(self._of(row))
 
     def sum(self, rows: Sequence[Any]) -> str:
-        """Return what stands in the row of sums; a dash where a value is not known.
-
-        Args:
-            rows: All rows of the table.
-        """
+        """Return what stands in the row of sums; a dash where a value is not known."""
         if callable(self.total):
             found = self.total(rows)
             return found if isinstance(found, str) else self._text(found)
@@ -79,7 +73,6 @@ class Text:
     """A heading, a sentence, or a command line that makes what is shown.
 
     Attributes:
-        text: What it says.
         kind: A note or problem must not be overlooked; commands are for pages.
     """
 
@@ -89,14 +82,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells, as many in each row as there are columns; no columns: names and values.
-
-    Attributes:
-        title: Above the table.
-        columns: Headings.
-        rows: Cells.
-        total: A last row of sums.
-    """
+    """Cells, as many in each row as there are columns; no columns: names and values."""
 
     title: str
     columns: Sequence[str]
@@ -125,7 +111,6 @@ class FlowDiagram:
 
     Attributes:
         picture: Its flows. [J]
-        caption: What is to be seen.
     """
 
     picture: FlowPicture
@@ -139,7 +124,6 @@ class Document:
     """A report that grows from top to bottom.
 
     Args:
-        title: Of the page.
         lead: One or two sentences below it: what this is, and of what data.
 
     Attributes:
@@ -169,11 +153,7 @@ class Document:
             self._where = before
 
     def add(self, part: Part) -> None:
-        """Add a part at the end.
-
-        Args:
-            part: The part.
-        """
+        """Add a part at the end."""
         self.parts.append((self._where, part))
 
     def shown(self, where: Where) -> list[Part]:
@@ -188,7 +168,6 @@ class Document:
         """Begin a section; pages list those of depth 2 at the top.
 
         Args:
-            text: The heading.
             depth: 2 for a section, 3 and 4 for those inside it.
 
         Raises:
@@ -208,11 +187,7 @@ class Document:
         self.add(Text(text, kind))
 
     def note(self, text: str) -> None:
-        """Add a sentence that must not be overlooked: a warning, or what is not known.
-
-        Args:
-            text: The sentence.
-        """
+        """Add a sentence that must not be overlooked: a warning, or what is not known."""
         self.paragraph(text, "note")
 
     def notes(self, texts: Sequence[str]) -> None:
@@ -236,7 +211,6 @@ class Document:
         """Add a figure.
 
         Args:
-            draw: Writes it as SVG to what it is given.
             caption: What is to be seen; also read out where the figure cannot be shown.
         """
         self.add(Illustration(draw, caption))
@@ -247,10 +221,7 @@ class Document:
         """Add a table: first column and sentences left, numbers right.
 
         Args:
-            title: Above the table.
-            columns: Names.
             rows: Cells, as many as columns in each.
-            total: A last row of sums.
 
         Raises:
             ReportError: If a row has another number of cells.
@@ -268,9 +239,7 @@ class Document:
         """Add a table of objects.
 
         Args:
-            title: Above the table.
             columns: What it shows of each object.
-            rows: The objects.
             total: Name of the row of sums; empty for none.
         """
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None

@@ -54,7 +54,6 @@ def drives_document(report: DrivesReport, page: Document) -> None:
     """Add all that was found of the drives.
 
     Args:
-        report: What was found.
         page: Where to.
     """
     if report.drives is not None:
@@ -201,9 +200,7 @@ def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> N
     """Draw the map of every axis.
 
     Args:
-        axes: With maps.
         path: File to write: PNG, SVG or PDF by its suffix.
-        title: Above the figure.
 
     Raises:
         ShapeError: If there is no map.

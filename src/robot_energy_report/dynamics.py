@@ -34,7 +34,6 @@ class ReferenceValues:
     Attributes:
         viscous: Shape (n,). [N m s/rad]
         coulomb: Shape (n,). [N m]
-        source: In words.
     """
 
     viscous: Sequence[float]
@@ -53,9 +52,7 @@ def dynamics_document(
     """Add an identification.
 
     Args:
-        report: What was found.
         page: Where to; a page always shows the details.
-        reference: Friction to compare with.
         effort: Time and memory that it took, as names and values.
         details: Also every group with value and standard deviation on the terminal.
         friction_follows: Whether friction over temperature is identified afterwards.
@@ -245,7 +242,6 @@ def excitation_document(report: ExcitationReport, page: Document) -> None:
     """Add what an excitation motion tells and uses.
 
     Args:
-        report: The motion.
         page: Where to.
     """
     named = (

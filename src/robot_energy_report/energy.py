@@ -76,7 +76,6 @@ def add_flow(
     Args:
         page: Where to.
         reports: Results of robots with the same joints.
-        caption: What is to be seen.
         auxiliary: Name and energy of each load outside of the cabinet. [J]
     """
 
@@ -127,7 +126,6 @@ class EnergySections:
 
     Args:
         page: Where to.
-        report: The result.
     """
 
     def __init__(self, page: Document, report: EnergyReport) -> None:
@@ -135,12 +133,7 @@ class EnergySections:
         self._scale = scale_of([report.energy])
 
     def energy(self, title: str, other: tuple[str, EnergyBreakdown] | None = None) -> None:
-        """Add where the energy goes.
-
-        Args:
-            title: Above the table.
-            other: A second result and its name.
-        """
+        """Add where the energy goes."""
         energy, scale = self._report.energy, self._scale
         net = energy.net
         columns = ["", f"energy [{scale.unit}]", "", "share"]

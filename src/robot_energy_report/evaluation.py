@@ -43,10 +43,8 @@ def error_bars(
     """Draw one bar per name and prediction.
 
     Args:
-        names: Of the recordings or joints.
         bars: Of each prediction: label, role, and its relative errors. [-]
         path: File to write: PNG, SVG or PDF by its suffix.
-        label: Of the axis of the errors.
         beyond: Which names have hatched bars: recordings at temperatures that their fit has
             not seen.
 
@@ -91,7 +89,6 @@ def evaluation_document(report: EvaluationReport, page: Document) -> None:
     """Add all errors, the whole first.
 
     Args:
-        report: The errors.
         page: Where to.
     """
     model = report.model
@@ -127,11 +124,7 @@ def _section(page: Document, title: str) -> None:
 
 
 def verdict(report: EvaluationReport) -> str:
-    """Return the errors of the model over all recordings in one line.
-
-    Args:
-        report: The errors.
-    """
+    """Return the errors of the model over all recordings in one line."""
     parts = [_brief(report.together[0])]
     fixed_ = _named(report.together, FIXED)
     if fixed_ is not None:

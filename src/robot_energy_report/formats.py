@@ -88,20 +88,12 @@ class EnergyFormat:
 
 
 def fixed(digits: int) -> Callable[[float | None], str]:
-    """Return a format with fixed digits after the point.
-
-    Args:
-        digits: How many.
-    """
+    """Return a format with fixed digits after the point."""
     return lambda value: NOTHING if value is None else number(value, digits)
 
 
 def significant(digits: int) -> Callable[[float | None], str]:
-    """Return a format with so many digits in all, or all before the point where these are more.
-
-    Args:
-        digits: How many.
-    """
+    """Return a format with so many digits in all, or all before the point where these are more."""
 
     def text(value: float | None) -> str:
         if value is None:
@@ -116,7 +108,6 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
 
     Args:
         values: Of the column, in one unit. [-]
-        digits: Of the largest, in all.
     """
     known = [abs(value) for value in values if value is not None and math.isfinite(value)]
     lead = math.floor(math.log10(max(known, default=0.0) or 1.0))
@@ -269,8 +260,6 @@ def counted(count: int, one: str, many: str = "") -> str:
     """Return a count with its noun.
 
     Args:
-        count: How many.
-        one: The noun.
         many: Its plural; empty for that with an s.
     """
     return f"{count} {one if count == 1 else many or one + 's'}"

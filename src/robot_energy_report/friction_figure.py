@@ -28,7 +28,6 @@ def friction_over_temperature(
         fits: One per axis.
         path: File to write: PNG, SVG or PDF by its suffix.
         unit: Of the torque: ``N m``, or that of a relative measurement.
-        title: Above the figure.
 
     Raises:
         ShapeError: If there is no axis.

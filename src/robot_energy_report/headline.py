@@ -16,19 +16,12 @@ LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
 
 
 def place_of(report: ReplayReport) -> str:
-    """Return where the power of the comparison flows, in words.
-
-    Args:
-        report: Of a replay.
-    """
+    """Return where the power of the comparison flows, in words."""
     return LOCATION_NAMES.get(report.comparison.meter_location or "", "the meter")
 
 
 def headline(report: ReplayReport) -> str:
     """Return the result in one line.
-
-    Args:
-        report: Of a replay.
 
     Returns:
         Predicted and measured over the compared time; where nothing was measured, the
@@ -54,9 +47,6 @@ def headline(report: ReplayReport) -> str:
 def beyond_constant(report: ReplayReport) -> str:
     """Return in one line how well the part that is not constant is predicted.
 
-    Args:
-        report: Of a replay.
-
     Returns:
         A sentence; empty where nothing was measured.
     """
@@ -73,12 +63,7 @@ def beyond_constant(report: ReplayReport) -> str:
 
 
 def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
-    """Return the figures that matter most, over all recordings.
-
-    Args:
-        reports: One or several recordings.
-        settings: Prices and emissions.
-    """
+    """Return the figures that matter most, over all recordings."""
     net, observed = sum(one.energy.net for one in reports), observed_time(reports)
     scale = scale_of([one.energy for one in reports])
     error, compared = error_of(reports)
@@ -153,11 +138,7 @@ def error_of(reports: Sequence[ReplayReport]) -> tuple[float | None, float]:
 
 
 def observed_time(reports: Sequence[ReplayReport]) -> float:
-    """Return the predicted time of all recordings. [s]
-
-    Args:
-        reports: The recordings.
-    """
+    """Return the predicted time of all recordings. [s]"""
     return sum(one.time.observed_ns for one in reports) * NANOSECOND
 
 

@@ -116,8 +116,6 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
     """Add the test of the whole.
 
     Args:
-        test: The test.
-        names: Of the joints.
         page: Where to.
     """
     page.paragraph(f"held out: {KINDS[test.kind]}")

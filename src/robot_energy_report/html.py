@@ -46,7 +46,6 @@ def write_page(document: Document, path: str | Path) -> None:
     """Write a page whole or not at all.
 
     Args:
-        document: What it says.
         path: File to write; a name that ends in .pdf makes a PDF.
 
     Raises:
@@ -61,11 +60,7 @@ def write_page(document: Document, path: str | Path) -> None:
 
 
 def page_html(document: Document) -> str:
-    """Return the whole page.
-
-    Args:
-        document: What it says.
-    """
+    """Return the whole page."""
     sections: list[list[Part]] = [[]]
     for part in document.shown("page"):
         if isinstance(part, Text) and part.kind == "h2":

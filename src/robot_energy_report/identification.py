@@ -46,7 +46,6 @@ def friction_document(report: FrictionReport, page: Document) -> None:
     """Add the friction of every axis, with its figure.
 
     Args:
-        report: What was found.
         page: Where to.
     """
     friction_tables(report, page)
@@ -98,11 +97,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
 
 
 def hold_words(hold: HoldFit) -> str:
-    """Return what motors hold at rest, in one sentence.
-
-    Args:
-        hold: What was found.
-    """
+    """Return what motors hold at rest, in one sentence."""
     kept, carried = uncertain(*hold.kept), uncertain(*hold.carried)
     return (
         f"at rest motors hold the load within {hold.std:.2f} of the Coulomb torque "
@@ -115,7 +110,6 @@ def gear_tables(gears: GearsFound, page: Document) -> None:
     """Add the temperatures of gears, and why others were not found.
 
     Args:
-        gears: What was found.
         page: Where to.
     """
     if gears.fits:
@@ -163,7 +157,6 @@ def study_document(report: FrictionStudyReport, page: Document) -> None:
     """Add tests on temperatures that were not seen.
 
     Args:
-        report: The tests.
         page: Where to.
     """
     for entry in report.studies:
@@ -204,7 +197,6 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
     """Add the constant losses.
 
     Args:
-        fit: What was found.
         page: Where to.
     """
 
@@ -288,7 +280,6 @@ def delay_lines(what: str, delay: Delay | None, low_pass: Delay | None, page: Do
     """Add a delay behind the joint states, and the time constant of a low pass, a line each.
 
     Args:
-        what: Of what.
         delay: The estimate; None adds nothing.
         low_pass: The estimate; likewise.
         page: Where to.
@@ -310,7 +301,6 @@ def delay_use(delay: Delay, done: str) -> str:
     """Return what was done about a delay.
 
     Args:
-        delay: The estimate.
         done: Word for a delay that was believed.
     """
     if delay.at_edge:

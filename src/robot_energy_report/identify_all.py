@@ -46,11 +46,7 @@ TITLES = {
 
 
 def identification_lead(report: IdentificationReport) -> str:
-    """Return what was identified, and of what data.
-
-    Args:
-        report: Of the identification.
-    """
+    """Return what was identified, and of what data."""
     bags = (*report.recordings, *report.tests)
     origins = sorted({entry.origin for entry in bags if entry.origin})
     count = counted(len(report.recordings), "recording")
@@ -63,7 +59,6 @@ def identification_document(
     """Add everything.
 
     Args:
-        report: What was found.
         page: Where to; a page always shows every step in detail.
         details: Whether the terminal shows that as well.
     """
@@ -91,12 +86,7 @@ def identification_document(
 
 
 def identification_overview(report: IdentificationReport, page: Document) -> None:
-    """Add what every step found, in one table.
-
-    Args:
-        report: The identification.
-        page: To add to.
-    """
+    """Add what every step found, in one table."""
     page.rows(
         "What was identified, in the order in which it was done",
         [

@@ -42,7 +42,6 @@ def job_section(page: Document, report: ReplayReport) -> None:
 
     Args:
         page: Where to.
-        report: Of a replay.
     """
     if not report.jobs:
         return
@@ -73,8 +72,6 @@ def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFor
 
     Args:
         page: Where to.
-        reports: Recordings.
-        scale: Unit of the energies.
     """
 
     def energies(kind: tuple[str, list[JobFigures]]) -> list[float]:

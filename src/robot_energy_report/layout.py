@@ -28,8 +28,6 @@ class _Column:
     """One column of a table.
 
     Attributes:
-        name: Its heading, perhaps of several lines.
-        cells: From top to bottom, the row of sums among them.
         prose: Whether it reads from the left.
         wraps: Whether it may be narrower than its content.
     """
@@ -64,10 +62,8 @@ def fitted_table(
     """Lay out a table: first column left, prose left, the others right.
 
     Args:
-        columns: Headings.
         rows: Cells, as many per row as there are headings.
         width: Of the terminal. [characters]
-        total: A last row of sums below a rule.
 
     Returns:
         One table or several below each other; to be printed without cropping.

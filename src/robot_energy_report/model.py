@@ -12,7 +12,6 @@ def model_document(report: ModelReport, page: Document) -> None:
     """Add what a model file holds.
 
     Args:
-        report: What it holds.
         page: Where to.
     """
     page.paragraph(

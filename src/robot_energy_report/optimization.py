@@ -23,7 +23,6 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
     """Add all that was found.
 
     Args:
-        report: What to say.
         page: Where to.
     """
     page.paragraph(_verdict(report), "strong")
@@ -186,7 +185,6 @@ def measures_and_front(report: OptimizationReport, path: Target) -> None:
     """Draw savings with their bands above energy over time.
 
     Args:
-        report: What was found.
         path: File to write: PNG, SVG or PDF by its suffix; or a buffer.
     """
     bars = 0.9 + BAR * (1 + len(report.measures))

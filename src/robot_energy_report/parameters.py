@@ -23,10 +23,7 @@ class Change:
     """One figure of a model file, before and after.
 
     Attributes:
-        name: With its joint.
-        unit: Of both values.
         before: As given; None if there was none.
-        after: Now.
     """
 
     name: str
@@ -41,12 +38,7 @@ class Change:
 
 
 def changes(before: RobotModel, after: RobotModel) -> list[Change]:
-    """Return the figures that differ, but for those of the bodies and of laws over temperature.
-
-    Args:
-        before: A model of the robot.
-        after: Another one.
-    """
+    """Return the figures that differ, but for those of the bodies and of laws over temperature."""
     return [change for change in _pairs(before, after) if change.before != change.after]
 
 
@@ -85,8 +77,6 @@ def changes_document(before: RobotModel, after: RobotModel, page: Document) -> N
     """Add what is new in a model file; what is hardly known stands apart, by name.
 
     Args:
-        before: As given.
-        after: As identified.
         page: Where to.
     """
     found = changes(before, after)

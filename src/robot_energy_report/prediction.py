@@ -60,7 +60,6 @@ def prediction_document(
     """Add all that predictions say.
 
     Args:
-        report: What to say.
         page: Where to.
         results: The predictions behind it, for the power over time; may be empty.
     """

@@ -42,7 +42,6 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
     """Draw the predicted power of each run over time.
 
     Args:
-        results: Predictions.
         labels: One per prediction.
         path: File to write: PNG, SVG or PDF by its suffix.
     """
@@ -60,7 +59,6 @@ def energy_and_power(
     """Draw energies above powers.
 
     Args:
-        results: Predictions.
         energies: Of each prediction.
         labels: One per prediction.
         path: File to write: PNG, SVG or PDF by its suffix.

@@ -21,7 +21,6 @@ def print_document(document: Document, console: Console) -> None:
     """Print what a terminal shows of a document: all but figures.
 
     Args:
-        document: What to print.
         console: Where to.
     """
     for part in document.shown("terminal"):
@@ -98,7 +97,6 @@ def terminal_text(text: str, console: Console) -> str:
     a program, stays ASCII.
 
     Args:
-        text: Of ours.
         console: Where it goes.
     """
     true = console.is_terminal and console.encoding.lower().startswith("utf")

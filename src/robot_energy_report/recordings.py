@@ -47,7 +47,6 @@ def recordings_document(
     Args:
         recordings: Reports, with the curves for their figures over time or None.
         page: Where to.
-        settings: Prices and emissions.
     """
     recordings, notes = _once(recordings)
     if len(recordings) == 1:
@@ -91,11 +90,7 @@ def recordings_document(
 
 
 def robot_name(model: ModelUsed) -> str:
-    """Return robot, serial number, model and change in words.
-
-    Args:
-        model: Behind a result.
-    """
+    """Return robot, serial number, model and change in words."""
     serial = f" {model.serial}" if model.serial else ""
     change = f", {model.change}" if model.change else ""
     return f"{model.robot}{serial}, model {model.model_id}{change}"

@@ -15,7 +15,6 @@ def given_once(names: Sequence[str], contents: Sequence[Hashable]) -> tuple[list
     """Return the recordings without those that are there already, and a note on each of these.
 
     Args:
-        names: Of the recordings.
         contents: Equal for what is the same recording.
 
     Returns:
@@ -40,7 +39,6 @@ def overlaps(names: Sequence[str], spans: Sequence[tuple[int | None, int | None]
     """Return a note on the recordings of one robot that overlap in time; empty if none do.
 
     Args:
-        names: Of the recordings.
         spans: First and last stamp of each; None where it has no samples. [ns]
     """
     known = [

@@ -63,12 +63,7 @@ SHAFT = (
 
 @dataclass(frozen=True)
 class ReplayCurves:
-    """What the figures of a replay show beyond its report.
-
-    Attributes:
-        series: Power and energy over time, predicted and perhaps measured.
-        temperatures: Motor temperatures and friction over time.
-    """
+    """What the figures of a replay show beyond its report."""
 
     series: Sequence[Series]
     temperatures: TemperatureHistory
@@ -84,11 +79,8 @@ def replay_document(
     """Add all that a replay says.
 
     Args:
-        report: What to say.
         page: Where to.
         curves: For the figures over time; None: without them.
-        depth: Of the headings on a page.
-        settings: Prices and emissions of the tiles.
     """
     other = report.compared_with
     page.paragraph(headline(report), "strong")

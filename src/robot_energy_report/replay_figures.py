@@ -33,7 +33,6 @@ def power_and_energy(
     Args:
         series: Curves of one recording; at most one of them measured.
         path: File to write: PNG, SVG or PDF by its suffix. It is replaced whole.
-        title: Above the figure.
         place: Where the power flows, for the axis.
 
     Raises:
@@ -139,11 +138,7 @@ class TemperatureHistory:
         self._ring = HistoryRing(MIN_WIDTH, len(self.joint_names) + 1, whole=True)
 
     def take(self, output: Output) -> None:
-        """Take what one step of the pipeline gave.
-
-        Args:
-            output: Of the step.
-        """
+        """Take what one step of the pipeline gave."""
         power = output.power
         if power is not None and len(power):
             friction = power.friction_power.sum(axis=1, keepdims=True)
@@ -167,7 +162,6 @@ def temperature_and_friction(history: TemperatureHistory, path: Target) -> None:
     """Draw the temperature of every motor, and below it the friction power of all joints.
 
     Args:
-        history: Of a recording.
         path: File to write: PNG, SVG or PDF by its suffix.
     """
     time, means = history.means()

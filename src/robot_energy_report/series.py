@@ -24,8 +24,6 @@ class Series:
     """One curve.
 
     Attributes:
-        label: For the legend.
-        role: Decides the colour: measured, predicted, or predicted with fixed friction.
         time: Middle of each point, since the start of the recording; NaN breaks the
             curve, shape (K,). [s]
         power: Mean of each point, shape (K,). [W]
@@ -50,8 +48,6 @@ def compared_series(
 
     Args:
         result: A replay that kept its curves.
-        label: Of the prediction.
-        role: Of the prediction.
 
     Returns:
         Measured and predicted, or None where nothing was compared. Their last energies
@@ -69,8 +65,6 @@ def series_of(
     Args:
         compared: What was compared, in the order of time.
         start_ns: Where the axis of time begins. [ns]
-        label: Of the prediction.
-        role: Of the prediction.
 
     Returns:
         Measured and predicted, or None where nothing was compared.

@@ -30,7 +30,6 @@ class LoadRecord:
     """What one load and its meter did.
 
     Attributes:
-        readings: Of its meter.
         changed_ns: When its state changed, the first at the start, shape (K,). [ns]
         state: Number of the state since then, shape (K,).
         energy: True energy. [J]
@@ -54,7 +53,6 @@ def auxiliary_loads(
     Args:
         start_ns: Of the run. [ns]
         duration: Of the run, or of the part. [s]
-        seed: Of the gain errors of their meters.
         begin: Where the part begins. [s]
         used: True energy of each load before. [J]
     """
@@ -93,7 +91,6 @@ class LoadPlayer:
 
     Args:
         start_ns: Stamp of its begin. [ns]
-        seed: Of the gain errors of the meters.
     """
 
     def __init__(self, start_ns: int, seed: int) -> None:

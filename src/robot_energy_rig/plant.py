@@ -52,8 +52,6 @@ class PlantFriction:
     for a speed that is constant over a sample.
 
     Args:
-        profile: The plant.
-        config: Switches of the terms.
         period: Between samples. [s]
 
     Attributes:
@@ -133,12 +131,7 @@ class PlantFriction:
 
 
 class PlantDrives:
-    """Motors and inverters.
-
-    Args:
-        profile: The plant.
-        config: Switches of the losses.
-    """
+    """Motors and inverters."""
 
     def __init__(self, profile: PlantProfile, config: RigConfig) -> None:
         self._constant = profile.torque_constant
@@ -175,11 +168,7 @@ class PlantDrives:
 
 
 def longest_step(profile: PlantProfile) -> float:
-    """Return the longest step over which heat and friction may be held. [s]
-
-    Args:
-        profile: The plant.
-    """
+    """Return the longest step over which heat and friction may be held. [s]"""
     rate = np.linalg.eigvals(_matrix(profile))
     return MAX_SHARE / float(np.abs(rate).max())
 
@@ -199,7 +188,6 @@ class ThermalNetwork:
     """Two nodes per axis, stepped at a fixed interval.
 
     Args:
-        profile: Capacities and conductances.
         step: Length of a step in thermal time. [s]
         motor_temperature_degc: At the start, shape (n,). [degC]
         gear_temperature_degc: At the start, shape (n,). [degC]

@@ -46,7 +46,6 @@ class RigRecording:
     """What was written.
 
     Attributes:
-        path: Folder of the bag.
         messages: Number of messages by topic.
         energy: True energy drawn from the grid. [J]
         peak_power: Greatest true power from the grid. [W]
@@ -95,11 +94,7 @@ class RigEncoder:
         )
 
     def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:
-        """Return sensor_msgs/JointState messages, shape (N, size).
-
-        Args:
-            block: N samples or readings.
-        """
+        """Return sensor_msgs/JointState messages, shape (N, size)."""
         return self._joints.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -160,7 +155,6 @@ def outputs(rig: VirtualRig, duration: float, step: float = STEP) -> Iterator[Ri
     """Run a rig for a while, one piece at a time.
 
     Args:
-        rig: The rig, at any point of its program.
         duration: [s]
         step: Length of a piece. [s]
 
@@ -198,10 +192,7 @@ def record(
     (ros2_energy_msgs/PowerReading), logged a small delay after their stamps.
 
     Args:
-        rig: The rig, at any point of its program.
         duration: [s]
-        path: Folder of the bag, made here.
-        compression: Compression of the chunks.
         overwrite: Replace a bag that is there.
         drive_power: Record the electrical input of each drive as well, on ``/drive_power``
             (std_msgs/Float64MultiArray), at every sample of the joint states.
@@ -262,7 +253,6 @@ def load_messages(
     """Return the messages of auxiliary loads.
 
     Args:
-        encoder: Serializes the readings.
         loads: What each did, by its name.
 
     Yields:

@@ -42,12 +42,7 @@ class Stream(IntEnum):
 
 
 def stream(seed: int, purpose: Stream) -> np.random.Generator:
-    """Return the random stream of one purpose.
-
-    Args:
-        seed: Seed of the rig.
-        purpose: What the numbers are for.
-    """
+    """Return the random stream of one purpose."""
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(purpose),)))
     )
@@ -86,11 +81,7 @@ class JointSensors:
     """What the controller reports of the joints.
 
     Args:
-        config: Switches and figures.
-        drivetrain: Encoders sit on the motors.
-        seed: Seed of the rig.
         period_ns: Between samples. [ns]
-        device: Seed of the constant errors.
     """
 
     def __init__(
@@ -116,7 +107,6 @@ class JointSensors:
         """Return what is reported of consecutive samples.
 
         Args:
-            truth: The samples.
             motors: Motion that the encoders see, joint side.
             motor_torque: From currents and name plates, before noise, shape (N, n). [N m]
         """
@@ -164,11 +154,7 @@ class TemperatureSensor:
     """Motor thermometers with their own rate.
 
     Args:
-        config: Switches and figures.
-        seed: Seed of the rig.
         start_stamp_ns: Stamp of the first reading. [ns]
-        n_joints: Number of motors.
-        device: Seed of the constant errors.
     """
 
     def __init__(
@@ -217,11 +203,8 @@ class GridMeter:
     Each sample of the true power stands for half a sample period before and after it.
 
     Args:
-        config: Switches and figures.
-        seed: Seed of the rig.
         start_stamp_ns: The first interval begins here. [ns]
         period_ns: Between samples of the true power. [ns]
-        device: Seed of the constant errors.
     """
 
     def __init__(
@@ -247,7 +230,6 @@ class GridMeter:
         """Return the readings that consecutive samples of the true power complete.
 
         Args:
-            first: Index of the first sample.
             grid_power: Shape (N,). [W]
         """
         if self._filter:

@@ -41,8 +41,6 @@ class Supply:
     """The cabinet; its state is the energy in the DC link and the chopper's switch.
 
     Args:
-        profile: The plant.
-        config: Switches of the effects.
         interval: Time that each sample stands for. [s]
     """
 

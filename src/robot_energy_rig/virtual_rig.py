@@ -292,11 +292,7 @@ class VirtualRig:
 
 
 class Fan:
-    """A fan that switches with the warmest motor.
-
-    Args:
-        effects: Its figures.
-    """
+    """A fan that switches with the warmest motor."""
 
     def __init__(self, effects: HardEffects) -> None:
         self._effects = effects

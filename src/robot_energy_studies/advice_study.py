@@ -50,8 +50,6 @@ class JudgedAdvice(JudgedClaim):
     """One advice for one plant.
 
     Attributes:
-        plant: Seed of the plant.
-        name: Of the advice.
         metered: Whether the recording had a power meter.
         claim: Saving in the recording. [J]
         half: Half width of its 90 % band. [J]
@@ -74,12 +72,7 @@ class JudgedAdvice(JudgedClaim):
 
 
 class AdvisedPlant:
-    """One plant: its recording, and what it needs with an advice applied.
-
-    Args:
-        folder: For the recordings.
-        seed: Of the plant.
-    """
+    """One plant: its recording, and what it needs with an advice applied."""
 
     def __init__(self, folder: Path, seed: int) -> None:
         self._profile = random_profile(BODY, seed)
@@ -196,11 +189,7 @@ def _near(places: Float, rest: Float) -> NDArray[np.bool_]:
 
 
 def count(rows: Sequence[JudgedAdvice]) -> list[str]:
-    """Return how often claims and bands were right, one line for each kind of advice.
-
-    Args:
-        rows: Of all plants.
-    """
+    """Return how often claims and bands were right, one line for each kind of advice."""
     lines: list[str] = []
     for name, metered in sorted({(row.name, row.metered) for row in rows}):
         own = [row for row in rows if (row.name, row.metered) == (name, metered)]

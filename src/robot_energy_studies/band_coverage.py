@@ -45,7 +45,6 @@ class Recorded:
     """What the rig does in one recording.
 
     Attributes:
-        name: Of the recording.
         degc: Temperature of motors and gears at the start. [degC]
         duration: [s]
         dwell: Rest after every motion. [s]
@@ -87,7 +86,6 @@ class BandRuns:
     """What the rig does for the bands.
 
     Attributes:
-        training: For the identification.
         warm_up: For the gears; None: friction follows the motors.
         metered: With a meter, which calibrates the bands.
         held_out: Runs that neither has seen.
@@ -105,7 +103,6 @@ class Covered:
 
     Attributes:
         plant: Which.
-        run: Name of the run.
         error: Predicted over measured energy, less 1. [-]
         half: Half width of the band of the energy after ten minutes with a meter, over the
             measured energy. [-]
@@ -113,7 +110,6 @@ class Covered:
         counts: Readings of the meter, 0.1 s each, by phase: all, and those within the band of
             power, shape (P, 2).
         half_power: Median half width of that band over the mean power. [-]
-        means: Means over a second.
         inside_alone: Of them, within the band of power without a meter.
         half_power_alone: Median half width of that band over the mean power. [-]
         scores_power: Errors of the readings over the deviation that the band of power implies,
@@ -156,7 +152,6 @@ def band_coverage(
     """Yield how the bands of each run fared.
 
     Args:
-        folder: For the recordings.
         plants: Seeds of drawn plants; None: the standard plant of the KR 16 class.
         runs: What the rig does; None for the full runs.
         hard: Whether the rig has effects that no model has a term for.
@@ -178,13 +173,7 @@ def band_coverage(
 
 
 class DrawnRig:
-    """Records one plant, and identifies it.
-
-    Args:
-        profile: The plant.
-        config: Effects and sensors.
-        folder: For the recordings.
-    """
+    """Records one plant, and identifies it."""
 
     def __init__(self, profile: PlantProfile, config: RigConfig, folder: Path) -> None:
         self._profile, self._config, self._folder = profile, config, folder
@@ -193,12 +182,7 @@ class DrawnRig:
         self._above = tool_above(robot, TOOL, MIN_HEIGHT)
 
     def record(self, what: Recorded, seed: int) -> Path:
-        """Return the bag of one recording.
-
-        Args:
-            what: What the rig does.
-            seed: Of motion and sensors.
-        """
+        """Return the bag of one recording."""
         program = random_program(self._limits, seed, dwell=what.dwell, accept=self._above)
         config = replace(self._config, thermal_speedup=what.speedup)
         rig = VirtualRig(
@@ -213,7 +197,6 @@ class DrawnRig:
         """Return the model that is identified from recordings.
 
         Args:
-            training: What the rig does in them.
             warm_up: The same for the gears, which friction then follows; None for no gears.
         """
         bags = [self.record(one, seed) for seed, one in enumerate(training, 1)]
@@ -272,11 +255,7 @@ def _replayed(
 
 
 def summary(rows: Sequence[Covered]) -> dict[str, float]:
-    """Return shares within the bands, and median half widths, over all runs, by name. [-]
-
-    Args:
-        rows: Of any plants.
-    """
+    """Return shares within the bands, and median half widths, over all runs, by name. [-]"""
     count = len(rows)
     return {
         "power, with meter": sum(one.inside for one in rows) / sum(one.readings for one in rows),
@@ -291,21 +270,13 @@ def summary(rows: Sequence[Covered]) -> dict[str, float]:
 
 
 def by_run(rows: Sequence[Covered]) -> dict[str, dict[str, float]]:
-    """Return what `summary` gives, for each kind of run. [-]
-
-    Args:
-        rows: Of any plants.
-    """
+    """Return what `summary` gives, for each kind of run. [-]"""
     names = dict.fromkeys(one.run for one in rows)
     return {name: summary([one for one in rows if one.run == name]) for name in names}
 
 
 def by_phase(rows: Sequence[Covered]) -> dict[str, float]:
-    """Return the share of readings of power within the band with a meter, for each phase. [-]
-
-    Args:
-        rows: Of any plants.
-    """
+    """Return the share of readings of power within the band with a meter, for each phase. [-]"""
     counts = np.sum([one.counts for one in rows], axis=0)
     return {
         phase.name.lower(): float(counts[phase, 1] / counts[phase, 0])
@@ -318,9 +289,6 @@ def score_quantiles(rows: Sequence[Covered]) -> dict[str, Float]:
     """Return quantiles, at `SHARES`, of errors over the standard deviations that the bands imply.
 
     They are those of a normal distribution where bands hold and errors are normal.
-
-    Args:
-        rows: Of any plants.
     """
     scores = {
         "power, with meter": np.concatenate([one.scores_power for one in rows]),

@@ -53,11 +53,7 @@ class CertaintyStudySize:
 
     Attributes:
         robots: Whose bodies the plants have; each repetition has the next.
-        repetitions: Identifications of plants within the form of the model.
-        hard: Identifications of plants with every effect of the rig.
         bands: Runs behind the bands; None for the full ones.
-        band_plants: Drawn plants behind the bands.
-        thermal: Drawn plants whose temperature sensors are hidden.
         wear: Axes of one plant that wear by 15 %, each in a run of its own.
         learning_robots: Plants of the rig whose model is mistaken, watched by a learner.
         learning_minutes: How long each works. [min]
@@ -85,10 +81,8 @@ class LearningResult:
     """One plant at work, predicted with figures that are 30 % and 15 % too low.
 
     Attributes:
-        robot: Name of the plant.
         with_torque: Whether joint states carry motor torque.
         off: Without learning, minute by minute.
-        applied: With what was learned.
     """
 
     robot: str
@@ -102,14 +96,9 @@ class Certainty:
     """Everything the study found.
 
     Attributes:
-        seed: Seed of the study.
-        scale: How much was done.
         intervals: Identified figures of each repetition, within the form of the model.
         hard: The same with every effect of the rig.
-        bands: Held-out runs with their bands.
-        thermal: Plants whose temperature sensors were hidden.
         wear: Axes that wore.
-        learning: What was learned of plants at work.
     """
 
     seed: int
@@ -151,12 +140,7 @@ def reliability_of(found: list[list[Judged]]) -> dict[str, tuple[Float, Float]]:
 
 
 def study(options: StudyRun, scale: CertaintyStudySize) -> Certainty:
-    """Return what the whole study finds.
-
-    Args:
-        options: How it runs.
-        scale: How much to do.
-    """
+    """Return what the whole study finds."""
     seed = options.seed
     first = 1000 * seed
     plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]

@@ -17,11 +17,7 @@ LABEL = "virtual rig, plants drawn at random; nothing here was measured on a rob
 
 
 def figures(result: Certainty) -> dict[str, Any]:
-    """Return every figure of the study, ready for JSON; shares are 0 to 1.
-
-    Args:
-        result: The study.
-    """
+    """Return every figure of the study, ready for JSON; shares are 0 to 1."""
     return {
         "label": LABEL,
         "seed": result.seed,
@@ -44,11 +40,7 @@ def figures(result: Certainty) -> dict[str, Any]:
 
 
 def context(result: Certainty) -> dict[str, Any]:
-    """Return what the expressions of the templates use.
-
-    Args:
-        result: The study.
-    """
+    """Return what the expressions of the templates use."""
     return {
         "result": result,
         "data": figures(result),
@@ -68,11 +60,7 @@ def context(result: Certainty) -> dict[str, Any]:
 
 
 def pieces(result: Certainty) -> dict[str, Piece]:
-    """Return the figures of the page.
-
-    Args:
-        result: The study.
-    """
+    """Return the figures of the page."""
     found: dict[str, Piece] = {}
     for name, figures_of in (("within", result.intervals), ("hard", result.hard)):
         if curves := reliability_of(figures_of):

@@ -39,10 +39,8 @@ class FleetRow:
     """What the report of one fleet has found.
 
     Attributes:
-        found: Robots with a fault whose fault is named.
         missed: Robots with a fault that is not named.
         false: Findings of a fault on a robot that has another one, or none.
-        report: The report.
     """
 
     found: tuple[str, ...]
@@ -58,7 +56,6 @@ def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
     false on a robot without one.
 
     Args:
-        report: Of the fleet.
         faults: Kind of the fault by robot.
     """
     named = {(one.robot, CAUSES.get(one.kind, one.kind)) for one in report.findings}
@@ -74,11 +71,7 @@ def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
 
 
 def fleet_tables(plan: FleetPlan) -> FleetTables:
-    """Return the tables of a generated fleet, without bags.
-
-    Args:
-        plan: What is made.
-    """
+    """Return the tables of a generated fleet, without bags."""
     model = load(ROBOT)
     return tables_of(_rows(visit, model, key) for key, visit in enumerate(visits(plan)))
 

@@ -42,9 +42,7 @@ class WarmRun:
     """One run with one model.
 
     Attributes:
-        plant: Robot, seed and factor of the gears.
         run: Which program.
-        model: What its friction follows.
         error: Of the whole energy. [-]
         windows: Of the energy of every five minutes, shape (W,). [-]
         friction: RMS over five minutes of the error of each joint's friction power, over its
@@ -80,11 +78,7 @@ class WarmPlant:
     """One drawn plant, its recordings and models.
 
     Args:
-        folder: For the recordings.
-        body: Name of a shipped model.
-        seed: Of plant and motions.
         gears: Factor on the heat capacity of the gears. [-]
-        config: Effects of the rig.
     """
 
     def __init__(self, folder: Path, body: str, seed: int, gears: float, config: RigConfig) -> None:
@@ -102,7 +96,6 @@ class WarmPlant:
         """Return a program of its own number.
 
         Args:
-            number: Of the program.
             dwell: After each motion. [s]
             override: Share of the greatest speed. [-]
         """
@@ -115,8 +108,6 @@ class WarmPlant:
         """Return the plant at the start of a run.
 
         Args:
-            number: Of the run.
-            motion: What it does.
             degc: Of motors and gears. [degC]
             gear_degc: Of the gears where they are not as warm as the motors. [degC]
         """
@@ -167,11 +158,6 @@ def judged(
     """Return the errors of a model over a run.
 
     Args:
-        plant: Name of the plant.
-        run: Name of the run.
-        name: Of the model.
-        model: It.
-        pieces: The run.
         effort: Whether measured torque is read.
         meter: Whether the power meter is read.
     """
@@ -213,9 +199,7 @@ def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterat
     """Yield every run of every plant with every model.
 
     Args:
-        folder: For the recordings.
         plants: Seeds; robots and gears in turn.
-        config: Effects of the rig.
     """
     for number, seed in enumerate(plants):
         gears = GEARS[(number // 2) % len(GEARS)]

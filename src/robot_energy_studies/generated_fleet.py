@@ -58,9 +58,6 @@ class FleetPlan:
     """What is made.
 
     Attributes:
-        robots: How many.
-        weeks: How long.
-        seed: Of robots, programmes, temperatures and noise.
         faults: Whether three robots have their faults.
     """
 
@@ -82,9 +79,6 @@ class Visit:
     """A time at one robot that is recorded.
 
     Attributes:
-        robot: Its name.
-        name: Of the bag.
-        rig: The robot.
         duration: Of the recording. [s]
         programme: What the robot does; empty for a night.
         start: Stamp of the first sample. [s since 1970]
@@ -112,11 +106,7 @@ def _name_of(robot: int) -> str:
 
 
 def visits(plan: FleetPlan) -> Iterator[Visit]:
-    """Yield the robots, one after the other, at the times at which each is recorded.
-
-    Args:
-        plan: What is made.
-    """
+    """Yield the robots, one after the other, at the times at which each is recorded."""
     profile = load_profile(ROBOT)
     limits = profile.motion_limits(profile.mechanics()[0])
     programmes = [

@@ -55,7 +55,6 @@ class Judged:
 
     Attributes:
         group: One of `GROUPS`.
-        name: Of the figure.
         truth: Of the plant, in the unit of the figure. [-]
         value: As identified. [-]
         std: As identified; NaN where none is given. [-]
@@ -84,8 +83,6 @@ class IntervalCoverage:
 
     Attributes:
         group: One of `GROUPS`.
-        figures: How many there are.
-        repetitions: From how many identifications.
         share: Of the intervals that hold the truth. [-]
         half_width: Median of half the interval over the truth. [-]
         deviations: Root mean square of the error in standard deviations; 1 if these are right. [-]
@@ -119,8 +116,6 @@ class DrawnPlant:
     """A plant drawn at random, recorded, identified and compared with the truth.
 
     Attributes:
-        profile: The plant.
-        config: Effects of the rig, and sensors.
         seed: Of motions, noise, constant errors and of the errors of the model to begin with.
     """
 
@@ -133,7 +128,6 @@ class DrawnPlant:
         """Return a plant drawn at random with the effects of the rig.
 
         Args:
-            robot: Name of a shipped model, for the bodies.
             seed: Of everything that is drawn.
             hard: With all effects; else with those alone that the model file has terms for. The
                 chopper then has no hysteresis.
@@ -173,7 +167,6 @@ class DrawnPlant:
         """Return a bag per temperature: other motions and noise, the same sensors.
 
         Args:
-            folder: For the bags.
             drive_power: Whether the power of each drive is measured.
         """
         bags: list[Bag] = []
@@ -191,11 +184,7 @@ class DrawnPlant:
         return bags
 
     def judged(self, result: FullIdentification) -> list[Judged]:
-        """Return every identified figure that has a group here, compared with the plant.
-
-        Args:
-            result: The identification.
-        """
+        """Return every identified figure that has a group here, compared with the plant."""
         model, profile = result.model, self.profile
         found = result.step("dynamics").found
         figures: list[Judged] = []
@@ -231,18 +220,11 @@ class DrawnPlant:
         """Return every identified figure, compared with the truth.
 
         In every second repetition the power of each drive is measured as well.
-
-        Args:
-            folder: For the bags.
         """
         return self.identified(self.recorded(folder, drive_power=bool(self.seed % 2)))
 
     def more_recordings(self, folder: Path) -> list[MoreRecordings]:
-        """Return one entry for each recording that is added to the first two.
-
-        Args:
-            folder: For the bags.
-        """
+        """Return one entry for each recording that is added to the first two."""
         bags = self.recorded(folder)
         found = [self.identified(bags[:count]) for count in range(2, len(bags) + 1)]
         return [
@@ -252,12 +234,7 @@ class DrawnPlant:
 
 
 def program_of(profile: PlantProfile, seed: int) -> Program:
-    """Return a motion of a plant: point to point, with rests.
-
-    Args:
-        profile: The plant.
-        seed: Of the motion.
-    """
+    """Return a motion of a plant: point to point, with rests."""
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
     above = tool_above(robot, "tool0", MIN_HEIGHT) if robot.has_link("tool0") else None
@@ -326,7 +303,6 @@ def repetitions(
 
     Args:
         robots: Names of shipped models; each seed has the next of them.
-        seeds: Of the repetitions.
         hard: As of `DrawnPlant.of`.
         progress: Called with robot and seed before each.
     """
@@ -369,12 +345,7 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
 
 
 def disjoint(fewer: Sequence[Judged], more: Sequence[Judged]) -> tuple[int, tuple[str, ...]]:
-    """Return how many figures two identifications share, and whose intervals do not meet.
-
-    Args:
-        fewer: From some recordings.
-        more: From these and others.
-    """
+    """Return how many figures two identifications share, and whose intervals do not meet."""
     known = {(entry.group, entry.name): entry for entry in fewer if entry.std > 0.0}
     pairs = [
         (known[key], entry)

@@ -51,7 +51,6 @@ class JudgedSaving(JudgedClaim):
     """One change of one program at one temperature.
 
     Attributes:
-        plant: Seed of the plant.
         degc: Temperature of motors and gears. [degC]
         measure: What was changed.
         base: Energy of a cycle on the rig as it was. [J]
@@ -78,7 +77,6 @@ class JudgedChoice:
     """The choice of the model against the best that the rig itself allows.
 
     Attributes:
-        plant: Seed of the plant.
         degc: Temperature of motors and gears. [degC]
         free: Whether cycles follow each other at once.
         chosen: Energy on the rig of what the model chose. [J]
@@ -101,7 +99,6 @@ class PlantAtWork:
     """A plant that runs programs at one temperature.
 
     Args:
-        profile: The plant.
         degc: Of motors and gears. [degC]
         config: Its effects; temperatures are held.
         cycles: Run in turn, of which the last one counts: rests begin as motions left them.
@@ -114,21 +111,13 @@ class PlantAtWork:
         self._config = (config or RigConfig.hard()).without("warming")
 
     def power(self, program: Program) -> Float:
-        """Return the power from the grid over one cycle, shape (N,). [W]
-
-        Args:
-            program: What it runs.
-        """
+        """Return the power from the grid over one cycle, shape (N,). [W]"""
         rig = VirtualRig(self._profile, program, self._config, 0, self._degc, AMBIENT, rate_hz=RATE)
         count = max(1, round(program.period * RATE))
         return rig.step(self._cycles * count).truth.grid_power[-count:]
 
     def energy(self, program: Program) -> float:
-        """Return the energy of one cycle from the grid. [J]
-
-        Args:
-            program: What it runs.
-        """
+        """Return the energy of one cycle from the grid. [J]"""
         return float(self.power(program).mean()) * program.period
 
 
@@ -137,9 +126,7 @@ class DrawnWork:
     """One program of one plant at one temperature.
 
     Attributes:
-        plant: Seed of the plant.
         degc: Temperature of motors and gears. [degC]
-        program: The program.
         limits: Its limits without an override.
         rig: The plant at that temperature.
     """
@@ -166,7 +153,6 @@ class DrawnWork:
             base: Energy of a cycle on the rig as it was. [J]
             before: Of the program as it was, by the model.
             after: Of the changed one.
-            changed: The program then.
             standing: Share of losses at rest in the energy, by the model. [-]
         """
         truth, claim = base - self.rig.energy(changed), saving(before, after)
@@ -177,12 +163,7 @@ class DrawnWork:
 
 
 def judge_new_moves(work: DrawnWork, model: RobotModel) -> list[JudgedSaving]:
-    """Return what another order and another place of the work save, each alone, where they do.
-
-    Args:
-        work: The program and the plant.
-        model: Of the plant, identified.
-    """
+    """Return what another order and another place of the work save, each alone, where they do."""
     chain = PowerChain(model, np.full((1, len(model.joints)), work.degc))
     form = PtpForm(Path("drawn"), chain.robot, _file(work.program, work.limits, chain))
     base, energy = _task(chain, form, False), work.rig.energy(_run(form))

@@ -46,7 +46,6 @@ def mistaken(model: RobotModel, friction: float, losses: float) -> RobotModel:
     """Return a model whose friction and constant losses are multiplied by factors.
 
     Args:
-        model: Any model.
         friction: Factor on Coulomb and viscous friction of all joints. [-]
         losses: Factor on the constant losses of the cabinet. [-]
     """
@@ -89,7 +88,6 @@ def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:
     """Return joint states of a rig as the pipeline takes them: one segment of good samples.
 
     Args:
-        joints: Of the rig.
         with_torque: Whether the effort is the motor torque that the drives report.
     """
     unknown = np.full_like(joints.joint_velocity, np.nan)
@@ -110,8 +108,6 @@ def work(
     """Return the work of a robot: drawn point-to-point motions, a rest at every third pose.
 
     Args:
-        profile: The plant.
-        seed: Of the poses.
         moves: How many there are before all repeats.
         zone: Share of the joint ranges that is used. [-]
         override: Share of full speed, in (0, 1]. [-]
@@ -126,8 +122,6 @@ def pipeline_of(model: RobotModel, learning: Learning, with_torque: bool) -> Ene
     """Return a pipeline for a robot with or without measured torque.
 
     Args:
-        model: The robot's model.
-        learning: What is done with learned figures.
         with_torque: Whether joint states carry motor torque.
     """
     effort = EffortMeaning.MOTOR_TORQUE if with_torque else EffortMeaning.NONE
@@ -140,9 +134,6 @@ def at_work(
     """Return what a monitor says of a robot at work, one row per minute.
 
     Args:
-        pipeline: Of the monitor.
-        rig: The robot.
-        minutes: How long.
         with_torque: Whether joint states carry motor torque.
     """
     rows: list[LearningRow] = []
@@ -169,11 +160,7 @@ def learning_study(
 
     Args:
         profile: The plant; the monitor has the model of its bodies, mistaken.
-        learning: What is done with learned figures.
         with_torque: Whether joint states carry motor torque.
-        minutes: How long.
-        seed: Of the work and the sensors.
-        config: Effects of the rig.
     """
     rig = VirtualRig(profile, work(profile, seed), config, seed, rate_hz=RATE)
     model = mistaken(load(profile.body), FRICTION, LOSSES)

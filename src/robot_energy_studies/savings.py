@@ -53,17 +53,7 @@ class OverrideCurve:
 
 @dataclass(frozen=True)
 class Savings:
-    """Everything the study found.
-
-    Attributes:
-        seed: Seed of the study.
-        scale: How much was done.
-        savings: Changes of programs.
-        choices: Choices against the best on the rig.
-        checked: Programs whose limits were checked.
-        exceeded: Of them, beyond a limit.
-        curves: Energy over the override.
-    """
+    """Everything the study found."""
 
     seed: int
     scale: SavingsStudySize
@@ -75,12 +65,7 @@ class Savings:
 
 
 def study(options: StudyRun, scale: SavingsStudySize) -> Savings:
-    """Return what the whole study finds.
-
-    Args:
-        options: How it runs.
-        scale: How much to do.
-    """
+    """Return what the whole study finds."""
     seed = options.seed
     first = 1000 * seed + FRESH
     parts = -(-scale.limits // PER_JOB)
@@ -110,10 +95,6 @@ def exceeded_limits(seed: int, count: int) -> int:
 
     Limits are those of position, speed, acceleration, jerk, torque and cycle time, by differences
     of positions; from one end of an acceleration to the other takes at least the jerk time.
-
-    Args:
-        seed: Of the first program.
-        count: How many.
     """
     model = load(BODY)
     robot = Robot.from_model(model)

@@ -17,11 +17,7 @@ LABEL = "virtual rig, plants drawn at random; nothing here was measured on a rob
 
 
 def figures(result: Savings) -> dict[str, Any]:
-    """Return every figure of the study, ready for JSON; shares are 0 to 1.
-
-    Args:
-        result: The study.
-    """
+    """Return every figure of the study, ready for JSON; shares are 0 to 1."""
     rows = [row for row in result.savings if row.measure != UNCHANGED]
     control = [row for row in result.savings if row.measure == UNCHANGED]
     regret = np.array([choice.regret for choice in result.choices])
@@ -78,20 +74,12 @@ def _median(values: list[float]) -> float | None:
 
 
 def context(result: Savings) -> dict[str, Any]:
-    """Return what the expressions of the templates use.
-
-    Args:
-        result: The study.
-    """
+    """Return what the expressions of the templates use."""
     return {"result": result, "data": figures(result), "quick": result.scale.plants < 10}
 
 
 def pieces(result: Savings) -> dict[str, Piece]:
-    """Return the figures of the page.
-
-    Args:
-        result: The study.
-    """
+    """Return the figures of the page."""
     return {
         "claims": partial(claims, [row for row in result.savings if row.measure != UNCHANGED]),
         "curves": partial(curves, result.curves),
@@ -99,12 +87,7 @@ def pieces(result: Savings) -> dict[str, Piece]:
 
 
 def claims(rows: list[JudgedSaving], path: Target) -> None:
-    """Draw true savings over claimed ones.
-
-    Args:
-        rows: Changes of programs.
-        path: File to write, or a buffer.
-    """
+    """Draw true savings over claimed ones."""
     with canvas(path, (7.0, 5.0), "saving on the rig over the predicted one") as figure:
         axes: Any = figure.subplots()
         for name, wanted, colour in (
@@ -130,12 +113,7 @@ def claims(rows: list[JudgedSaving], path: Target) -> None:
 
 
 def curves(found: list[OverrideCurve], path: Target) -> None:
-    """Draw energy over the override, cold and hot, with much and with little standby.
-
-    Args:
-        found: The curves.
-        path: File to write, or a buffer.
-    """
+    """Draw energy over the override, cold and hot, with much and with little standby."""
     with canvas(path, (8.0, 3.4), "energy of one program on the rig") as figure:
         axes: Any = figure.subplots(1, len(STANDING))
         for place, share in zip(axes, STANDING, strict=True):

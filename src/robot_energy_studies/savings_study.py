@@ -48,12 +48,9 @@ class SavingsStudySize:
     """How much is done.
 
     Attributes:
-        plants: Drawn and identified.
-        training: For the identification.
         temperatures: Of motors and gears. [degC]
         programs: Of each plant at each temperature.
         brute: Whether the best choice on the rig is looked for.
-        limits: Random programs whose limits are checked.
         waits: Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of
             every second plant creep at rest until friction carries a part of the load.
     """
@@ -70,12 +67,7 @@ class SavingsStudySize:
 def judge_plant(
     seed: int, scale: SavingsStudySize
 ) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
-    """Return what is claimed to make programs of one plant cheaper, and what was chosen.
-
-    Args:
-        seed: Of the plant.
-        scale: How much to do.
-    """
+    """Return what is claimed to make programs of one plant cheaper, and what was chosen."""
     profile = random_profile(BODY, seed)
     config = RigConfig.hard().having(*(["creep"] if scale.waits and seed % 2 else []))
     with TemporaryFolder() as place:
@@ -120,8 +112,6 @@ def task_of(
     """Return the task to make a program cheaper.
 
     Args:
-        model: Of the robot.
-        program: The program.
         limits: Its limits without an override.
         degc: Of all motors. [degC]
         cycle_time: None: the next cycle begins at once. [s]
@@ -142,9 +132,6 @@ def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) 
     """Return a plan as a program for the rig.
 
     Args:
-        task: The task.
-        plan: A plan of it.
-        program: As it was.
         limits: Its limits without an override.
     """
     chosen = task.table.candidates[plan.row]

@@ -60,7 +60,6 @@ class HiddenPlant:
     """One plant, its test replayed without temperature sensors.
 
     Attributes:
-        name: Robot and plant.
         warm_rms: Error of the estimate after the first twenty minutes, by joint. [K]
         early_rms: The same within them. [K]
         fallback_rms: Error of the fallback temperature over the whole test, by joint. [K]
@@ -88,7 +87,6 @@ class FreeRun:
     """One motor of a log: fitted on one run, run freely over another.
 
     Attributes:
-        name: Of the joint.
         rms: Of the free run. [K]
         held_rms: With the first reading held. [K]
     """
@@ -110,12 +108,7 @@ class _Run:
 
 
 def hidden_sensors(body: str, seed: int) -> HiddenPlant:
-    """Return the errors of temperatures of a drawn, identified plant without sensors.
-
-    Args:
-        body: Name of a shipped model, whose bodies the plant has.
-        seed: Of plant, motions and sensors.
-    """
+    """Return the errors of temperatures of a drawn, identified plant without sensors."""
     profile = random_profile(body, seed)
     rng = np.random.default_rng([seed, 7])
     ambient = float(rng.uniform(15.0, 30.0))
@@ -156,10 +149,6 @@ def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
     """Return errors of every motor of a log, fitted on its first run, over its last one.
 
     Of that the fit has seen nothing but the first reading.
-
-    Args:
-        rows: A log with currents and temperatures in several runs.
-        names: Of its joints.
 
     Raises:
         NotIdentifiableError: If a motor of the log has fewer than two runs.
@@ -258,9 +247,5 @@ def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotMode
 
 
 def study(plants: int) -> list[HiddenPlant]:
-    """Return the errors without sensors of some plants, of the robots in turn.
-
-    Args:
-        plants: How many.
-    """
+    """Return the errors without sensors of some plants, of the robots in turn."""
     return [hidden_sensors(ROBOTS[number % len(ROBOTS)], number) for number in range(plants)]

@@ -63,12 +63,7 @@ def cycle_sums(
     """Return the sums of one cycle.
 
     Args:
-        profile: The plant.
-        model: Of the monitor.
-        program: Of the robot.
-        seed: Of the sensors.
         part: What is summed up together. [s]
-        parts: How many there are in a cycle.
         carried: True payload; empty for none.
         known: That the monitor gets; None for none.
 

@@ -100,8 +100,6 @@ class WearRows:
     """One drawn plant at one program, with payloads that change, day after day.
 
     Args:
-        profile: The plant.
-        seed: Of work, payloads, weather and sensors.
         part: What is summed up together. [s]
         changes: Shortest and longest time with one program, half of them never run before; None
             for the same program always. [h]
@@ -177,7 +175,6 @@ class WearRows:
         """Yield the parts of day after day, with the torque of every motor.
 
         Args:
-            days: How many.
             wear: Factor on the friction of each axis, of its hours of motion, shape (n,) both.
         """
         for day, states in self._states(days, wear):
@@ -191,7 +188,6 @@ class WearRows:
         follows the temperature by its friction alone.
 
         Args:
-            days: How many.
             wear: As for `days`.
         """
         for day, states in self._states(days, wear):
@@ -365,7 +361,6 @@ class WearRows:
         Shape (P, 2, n, SPEED_BUCKETS) each.
 
         Args:
-            load: The cycle.
             gear_degc: Shape (n,). [degC]
             motor_degc: Shape (n,). [degC]
             seen_degc: What the monitor takes for it, shape (n,) or (P, n). [degC]

@@ -31,7 +31,6 @@ class WearRow:
     """One axis that was made to wear.
 
     Attributes:
-        joint: Its index.
         found: Time from the beginning of wear until the alarm; NaN if there was none. [h]
         motion: Motion of this axis in that time. [h]
         named: Axes with an alarm that somebody should look at.
@@ -51,11 +50,7 @@ class Shift:
     """A rig at work in a hall that swings, with payloads that change, watched by a monitor.
 
     Args:
-        profile: The plant.
         hard: Whether all effects without a term in models are on.
-
-    Attributes:
-        monitor: The learner's monitor of wear.
     """
 
     def __init__(self, profile: PlantProfile, hard: bool = True) -> None:
@@ -74,7 +69,6 @@ class Shift:
         """Work on.
 
         Args:
-            minutes: How long.
             wear: Factor on the friction of each axis, shape (n,); None leaves it. [-]
             stuck: Axis whose thermometer stands still; None for none.
         """
@@ -118,11 +112,7 @@ class Shift:
         self._pipeline.torque.set_payload(carried[1])
 
     def hours(self, joint: int) -> float:
-        """Return how long an axis has moved. [h]
-
-        Args:
-            joint: Its index.
-        """
+        """Return how long an axis has moved. [h]"""
         return self.monitor.state().hours[joint]
 
     @property
@@ -139,7 +129,6 @@ def detection(shift: Shift, joint: int, rise: float, before: float, after: float
 
     Args:
         shift: Not yet begun.
-        joint: The axis.
         rise: Of its friction, at once. [-]
         before: Time without wear. [h]
         after: Time with it. [h]
@@ -162,7 +151,6 @@ class StuckRow:
     """An axis whose thermometer stood still for hours, and no wear at all.
 
     Attributes:
-        joint: Its index.
         refused: Share of the motion during the fault of which no record of wear was made. [-]
         changes: Axes of which a change was said, a rise or a fall.
     """
@@ -179,7 +167,6 @@ def stuck_thermometer(
 
     Args:
         shift: Not yet begun.
-        joint: The axis.
         before: Time until the fault. [h]
         during: Of the fault. [h]
         after: Time with a good thermometer again. [h]

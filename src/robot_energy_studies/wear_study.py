@@ -38,7 +38,6 @@ class FoundRow:
     """A change of friction that was simulated.
 
     Attributes:
-        joint: The axis.
         motion: Motion of this axis from its beginning to the alarm; NaN if there was none. [h]
         true: Change at the alarm. [-]
         size: Stated then. [-]
@@ -82,9 +81,6 @@ def simulated(
     """Return what is found of wear that begins at some hours of motion, and without any.
 
     Args:
-        profile: The plant.
-        seed: Of work, payloads, weather and sensors.
-        days: How many.
         changes: Shortest and longest time with one program; None for one program always. [h]
     """
     rows = WearRows(profile, seed, changes=changes)
@@ -112,7 +108,6 @@ def records_of(days: Iterable[list[MotionSums]], n_joints: int) -> list[list[Wea
 
     Args:
         days: Parts of each day.
-        n_joints: Number of axes.
     """
     gatherer = MotionGatherer(n_joints)
     records: list[list[WearRecord]] = [[] for _ in range(n_joints)]
@@ -151,7 +146,6 @@ class WornRow:
 
     Attributes:
         worn: Which, with hours of their motion until the alarm; NaN if there was none.
-        named: All axes with an alarm of a rise.
     """
 
     worn: dict[int, float]
@@ -168,9 +162,6 @@ def worn_in_plant(
     """Return when axes of the plant itself that wear are found, with the heat that this makes.
 
     Args:
-        profile: The plant.
-        seed: Of work, payloads, weather and sensors.
-        days: How many.
         joints: Which axes wear.
         rise: Of their friction, by hours of motion since the beginning. [-]
     """
@@ -204,9 +195,6 @@ def meter_only(
     Axes may wear at once, in the plant itself. Times are since then, or since the start.
 
     Args:
-        profile: The plant.
-        seed: Of work, payloads, weather and sensors.
-        days: How many.
         joints: The axes that wear.
     """
     monitor = WearMonitor([str(number) for number in range(profile.n_joints)])

@@ -36,12 +36,7 @@ class AccountPublisher:
 
     Args:
         node: The node that publishes.
-        model: The robot's model.
-        account: The energy account.
         parameters: Where and how often it is kept.
-
-    Attributes:
-        checkpoints: What keeps it.
     """
 
     def __init__(

@@ -38,16 +38,12 @@ class LoadInput:
 
     Args:
         node: The node that subscribes.
-        name: Of the load.
         topics: Its sources, with full names; those whose messages are not installed are left out.
         keeps_state: Whether the publisher of the states keeps the last one.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Attributes:
-        name: Of the load.
-        ingest: What reads the topics.
         meters: Inboxes of its meter; one, or voltage and current.
-        states: Inboxes of its states, at most one.
 
     Raises:
         ParameterError: If the messages lack what the sources name.
@@ -104,7 +100,6 @@ class AuxiliaryLoads:
 
     Args:
         node: The node that subscribes.
-        given: Its parameters.
         account: The energy account, which counts the loads from now on.
 
     Attributes:

@@ -62,13 +62,9 @@ class Checkpoints:
     has been synced; while that is impossible, as they stand in memory, and marked so.
 
     Args:
-        node: The node.
-        model: The robot's model.
-        account: The energy account.
         folder: Where the state files lie; None keeps nothing.
         period: Between two checkpoints. [s]
         encode: Gives the message of the registers, marked as persisted or not.
-        publish: Takes such a message.
     """
 
     def __init__(

@@ -41,8 +41,6 @@ class ConditionPublisher:
 
     Args:
         node: The node that publishes.
-        model: The robot's model.
-        learner: What learns.
         thermal: What estimates motor temperatures; kept on disk as well.
         state_folder: Parameter that names the folder of the state files.
     """

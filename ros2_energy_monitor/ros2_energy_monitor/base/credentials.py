@@ -29,12 +29,7 @@ class _File(BaseModel):
 
 @dataclass(frozen=True)
 class Credentials:
-    """A name and a password; the password is in no text of the object.
-
-    Attributes:
-        username: Name of the user.
-        password: Password.
-    """
+    """A name and a password; the password is in no text of the object."""
 
     username: str
     password: str = field(repr=False)

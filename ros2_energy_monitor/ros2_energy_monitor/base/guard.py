@@ -41,7 +41,6 @@ class Guard:
     An error that comes while ROS is shut down is passed on.
 
     Args:
-        name: Of the logger.
         context: Of the node; None for the default.
 
     Attributes:
@@ -61,7 +60,6 @@ class Guard:
 
         Args:
             path: Its name, under which exceptions are counted.
-            work: What to do.
             restart: Makes the path usable again after an exception.
 
         Returns:
@@ -85,9 +83,7 @@ class Guard:
         """Let an input take messages; after an exception none of them was used.
 
         Args:
-            path: Name of the input.
             accounts: Each account of the input, with how many messages have arrived for it.
-            work: Takes them.
             restart: Drops what the input held, which is lost as well.
 
         Returns:
@@ -103,12 +99,7 @@ class Guard:
         return self.run(path, work, lose)
 
     def callback(self, path: str, work: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that no exception leaves; that of a service still answers.
-
-        Args:
-            path: Its name.
-            work: What is to be called.
-        """
+        """Return a callback that no exception leaves; that of a service still answers."""
 
         @wraps(work)
         def guarded(*arguments: Any) -> Any:
@@ -125,7 +116,6 @@ class Guard:
 
         Args:
             path: Where it was caught, such as ``timer.tick``.
-            error: The exception.
 
         Raises:
             Exception: The same, if ROS is shut down.

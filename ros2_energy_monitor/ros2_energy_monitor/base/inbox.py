@@ -68,12 +68,7 @@ class NeverReady(CallbackGroup):
 
 
 def event_status(subscription: Any, kind: Event) -> Any:
-    """Return what the middleware has counted of an event; None where it cannot.
-
-    Args:
-        subscription: Handle of the subscription.
-        kind: The event.
-    """
+    """Return what the middleware has counted of an event; None where it cannot."""
     try:
         with subscription:
             event = rclpy_implementation.EventHandle(subscription, kind)
@@ -91,20 +86,15 @@ class Inbox:
     Args:
         node: The node that subscribes.
         message_type: Message class, such as ``sensor_msgs.msg.JointState``.
-        topic: Name of the topic.
         qos: Quality of service; its depth bounds what can wait between two ticks.
         direct: False to use ordinary callbacks although the internals of rclpy fit.
         renew_after: Silence after which to subscribe again although there are publishers,
             see `ResubscribePolicy`; None for never, as with topics that are silent by nature. [s]
 
     Attributes:
-        topic: Resolved name of the topic.
         msgtype: Type as bags name it, such as ``sensor_msgs/msg/JointState``.
         direct: Whether the queue of the middleware is drained without callbacks.
-        received: Messages drained so far.
         overflows: How often the queue was found full, so that messages may be lost.
-        renewals: How often the subscription was made again.
-        topic_publishers: Who publishes the topic.
     """
 
     def __init__(

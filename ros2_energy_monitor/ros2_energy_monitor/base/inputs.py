@@ -47,7 +47,6 @@ def wanted_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
     Args:
         node: The node that asks.
         msgtype: Type of a message, such as ``control_msgs/msg/DynamicJointState``.
-        use: What it is for, for the log.
     """
     try:
         return message_class(msgtype)
@@ -65,8 +64,6 @@ def temperature_ingest(
 
     Args:
         node: The node that subscribes.
-        parameters: The sources.
-        model: The robot's model.
 
     Raises:
         ParameterError: If a source names a joint that the model lacks.
@@ -86,7 +83,6 @@ def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParamet
 
     Args:
         node: The node that subscribes.
-        parameters: The topics, and how many of their messages can wait.
 
     Returns:
         One inbox per topic.
@@ -108,7 +104,6 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: floa
 
     Args:
         node: The node that subscribes.
-        ingest: What reads the topics.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Returns:
@@ -134,10 +129,6 @@ def temperature_inputs(
 
     Not those of the keys: keys come once, and what came while the node was inactive is of
     use later.
-
-    Args:
-        ingest: What reads the topics.
-        inboxes: All inboxes of motor temperatures.
     """
     return [
         (inbox, ingest.account_of(inbox.topic))
@@ -155,7 +146,6 @@ def meter_input(
 
     Args:
         node: The node that subscribes.
-        parameters: What the meter is.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Returns:
@@ -178,9 +168,5 @@ def meter_input(
 
 
 def messages_in(batches: Sequence[RawBatch]) -> int:
-    """Return the number of messages in some batches.
-
-    Args:
-        batches: What was taken from inboxes.
-    """
+    """Return the number of messages in some batches."""
     return sum(len(batch) for batch in batches)

@@ -39,14 +39,12 @@ class ManagedNode(LifecycleNode, ABC):
     node back to unconfigured.
 
     Args:
-        name: Name of the node.
         options: Options of `rclpy.node.Node`.
 
     Attributes:
         active: Whether the node counts and publishes.
         outdated: Whether parameters have changed since it was configured; activate configures
             it again then.
-        guard: Catches what timers, services, subscriptions and inputs raise.
         bad_clocks: Messages of ``/clock`` left out, as their time is no stamp.
     """
 

@@ -35,7 +35,6 @@ class _Explanation:
     Attributes:
         last: The newest number of each publisher that was heard, ascending.
         unheard: Publishers of which no message has arrived.
-        lost: Messages lost.
     """
 
     last: list[int]

@@ -59,12 +59,9 @@ class MonitorNode(ManagedNode, Generic[P]):
     stands still.
 
     Args:
-        name: Name of the node.
-        parameters_type: Dataclass of its parameters.
         options: Options of `rclpy.node.Node`.
 
     Attributes:
-        parameters: Values of the parameters.
         model: The robot's model, once configured.
         inputs: Every inbox with the account of its messages, from `set_up`.
         orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
@@ -182,11 +179,7 @@ class MonitorNode(ManagedNode, Generic[P]):
             inbox.renew_after(self.parameters.resubscribe_after)
 
     def log_inventory(self, robot: Robot) -> None:
-        """Log what of the robot is modelled and what is not, unless it was logged before.
-
-        Args:
-            robot: The robot as its URDF describes it.
-        """
+        """Log what of the robot is modelled and what is not, unless it was logged before."""
         lines = [shown(line, MAX_LINE) for line in robot.inventory.sentences()]
         if lines != self._inventory:
             self._inventory = lines
@@ -280,10 +273,6 @@ class MonitorNode(ManagedNode, Generic[P]):
 
 def hardware_id(model: RobotModel, namespace: str) -> str:
     """Return what differs between two robots of a type.
-
-    Args:
-        model: Model of the robot.
-        namespace: Namespace of the node.
 
     Returns:
         Type, serial number and, unless it is the root, the namespace.

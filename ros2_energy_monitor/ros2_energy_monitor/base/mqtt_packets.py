@@ -26,7 +26,6 @@ class PacketBound:
 
     Args:
         client: Of paho-mqtt; its receiving is wrapped.
-        size: Most bytes of one packet.
         seconds: Longest time from its first byte to its last. [s]
 
     Attributes:

@@ -19,12 +19,6 @@ from robot_energy.foundation.errors import RobotEnergyError
 def require(package: str, distribution: str, user: str, error: type[RobotEnergyError]) -> Any:
     """Import a package, or say how to install it.
 
-    Args:
-        package: Name of the module.
-        distribution: Its name for pip.
-        user: What needs it, for the message.
-        error: Class of the error.
-
     Returns:
         The module.
 

@@ -35,7 +35,6 @@ class ParameterChanges:
     """Accepts or refuses changes of the parameters of one node.
 
     Args:
-        node: The node.
         entries: Gives its parameters by name as they are declared now.
         changed: Called with the names after a change.
     """

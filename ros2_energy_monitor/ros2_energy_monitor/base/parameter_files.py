@@ -34,7 +34,6 @@ def files_without_section(arguments: Sequence[str], node_name: str) -> list[str]
     Files that cannot be read are left to ROS, which refuses them.
 
     Args:
-        arguments: Command line of the process.
         node_name: Full name of the node, such as ``/cell/energy_monitor``.
     """
     sentences: list[str] = []
@@ -78,7 +77,6 @@ def matches(pattern: str, node_name: str) -> bool:
 
     Args:
         pattern: Full name; ``*`` stands for one part of it, ``**`` for any number.
-        node_name: Full name of the node.
     """
     parts = [
         "(/[^/]+)*" if part == "**" else "/[^/]+" if part == "*" else "/" + re.escape(part)

@@ -60,8 +60,6 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
     required text may be missing: it is empty then, and `require` refuses it.
 
     Args:
-        node: The node.
-        cls: Dataclass of its parameters.
         fixed: Parameters that are read-only; None for all.
 
     Returns:
@@ -166,7 +164,6 @@ def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:
 
     Args:
         node: The node, which has declared the parameters of the class.
-        cls: Dataclass of its parameters.
 
     Returns:
         The values, and every parameter by name.

@@ -44,7 +44,6 @@ class PlaybackClock:
         rate: Times the speed of nature, > 0. [-]
         publish_rate: How often ``/clock`` is published; 0 for never. [1/s]
         paused: Whether it stands still at first.
-        report: Takes a line when it stops or goes on.
     """
 
     def __init__(
@@ -117,9 +116,6 @@ class PlaybackClock:
     @contextmanager
     def space_key(self, fd: int) -> Iterator[bool]:
         """Stop it and let it go on by the space key, in a terminal and in its foreground.
-
-        Args:
-            fd: File descriptor of the standard input.
 
         Yields:
             Whether there is such a terminal.

@@ -72,9 +72,6 @@ class RowPublisher:
 
     Args:
         node: The node that publishes.
-        message_type: Message class.
-        topic: Name of the topic.
-        qos: Quality of service.
     """
 
     def __init__(self, node: Node, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
@@ -105,8 +102,6 @@ class PacedPublisher:
     faster than the ticks.
 
     Args:
-        publisher: Takes the messages.
-        ticks: From one message to the next.
         max_waiting: Messages that wait at most after a tick.
     """
 

@@ -33,7 +33,6 @@ class AwaitedDescription:
         topic: Where the description is published, transient local.
         load: Makes a model of a description; raises what is wrong with it.
         adopt: Takes the model of the first good description; raises if it cannot.
-        then: Called when it has.
     """
 
     def __init__(
@@ -89,7 +88,6 @@ class ComparedDescription:
     Args:
         node: The node that compares.
         topic: Where the description is published, transient local.
-        model: The model, with its own URDF.
     """
 
     waits = False

@@ -108,9 +108,6 @@ class TickExecutor(SingleThreadedExecutor):
     rclpy makes two wait sets for every callback. At 25 ticks a second that costs as much as the
     work of a small node. Where a topic that is not latched has callbacks, it waits as rclpy
     does: an `Inbox` has none.
-
-    Args:
-        context: Of the nodes.
     """
 
     def __init__(self, context: Context) -> None:
@@ -173,8 +170,6 @@ def spin(node: Node, context: Context, stopped: Callable[[], bool]) -> None:
     """Execute a node until it is stopped or its context is shut down.
 
     Args:
-        node: The node.
-        context: Its context.
         stopped: Asked after every callback, at least every 0.1 s.
     """
     executor = TickExecutor(context)
@@ -248,7 +243,6 @@ def usage(name: str, description: str) -> str:
     """Return the help of an executable.
 
     Args:
-        name: Of the node.
         description: Docstring of its class; the first paragraph is shown.
 
     Returns:

@@ -25,11 +25,7 @@ from ros2_energy_monitor.base.node_parameters import (
 
 
 def settings_of(parameters: Common) -> Settings:
-    """Return the settings that a node's parameters mean; others keep their defaults.
-
-    Args:
-        parameters: Parameters of a monitor.
-    """
+    """Return the settings that a node's parameters mean; others keep their defaults."""
     settings = Settings()
     if isinstance(parameters, GapInputs):
         settings = replace(settings, max_gap=parameters.max_gap)

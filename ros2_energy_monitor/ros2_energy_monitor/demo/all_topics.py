@@ -82,9 +82,7 @@ def record(context: Context, seconds: float, stop: StopSignal | None = None) -> 
     """Run robot, monitor and recorder in one executor.
 
     Args:
-        context: Of the nodes.
         seconds: Time that is recorded, once every topic has come. [s]
-        stop: Ends it early.
 
     Returns:
         The recorder, destroyed, with what it has taken.
@@ -139,8 +137,6 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
     """Write what was recorded.
 
     Args:
-        recorder: What has recorded it.
-        path: Folder of the bag.
         overwrite: Whether a bag that is there may be replaced.
 
     Raises:

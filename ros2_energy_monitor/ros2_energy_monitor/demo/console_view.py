@@ -43,10 +43,6 @@ class ConsoleView:
     """Keeps the latest of every topic of the monitors.
 
     Powers are smoothed over about half a second, so that they can be read.
-
-    Attributes:
-        registers: Latest energy registers.
-        friction: Latest friction coefficients.
     """
 
     def __init__(self) -> None:
@@ -62,7 +58,6 @@ class ConsoleView:
         """Take a power state.
 
         Args:
-            message: The message.
             now: Time of receipt on any steady clock. [s]
         """
         self._power, self._received = message, now
@@ -73,11 +68,7 @@ class ConsoleView:
             self._powers[key] = value if math.isnan(old) else old + share * (value - old)
 
     def take_diagnostics(self, message: DiagnosticArray) -> None:
-        """Take the statuses of the monitors; those of other nodes are left out.
-
-        Args:
-            message: Statuses of any nodes.
-        """
+        """Take the statuses of the monitors; those of other nodes are left out."""
         for status in message.status:
             known = status.name in self._status or len(self._status) < MAX_STATUSES
             if "_monitor: " in status.name and known:

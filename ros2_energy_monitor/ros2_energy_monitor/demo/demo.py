@@ -46,9 +46,6 @@ def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
 
     Args:
         seconds: How long to show it. [s]
-        model: Model file or name of the monitors.
-        folder: For the logs of the nodes.
-        stop: Ends it early.
 
     Returns:
         Whether all nodes ran until the end and ended cleanly.

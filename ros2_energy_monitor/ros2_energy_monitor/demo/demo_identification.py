@@ -26,10 +26,6 @@ FILE = "identified.yaml"
 def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
     """Return bags of the repository.
 
-    Args:
-        bags: Folder of the bags.
-        names: Of the bags.
-
     Raises:
         BagError: If one is not there.
     """
@@ -46,10 +42,6 @@ def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
 
 def identify_plant(bags: Path, out: Path) -> str:
     """Identify the model of the plant from its training bags, and say so.
-
-    Args:
-        bags: Folder of the bags.
-        out: Folder for the model file.
 
     Returns:
         The model file.

@@ -32,10 +32,6 @@ def free_port() -> int:
 def save_page(url: str, folder: Path) -> str:
     """Save the page as it stands.
 
-    Args:
-        url: Address of the page.
-        folder: To write into.
-
     Returns:
         A sentence that says what was written.
     """
@@ -50,9 +46,6 @@ def save_page(url: str, folder: Path) -> str:
 
 def draw_page(folder: Path) -> str:
     """Make a picture of the saved page where there is a Chromium.
-
-    Args:
-        folder: With the page.
 
     Returns:
         A sentence that says what was written.

@@ -32,11 +32,9 @@ class Row:
     """One bag.
 
     Attributes:
-        bag: Its name.
         measured: Energy by the meter. [J]
         aware: Predicted with friction that follows the temperature. [J]
         fixed: Predicted with friction of one temperature, by that temperature. [J by degC]
-        figure: Power and energy over time.
     """
 
     bag: str
@@ -50,8 +48,6 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
     """Replay the bundled bags, print a table and write the figures.
 
     Args:
-        bags: Folder of the bags.
-        out: Folder for the figures.
         model_name: Model of the robot in the bags: a name or a file.
 
     Returns:

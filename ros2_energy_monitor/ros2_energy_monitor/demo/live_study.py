@@ -59,7 +59,6 @@ class Expected:
     """What the study says of one recording, by replay.
 
     Attributes:
-        bag: Folder of the recording.
         robot_degc: Mean temperature of the motors. [degC]
         measured: Energy by the meter. [J]
         predicted: By the model, over the same time. [J]
@@ -105,11 +104,7 @@ def live_energies(
     """Play one recording to the three monitors and return their last registers.
 
     Args:
-        expected: The recording.
-        model: Model file for all three.
         rate: Times the speed of nature, > 0. [-]
-        log: Folder for the logs of the nodes.
-        stop: Ends it early.
 
     Returns:
         None if nothing was published, or it was stopped.

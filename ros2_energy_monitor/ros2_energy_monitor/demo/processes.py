@@ -28,7 +28,6 @@ class NodeProcesses:
 
     Args:
         log_folder: Each node's output goes to a file there.
-        environment: Environment of the nodes.
     """
 
     def __init__(self, log_folder: Path, environment: dict[str, str]) -> None:
@@ -37,12 +36,7 @@ class NodeProcesses:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, **parameters: object) -> None:
-        """Start a node.
-
-        Args:
-            name: Executable of this package.
-            parameters: Its parameters.
-        """
+        """Start a node."""
         self._folder.mkdir(parents=True, exist_ok=True)
         words = [f"{key}:={value}" for key, value in parameters.items()]
         options = ["--ros-args", *(word for pair in words for word in ("-p", pair))]
@@ -57,11 +51,7 @@ class NodeProcesses:
             )
 
     def log(self, name: str) -> Path:
-        """Return the file with a node's output.
-
-        Args:
-            name: Of the node, as it was started.
-        """
+        """Return the file with a node's output."""
         return self._folder / f"{name}.log"
 
     def ended(self) -> list[str]:

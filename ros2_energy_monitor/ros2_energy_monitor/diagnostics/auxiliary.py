@@ -26,7 +26,6 @@ def auxiliary_sources(account: EnergyAccount, loads: AuxiliaryLoads) -> list[Sou
 
     Args:
         account: The energy account, which counts them.
-        loads: Their topics.
 
     Returns:
         What makes the status.

@@ -59,9 +59,7 @@ def joint_state_source(
 
     Args:
         inboxes: One for each topic.
-        ingest: What reads them.
         timeout: Gives the silence beyond which they count as missing. [s]
-        stage: What compares their effort with the torque of the bodies.
 
     Returns:
         What makes the status.
@@ -158,9 +156,7 @@ def temperature_source(
 
     Args:
         inboxes: Where they arrive.
-        ingest: What became of them.
         stage: The friction that follows.
-        model: The robot's model.
         states: The joint states, where they are known.
         wanted: Whether any source is set; that a robot has none is no fault.
 
@@ -252,10 +248,6 @@ def stuck_temperatures(
 ) -> Callable[[StatusBuilder], None]:
     """Check whether the temperatures follow the losses of the motors.
 
-    Args:
-        watch: Compares losses and readings.
-        model: The robot's model, for the names of the joints.
-
     Returns:
         A check that adds how many are stuck, and a warning with their names.
     """
@@ -279,7 +271,6 @@ def fallback_temperatures(
     """Check whether samples had to do without temperatures that do arrive.
 
     Args:
-        use: Counts the samples with the fallback temperature.
         ahead_ns: Gives how far the stamps of the temperatures are ahead of those of the joint
             states on arrival; None where that is not known. [ns]
 
@@ -303,7 +294,6 @@ def stray_stamps(epochs: EpochSplitter, what: str, found: StatusBuilder) -> None
     """Check the stamps of a stream of messages.
 
     Args:
-        epochs: Jumps and outliers of the stamps.
         what: Name of the messages, such as ``messages on /power``.
         found: Where a warning is added.
     """
@@ -322,9 +312,7 @@ def energy_source(
     """Check the energy account and the meter.
 
     Args:
-        account: The energy account.
         meter: Where meter readings arrive: one topic, voltage and current, or none.
-        readings: What became of them.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
         inputs: Each checks another input of the node.
 

@@ -39,7 +39,6 @@ class InputWatch:
     Args:
         what: What the input brings, such as ``joint state``.
         inbox: Where it arrives.
-        rejections: What became of it.
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
         remedy: What to do where nobody publishes it.
@@ -165,7 +164,6 @@ def accounting(rejections: RejectionLog, prefix: str = "") -> dict[str, Number]:
     """Return received messages, and what sums to them: accepted, waiting, rejected by reason.
 
     Args:
-        rejections: What became of the messages.
         prefix: Before every key, where a status has several accounts.
     """
     return {

@@ -24,8 +24,6 @@ class MeterDriverSource:
     """Makes the status of the meter.
 
     Args:
-        poller: Reads the meter.
-        profile: Of the meter.
         period: Usual time from one reading to the next. [s]
     """
 

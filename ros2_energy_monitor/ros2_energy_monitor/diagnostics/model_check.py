@@ -52,12 +52,7 @@ class ModelCheck:
 
     Args:
         motion: Time in motion after which the checks are made; 0 for never. [s]
-        model: The robot's model.
-        effort: What the effort of the joint states means.
-        parameters: How the inputs are read.
         pipeline: Whose outputs `take` gets.
-        temperatures: What became of the motor temperatures.
-        guard: Counts failures.
     """
 
     def __init__(
@@ -83,11 +78,7 @@ class ModelCheck:
         self._closed = self._failed = False
 
     def take(self, output: Output) -> None:
-        """Keep what one step gave, and begin the checks once the robot moved enough.
-
-        Args:
-            output: Of the pipeline.
-        """
+        """Keep what one step gave, and begin the checks once the robot moved enough."""
         if not self._needed_ns or self._work is not None or self._closed:
             return
         torque = output.torque

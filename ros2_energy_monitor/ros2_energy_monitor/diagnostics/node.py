@@ -30,8 +30,6 @@ class NodeWatch:
     """Checks one node.
 
     Args:
-        node: The node.
-        tick_statistics: Pace of its ticks.
         unique_topic: Topic that only one node may publish; empty for none.
     """
 
@@ -49,7 +47,6 @@ class NodeWatch:
         """Return the status of the node.
 
         Args:
-            inputs: Every inbox with the account of its messages.
             warnings: What else is to be said.
         """
         found = StatusBuilder("node")

@@ -45,8 +45,6 @@ class StatusBuilder:
     """What one status collects.
 
     Attributes:
-        name: What the status is about.
-        values: Key values.
         remarks: Sentences for the log, each logged once in the life of the node.
         notes: What to know though nothing is wrong, one sentence each; shown at level OK.
     """
@@ -61,8 +59,6 @@ class StatusBuilder:
         """Note something wrong.
 
         Args:
-            level: How bad it is.
-            message: What it is.
             remedy: What to do about it, a few words without a full stop. It goes before
                 the message: what shows only the beginning of a text, as `ros2 topic echo`
                 does, shows it then.
@@ -90,11 +86,7 @@ Source = Callable[[], StatusBuilder]
 
 
 class Reporter:
-    """Publishes the findings of a node.
-
-    Args:
-        node: The node.
-    """
+    """Publishes the findings of a node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

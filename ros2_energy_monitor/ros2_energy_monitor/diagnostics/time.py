@@ -35,11 +35,7 @@ class TimeWatch:
         self._before: _Account | None = None
 
     def check(self, time: Coverage) -> str:
-        """Return what does not add up since the last call; there must never be anything.
-
-        Args:
-            time: The coverage of an energy account.
-        """
+        """Return what does not add up since the last call; there must never be anything."""
         now = _Account(time.start_ns, time.end_ns, time.jumps, time.observed_ns + time.gap_ns)
         before, self._before = self._before, now
         if before is None or before.end_ns is None or now.end_ns is None:

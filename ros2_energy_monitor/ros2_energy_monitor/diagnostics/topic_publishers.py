@@ -28,9 +28,7 @@ class TopicPublishers:
 
     Args:
         node: The node that subscribes.
-        topic: Resolved name of the topic.
         msgtype: Type as bags name it, such as ``sensor_msgs/msg/JointState``.
-        qos: What the subscription asks for.
 
     Attributes:
         names: Publishers by the full name of their node, with their number.

@@ -33,25 +33,18 @@ class Newest:
         """Keep a message.
 
         Args:
-            topic: Its topic.
-            message: PowerState or EnergyRegisters.
             now: Steady time. [s]
         """
         self._held[topic] = (message, now)
 
     def message(self, topic: Topic) -> Any:
-        """Return the newest message of a topic; None before the first.
-
-        Args:
-            topic: The topic.
-        """
+        """Return the newest message of a topic; None before the first."""
         return self._held[topic][0] if topic in self._held else None
 
     def is_current(self, topic: Topic, now: float) -> bool:
         """Return whether a message of a topic came lately.
 
         Args:
-            topic: The topic.
             now: Steady time. [s]
         """
         return topic in self._held and now - self._held[topic][1] <= self.stale_after
@@ -73,7 +66,6 @@ class Exporter(ABC):
         """Hand out what is new, or that nothing is current.
 
         Args:
-            newest: The newest messages.
             now: Steady time. [s]
         """
 
@@ -83,8 +75,4 @@ class Exporter(ABC):
 
     @abstractmethod
     def check(self, found: StatusBuilder) -> None:
-        """Add how it goes to the diagnostics.
-
-        Args:
-            found: Status of this exporter.
-        """
+        """Add how it goes to the diagnostics."""

@@ -25,7 +25,6 @@ class ExporterKind(Kind):
     """One kind of exporter; its name is also that of its group of parameters.
 
     Attributes:
-        parameters: Dataclass of its parameters.
         make: Makes it of its parameters and the name of the robot.
     """
 

@@ -82,10 +82,6 @@ class MqttParameters:
 class MqttExporter(Exporter):
     """Publishes to one broker; reconnects by itself, with growing pauses.
 
-    Args:
-        parameters: How.
-        robot: Name of the robot in topics.
-
     Raises:
         ExporterError: If the parameters contradict each other.
         CredentialsError: If a file of secrets cannot be used.
@@ -156,7 +152,6 @@ class MqttExporter(Exporter):
         """Publish what is new while connected; nothing waits for a broker that is away.
 
         Args:
-            newest: The newest messages.
             now: Steady time. [s]
         """
         if not self._connected.is_set():
@@ -191,11 +186,7 @@ class MqttExporter(Exporter):
         self._client.loop_stop()
 
     def check(self, found: StatusBuilder) -> None:
-        """Add connection and counts.
-
-        Args:
-            found: Status of this exporter.
-        """
+        """Add connection and counts."""
         connected = self._connected.is_set()
         found.values |= {
             "connected": int(connected),

@@ -81,10 +81,6 @@ class OpcUaParameters:
 class OpcUaExporter(Exporter):
     """Serves the measurements, read-only, from a thread of its own.
 
-    Args:
-        parameters: How.
-        robot: Name of the robot.
-
     Raises:
         ExporterError: If the parameters contradict each other.
         CredentialsError: If a file of secrets cannot be used.
@@ -113,7 +109,6 @@ class OpcUaExporter(Exporter):
         """Hand the present values to the server.
 
         Args:
-            newest: The newest messages.
             now: Steady time. [s]
         """
         loop = self._loop
@@ -137,11 +132,7 @@ class OpcUaExporter(Exporter):
             self._thread.join(ENDED)
 
     def check(self, found: StatusBuilder) -> None:
-        """Add whether it serves and how often it was updated.
-
-        Args:
-            found: Status of this exporter.
-        """
+        """Add whether it serves and how often it was updated."""
         found.values |= {"serving": int(self._ready.is_set()), "updates": self._updates}
         if self._failure:
             found.add(ERROR, f"the OPC UA server does not run: {self._failure}")

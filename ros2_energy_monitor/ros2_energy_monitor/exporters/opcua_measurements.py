@@ -27,13 +27,9 @@ class Measurement:
     """One variable.
 
     Attributes:
-        origin: predicted or measured.
-        name: Browse name.
         topic: Of which message.
-        field: Of the message.
         factor: From the field to the value. [-]
         double: Whether it is a Double; a Float otherwise.
-        unit: Engineering unit: number, symbol, name.
         number: MeasurementID; None where no public text states one.
         load: Name of the load outside of the cabinet that it is of; empty for the robot.
     """
@@ -49,11 +45,7 @@ class Measurement:
     load: str = ""
 
     def value(self, message: Any) -> float:
-        """Return the value in a message; NaN where the load is not in it.
-
-        Args:
-            message: PowerState or EnergyRegisters.
-        """
+        """Return the value in a message; NaN where the load is not in it."""
         owner = message
         if self.load:
             owner = next((one for one in message.auxiliary if one.name == self.load), None)
@@ -98,11 +90,7 @@ MEASUREMENTS = (
 
 
 def load_measurements(name: str) -> tuple[Measurement, ...]:
-    """Return the measurements of a load outside of the cabinet.
-
-    Args:
-        name: Of the load.
-    """
+    """Return the measurements of a load outside of the cabinet."""
     energy = 1.0 / ENERGY_UNITS["Wh"]
     return (
         Measurement(
@@ -119,8 +107,6 @@ def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str
     """Return value, status and source time [s] of a measurement.
 
     Args:
-        one: The measurement.
-        newest: The newest messages.
         now: Steady time. [s]
     """
     message = newest.message(one.topic)

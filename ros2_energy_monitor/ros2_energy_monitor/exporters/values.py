@@ -34,11 +34,8 @@ class ExportedValue:
 
     Attributes:
         name: As a key; also the name of the field of the message, less its unit.
-        title: In words.
         topic: Of which message.
-        unit: Of the exported number.
         rises: Whether it never falls but by a reset.
-        field: Of the message.
         factor: From the field to the exported number. [-]
     """
 
@@ -97,7 +94,6 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
     """Return all values of a message by name; None where one is unknown.
 
     Args:
-        message: PowerState or EnergyRegisters.
         topic: Which of the two.
     """
     found: dict[str, Any] = {"stamp": stamp_of(message.header.stamp), "model_id": message.model_id}
@@ -142,18 +138,10 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
 
 
 def state_name(load: Any) -> str | None:
-    """Return the name of the state of a load; None where it is not known.
-
-    Args:
-        load: LoadPower.
-    """
+    """Return the name of the state of a load; None where it is not known."""
     return load.states[load.state] if 0 <= load.state < len(load.states) else None
 
 
 def stamp_of(stamp: Any) -> float:
-    """Return a builtin_interfaces/Time as seconds since 1970. [s]
-
-    Args:
-        stamp: The time.
-    """
+    """Return a builtin_interfaces/Time as seconds since 1970. [s]"""
     return (stamp.sec * SECOND_NS + stamp.nanosec) * NANOSECOND

@@ -40,7 +40,6 @@ class HttpProfile(MeterProfile[JsonNumber]):
     """Profile of a meter that is asked by HTTP; one answer holds all numbers.
 
     Attributes:
-        request: Path and query of the request.
         auth: How a name and a password are sent, where the user gives them.
         flags: Faults that make all numbers invalid.
     """
@@ -60,7 +59,6 @@ class HttpLink(MeterLink):
     """Asks over one kept connection; redirections and proxies are not followed.
 
     Args:
-        profile: What to ask for.
         endpoint: Where the meter is.
     """
 

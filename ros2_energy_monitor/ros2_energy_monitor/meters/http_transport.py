@@ -73,9 +73,7 @@ class BoundedTransport:
     """Transport adapter of `requests`: one connection, kept between requests to one endpoint.
 
     Args:
-        requests: The module.
         endpoint: Where the meter is.
-        bound: Bound of all answers of a reading.
 
     Raises:
         MeterLinkError: If the certificates of the endpoint cannot be used.
@@ -90,7 +88,6 @@ class BoundedTransport:
         """Return the whole answer to a prepared request.
 
         Args:
-            request: PreparedRequest.
             options: Of the session, not used: all of them follow from the endpoint.
 
         Raises:

@@ -55,10 +55,6 @@ class JsonFlag(ProfileEntry):
 def parse(text: str, whose: str) -> Any:
     """Parse a document.
 
-    Args:
-        text: The document.
-        whose: Who sent it, for the error text.
-
     Returns:
         Plain values.
 
@@ -77,11 +73,6 @@ def parse(text: str, whose: str) -> Any:
 
 def terms_at(document: Any, numbers: Sequence[JsonNumber], whose: str) -> tuple[MeterTerm, ...]:
     """Return the numbers that entries name; NaN where the document says null.
-
-    Args:
-        document: As parsed.
-        numbers: The entries.
-        whose: Who sent it, for the error text.
 
     Raises:
         MeterAnswerError: If there is no number.
@@ -139,23 +130,13 @@ def _value(found: Any, whose: str, where: str) -> float:
 
 
 def is_good(document: Any, flags: Sequence[JsonFlag]) -> bool:
-    """Return whether a document states none of the faults.
-
-    Args:
-        document: As parsed.
-        flags: The faults.
-    """
+    """Return whether a document states none of the faults."""
     lists = ((at(document, flag.path)[0], flag.without) for flag in flags)
     return not any(isinstance(found, list) and fault in found for found, fault in lists)
 
 
 def at(document: Any, path: Sequence[str | int]) -> tuple[Any, bool]:
-    """Return what stands at a path, and whether nothing does.
-
-    Args:
-        document: As parsed.
-        path: Keys of mappings and positions of lists.
-    """
+    """Return what stands at a path, and whether nothing does."""
     here = document
     for step in path:
         if isinstance(here, dict) and step in here:

@@ -26,12 +26,7 @@ from ros2_energy_monitor.meters.sunspec_link import SunSpecLink, SunSpecProfile
 
 @dataclass(frozen=True, kw_only=True)
 class MeterLinkKind(Kind):
-    """One kind of link.
-
-    Attributes:
-        profile: What a profile of this kind holds.
-        make: Makes the link of a profile.
-    """
+    """One kind of link."""
 
     profile: type[MeterProfile[Any]]
     make: Callable[[Any, Endpoint], MeterLink]

@@ -29,7 +29,6 @@ class Endpoint:
 
     Attributes:
         host: Name or address of the meter, or of the MQTT broker.
-        port: Port.
         timeout: Longest time for a connection, and for all answers of one reading. [s]
         unit: Modbus unit (slave) identifier; None for that of the profile.
         device: Name of the meter in the topics of an MQTT broker.
@@ -67,7 +66,6 @@ class AnswerBound:
     """What the answers of one reading may still bring, and how long they may still take.
 
     Args:
-        whose: Who answers, for the error text.
         timeout: Longest time of one reading. [s]
     """
 
@@ -93,9 +91,6 @@ class AnswerBound:
 
     def take(self, count: int) -> None:
         """Count bytes that came.
-
-        Args:
-            count: How many.
 
         Raises:
             MeterLinkError: If they are too many.

@@ -96,7 +96,6 @@ class ModbusProfile(MeterProfile[ModbusNumber]):
     """Profile of a meter whose register numbers are known.
 
     Attributes:
-        unit: Unit (slave) identifier.
         table: Which registers: holding (function 3) or input (function 4).
         word_order: Which register of a number comes first: that of its high or its low bits.
         flags: Where the meter says that its numbers are invalid.
@@ -110,11 +109,7 @@ class ModbusProfile(MeterProfile[ModbusNumber]):
 
 
 def length(kind: NumberType) -> int:
-    """Return how many registers a type takes.
-
-    Args:
-        kind: Type of a number.
-    """
+    """Return how many registers a type takes."""
     return int(kind[-2:]) // 16
 
 
@@ -123,7 +118,6 @@ class Registers:
 
     Args:
         endpoint: Where the meter is.
-        unit: Unit identifier.
         table: ``holding`` or ``input``.
 
     Raises:
@@ -188,10 +182,6 @@ class Registers:
     def read(self, address: int, count: int) -> list[int]:
         """Return registers.
 
-        Args:
-            address: Of the first one.
-            count: How many.
-
         Raises:
             MeterLinkError: If no answer comes in time or the connection ends.
             MeterAnswerError: If there are no such registers, or the meter answers with an
@@ -249,8 +239,6 @@ class Registers:
         """Return the number in registers.
 
         Args:
-            registers: As many as the type takes.
-            kind: Type of the number.
             word_order: Which register comes first.
         """
         client = self._client_module.ModbusTcpClient
@@ -263,7 +251,6 @@ class ModbusLink(MeterLink):
     """Reads the registers that a profile lists, each quantity in requests of its own.
 
     Args:
-        profile: What to read.
         endpoint: Where the meter is.
     """
 

@@ -62,12 +62,7 @@ class MqttProfile(MeterProfile[MqttNumber]):
 
 
 class MqttLink(MeterLink):
-    """Subscribes a meter's topics. A retained message is left out: nobody knows its age.
-
-    Args:
-        profile: What to subscribe.
-        endpoint: The broker, and the name of the meter.
-    """
+    """Subscribes a meter's topics. A retained message is left out: nobody knows its age."""
 
     def __init__(self, profile: MqttProfile, endpoint: Endpoint) -> None:
         self._mqtt = require("paho.mqtt.client", "paho-mqtt", "this meter", MeterProfileError)

@@ -40,7 +40,6 @@ class PollerState:
 
     Attributes:
         connected: Whether the last attempt to connect succeeded and no loss came since.
-        connections: Successful attempts.
         failures: Losses and failed attempts since the last answer; 0 while all is well.
         refusals: Answers in a row that held no numbers.
         errors: Losses and refusals in all, by class of error.
@@ -63,14 +62,9 @@ class Poller:
     """Polls one meter until it is stopped.
 
     Args:
-        link: The meter.
-        readings: Makes readings of exchanges.
         period: Time from one request to the next. [s]
         max_backoff: Longest time between two attempts to connect. [s]
         guarded: Runs the work of the thread by name and notes what it raises.
-
-    Attributes:
-        state: How it goes.
     """
 
     def __init__(

@@ -169,8 +169,6 @@ def checked(document: object, model: type[P], source: str) -> P:
 
     Args:
         document: What `read_document` returned.
-        model: Profile class of its kind of link.
-        source: Path of the file, for messages.
 
     Returns:
         The profile.

@@ -44,8 +44,6 @@ class Exchange:
     """The numbers of one quantity, read together.
 
     Attributes:
-        quantity: What they add up to.
-        terms: The numbers.
         requested: When the first one was asked for, by the steady clock; for a meter that sends
             by itself, when its message arrived. [s]
         answered: When the last one arrived, likewise. [s]
@@ -62,7 +60,6 @@ class NetworkReading:
     """A sum with its time.
 
     Attributes:
-        quantity: What it is.
         value: [W or J]
         at: Middle between request and answer, by the steady clock: the number was taken
             somewhere between the two, so the error is at most half of the round trip. [s]
@@ -85,9 +82,6 @@ class CounterWrap:
 
     Args:
         max_power: Highest power that the installation can draw. [W]
-
-    Attributes:
-        wraps: How often the counter started again.
     """
 
     def __init__(self, max_power: float) -> None:
@@ -105,7 +99,6 @@ class CounterWrap:
         """Return the count as if it never started again; NaN if its scale is in doubt. [J]
 
         Args:
-            term: As read, finite.
             at: Time of the reading. [s]
         """
         last, count = self._last, term.value
@@ -133,7 +126,6 @@ class ReadingFilter:
         rejected: Refused exchanges by reason: ``not_finite`` (the meter calls a number invalid, or
             it is none), ``too_high`` (a power beyond `max_power`), ``slow``, ``scale_changed`` (the
             meter states another scale for its counter, and the count does not continue).
-        accepted: How many exchanges became readings.
         round_trip: Of the newest exchange. [s]
     """
 
@@ -155,11 +147,7 @@ class ReadingFilter:
             counter.reconnected()
 
     def step(self, exchange: Exchange) -> NetworkReading | None:
-        """Return the reading of an exchange; None if it is refused.
-
-        Args:
-            exchange: Any.
-        """
+        """Return the reading of an exchange; None if it is refused."""
         self.round_trip = exchange.answered - exchange.requested
         at = (exchange.requested + exchange.answered) / 2
         values = [term.value for term in exchange.terms]

@@ -48,11 +48,8 @@ class _Layout:
 
     Attributes:
         length: Registers of the shortest model that holds them.
-        power: Total real power.
         power_scale: Its scale factor; None where numbers are floats.
-        energy: Total real energy imported.
         energy_scale: Its scale factor; None where numbers are floats.
-        events: Bit field of events.
     """
 
     length: int
@@ -163,10 +160,6 @@ class SunSpecLink(MeterLink):
 
 def terms(data: Sequence[int], layout: _Layout) -> tuple[MeterTerm, MeterTerm]:
     """Return energy and power of a model.
-
-    Args:
-        data: Registers behind its header.
-        layout: Of the model.
 
     Returns:
         Energy [J] with its wrap, and power [W]; NaN where the meter says: no value.

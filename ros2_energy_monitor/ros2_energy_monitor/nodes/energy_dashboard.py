@@ -42,10 +42,6 @@ class EnergyDashboard(Node):
     Args:
         options: Options of `rclpy.node.Node`.
 
-    Attributes:
-        hub: The robots of the page.
-        server: The HTTP server.
-
     Raises:
         RobotEnergyError: If a parameter cannot be used, or the address.
     """

@@ -162,11 +162,7 @@ class MeterDriver(Node):
 
 
 def topics(profile: MeterProfile[Any]) -> dict[Quantity, str]:
-    """Return the topic of each quantity: energy is what monitors read by default.
-
-    Args:
-        profile: Of the meter.
-    """
+    """Return the topic of each quantity: energy is what monitors read by default."""
     if profile.counts_energy:
         return {Quantity.ENERGY: "power_meter", Quantity.POWER: "power_meter/power"}
     return {Quantity.POWER: "power_meter"}

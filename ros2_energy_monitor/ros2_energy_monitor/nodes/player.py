@@ -67,16 +67,13 @@ class Player:
 
     Args:
         node: The node that publishes.
-        bag: The bag.
         rate: Times the speed of nature, > 0. [-]
         topics: Which to play; None for all that can be.
         part: What of the bag is played; None for all of it.
         clock_rate: How often ``/clock`` is published; 0 for never. [1/s]
         paused: Whether it stands still at first.
-        report: Takes a line about how far it is.
 
     Attributes:
-        clock: Time of the recording.
         left_out: Why topics are not played, one sentence each.
         played: Messages by topic.
 
@@ -281,7 +278,6 @@ def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
 
     Args:
         node: The node; destroyed at the end.
-        stop: Ends every pause.
 
     Yields:
         Waits some seconds; tells whether to go on.

@@ -39,7 +39,6 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
     """Set up the rig with a random program.
 
     Args:
-        parameters: Of the virtual robot.
         start_stamp_ns: Stamp of the first sample. [ns]
 
     Returns:

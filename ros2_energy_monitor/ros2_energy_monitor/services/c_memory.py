@@ -57,11 +57,7 @@ class Sequence(ctypes.Structure):
 
 @cache
 def layout(kind: type[Any]) -> type[ctypes.Structure]:
-    """Return how a message lies in memory.
-
-    Args:
-        kind: Class of the message.
-    """
+    """Return how a message lies in memory."""
     fields = [(name, _field(text)) for name, text in kind.get_fields_and_field_types().items()]
     return type(kind.__name__, (ctypes.Structure,), {"_fields_": fields})
 
@@ -100,9 +96,6 @@ class Bytes(ctypes.Structure):
 
 class CMessage:
     """A message in memory of its own.
-
-    Args:
-        kind: Class of the message.
 
     Attributes:
         address: Where it lies.
@@ -210,12 +203,7 @@ def _pointer(capsule: Any) -> int:
 
 
 def elements(sequence: Sequence, kind: type[Any]) -> list[Any]:
-    """Return the structs of a sequence.
-
-    Args:
-        sequence: Of messages.
-        kind: Their class.
-    """
+    """Return the structs of a sequence."""
     if not sequence.size:
         return []
     return list((layout(kind) * sequence.size).from_address(sequence.data))

@@ -39,7 +39,6 @@ def compared(
     """Compare trajectories.
 
     Args:
-        model: The robot's model.
         request: Fields of a ``CompareTrajectories.Request``, its trajectories as `PointColumns`.
         carried: Bodies that the robot carries.
         newest_degc: Motor temperatures where the request has none; NaN where unknown,

@@ -29,8 +29,6 @@ class PayloadService:
 
     Args:
         node: The node that computes the torque.
-        stage: Its stage.
-        model_id: Identity of the model file.
     """
 
     def __init__(self, node: Node, stage: TorqueStage, model_id: str) -> None:

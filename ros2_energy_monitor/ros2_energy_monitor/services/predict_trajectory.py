@@ -39,7 +39,6 @@ def predicted(
     """Predict a trajectory.
 
     Args:
-        model: The robot's model.
         request: Fields of a ``PredictTrajectory.Request``, its trajectory as `PointColumns`.
         carried: Bodies that the robot carries; links of the model file that are not among
             them carry nothing.
@@ -119,7 +118,6 @@ def temperatures_of(
     """Return temperatures in the order of the model: as asked, else the newest, else the fallback.
 
     Args:
-        model: The robot's model.
         joint_names: In the order of ``given``.
         given: As asked; NaN, or empty, where nothing is. [degC]
         newest_degc: NaN where unknown, shape (n,). [degC]

@@ -57,7 +57,6 @@ class PredictionProcess:
 
         Args:
             asked: Keyword arguments of what answers; its name as ``answer``.
-            request: The request, serialised.
         """
         process = self.start()
         assert process.stdin is not None

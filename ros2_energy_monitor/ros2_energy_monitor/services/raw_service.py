@@ -36,9 +36,6 @@ HEADER = 256  # bytes; a `rmw_request_id_t` has 24
 class TakenRequest:
     """A request that waits for its answer.
 
-    Args:
-        kind: Class of the request.
-
     Attributes:
         message: What was asked; `CMessage.free` it when it was read.
     """
@@ -53,11 +50,6 @@ class RawService:
 
     Args:
         node: The node that serves; it destroys the service.
-        kind: Class of the service.
-        name: Its name.
-
-    Attributes:
-        name: Resolved name of the service.
 
     Raises:
         OSError: If `rcl` cannot be called.
@@ -100,7 +92,6 @@ class RawService:
 
         Args:
             request: From `take`.
-            response: Of the class of the service.
         """
         message = CMessage(self._kind.Response).fill(response)
         self._call(self._send, request.header, message.address)

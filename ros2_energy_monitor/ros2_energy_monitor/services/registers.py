@@ -38,9 +38,6 @@ class RegisterServices:
 
     Args:
         node: The node that serves.
-        account: The energy account.
-        checkpoints: Bring them to disk.
-        model: Of the robot.
         take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 

@@ -54,14 +54,10 @@ class PredictionService:
     """Serves ``~/predict_trajectory``: one prediction at a time, beside the ticks.
 
     Attributes:
-        interface: Of the service.
-        name: Of the service.
         parts: Fields of its response that are lists of messages, with their classes.
 
     Args:
         node: The node that serves.
-        guard: Counts exceptions.
-        model: The robot's model.
         payload: Gives the bodies that the robot carries now.
         motor_temperature_degc: Gives the newest motor temperatures, NaN where unknown,
             shape (n,). [degC]
@@ -183,11 +179,7 @@ class PredictionService:
         return samples * repeat
 
     def trajectories(self, fields: Any) -> list[Any]:
-        """Return the trajectories of a request, as they lie in memory.
-
-        Args:
-            fields: Of the request.
-        """
+        """Return the trajectories of a request, as they lie in memory."""
         return [fields.trajectory]
 
     def _looked(self) -> bool:
@@ -254,9 +246,6 @@ class ComparisonService(PredictionService):
 
     def trajectories(self, fields: Any) -> list[Any]:
         """Return the trajectories of a request, as they lie in memory.
-
-        Args:
-            fields: Of the request.
 
         Raises:
             MotionError: If there are too many.

@@ -52,7 +52,6 @@ class RobotFeed:
     Args:
         node: The node that subscribes.
         namespace: Of the robot's monitors, with or without the leading slash.
-        state: What to feed.
     """
 
     def __init__(self, node: Node, namespace: str, state: RobotState) -> None:
@@ -100,8 +99,6 @@ class RobotFeed:
 
         Args:
             action: One of `SERVICES` but the list.
-            text: Name of the job interval, or reason of the reset.
-            answer: Gets success and a sentence.
         """
         client = self._client(action)
         if client is None:
@@ -118,11 +115,7 @@ class RobotFeed:
         client.call_async(request).add_done_callback(done)
 
     def take_statuses(self, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Take the diagnostic statuses of this robot's monitors; those of others are left out.
-
-        Args:
-            statuses: Of one message.
-        """
+        """Take the diagnostic statuses of this robot's monitors; those of others are left out."""
         self.state.take_findings(
             [
                 PageFinding.of_status(

@@ -58,22 +58,14 @@ class EnergyAccount:
     """Integrates power and compares it with the meter.
 
     Args:
-        n_joints: Number of joints.
-        settings: Averaging period and the meter's longest gap.
         response: Delay and low pass of the meter; None: they are found from its readings.
 
     Attributes:
-        registers: Energy registers.
-        comparison: Predicted and measured energy.
         shaft: Predicted and measured shaft energy of each joint.
         judgement: The residual of the newest minute, and what is wrong with the meter.
         repeated: Samples left out after a restart because their time was counted before it.
         counts: Samples, by quality and phase, and the greatest power.
-        intervals: Energy of jobs and cycles.
         calibration: How wide the bands of predicted power and energy must be.
-        trace: Resets, restarts, changes of the model.
-        restarts: How often the account was continued from a record.
-        on_compared: Called with what became comparable, for plots.
         auxiliary: Account of the loads outside of the cabinet; None where none are counted.
     """
 
@@ -232,11 +224,7 @@ class EnergyAccount:
         return totals_of(self, self.auxiliary)
 
     def state(self, identity: Identity) -> AccountRecord:
-        """Return all that must be kept across a restart.
-
-        Args:
-            identity: Whose account it is.
-        """
+        """Return all that must be kept across a restart."""
         return record_of(self, identity)
 
     def restore(self, record: AccountRecord) -> None:
@@ -282,9 +270,6 @@ class EnergyAccount:
 
     def reset(self, reason: str) -> None:
         """Set all counters to zero at the newest sample; open intervals keep what they counted.
-
-        Args:
-            reason: Why, in words.
 
         Raises:
             RegisterError: If there is no reason, or one that is too long or not on one
@@ -376,19 +361,11 @@ class EnergyAccount:
         return self.calibration.energy_band(self.registers.deviation)
 
     def phase_energy(self, phase: Phase) -> float:
-        """Return the predicted energy drawn from the grid in a phase, >= 0. [J]
-
-        Args:
-            phase: What the robot did.
-        """
+        """Return the predicted energy drawn from the grid in a phase, >= 0. [J]"""
         return float(self.counts.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
-        """Return the observed time in a phase. [s]
-
-        Args:
-            phase: What the robot did.
-        """
+        """Return the observed time in a phase. [s]"""
         return float(self.counts.phase_ns[phase]) * 1e-9
 
 

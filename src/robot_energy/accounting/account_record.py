@@ -34,7 +34,6 @@ def totals_of(account: EnergyAccount, loads: AuxiliaryAccount | None) -> Totals:
     """Return all counters of an account as they stand.
 
     Args:
-        account: The account.
         loads: Account of the auxiliary loads, as it stands or flushed; None without loads.
     """
     time, comparison = account.registers.time, account.comparison
@@ -57,12 +56,7 @@ def totals_of(account: EnergyAccount, loads: AuxiliaryAccount | None) -> Totals:
 
 
 def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
-    """Return all that must be kept of an account.
-
-    Args:
-        account: The account.
-        identity: Whose they are.
-    """
+    """Return all that must be kept of an account."""
     registers, comparison, counts = account.registers, account.comparison, account.counts
     loads = account.auxiliary.flushed() if account.auxiliary is not None else None
     cabinet, joints = _by_name(registers.remainder, account.shaft.remainder)

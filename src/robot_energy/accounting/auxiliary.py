@@ -45,7 +45,6 @@ class AuxiliaryAccount:
         missing_count: How often a load ceased to be known, shape (n,).
         state_energy: By load and state, all in one row, exact.
         state_ns: Time in each of these states while the power is known. [ns]
-        together: Cabinet and loads while all loads are known, exact.
         together_ns: That time. [ns]
         observed_ns: Observed time in all, decided so far. [ns]
     """
@@ -157,9 +156,7 @@ class AuxiliaryAccount:
         """Take what came from one load.
 
         Args:
-            name: Of the load.
             readings: Of its meter, in order of arrival.
-            states: Numbers of its states, as powers in W.
         """
         load = self[name]
         if readings is not None:

@@ -137,7 +137,6 @@ class _Pieces:
         """Put the open period before these pieces.
 
         Args:
-            carried: One row.
             lead: 1 where it has ended, and the first row is kept free for it; 0 where the first
                 piece goes on with it.
         """
@@ -176,11 +175,8 @@ class Averager:
         """Take samples and return the periods that ended.
 
         Args:
-            block: Power samples.
-            intervals: Their intervals, from the registers.
             shaft: Measured shaft energy of each interval, shape (N, n), NaN where unknown;
                 None where all is. [J]
-            compared: What became comparable with the meter.
 
         Returns:
             One row per ended period, or None.

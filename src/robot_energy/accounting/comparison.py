@@ -71,11 +71,8 @@ class _Epoch:
     """Both curves of one epoch, as far as they are not compared.
 
     Attributes:
-        predicted: Predicted power.
-        measured: Measured power.
         done_ns: Until where they are compared. [ns]
         newest_ns: Newest reading of the meter; None before the first. [ns]
-        shown: The predicted power as the meter shows it.
     """
 
     shown: ShownPower
@@ -96,13 +93,10 @@ class Comparison(ExactSum):
         response: Delay and low pass of the meter; None: they are found from its readings.
 
     Attributes:
-        curve: What became of the readings.
         lag: How late the meter shows what is drawn, where nothing is stated.
         location: Where the meter sits.
-        meaning: What its readings stand for.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
-        idle: Since when nothing was compared, though power was predicted.
         early_since_ns: Predicted stamp since which readings are stamped more than
             ``EARLY_NS`` later than what is predicted; None if they are not. [ns]
     """

@@ -106,7 +106,6 @@ def add_compared(curve: EnergyCurve, compared: Compared) -> None:
 
     Args:
         curve: A curve of three columns: measured, predicted as the meter shows it, drawn.
-        compared: What became comparable.
     """
     energy = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
     curve.add(compared.available_ns, compared.duration_ns, energy)
@@ -116,7 +115,6 @@ def add_means(curve: EnergyCurve, means: MeanBlock) -> None:
     """Add the predicted net energy from the grid, where it is known.
 
     Args:
-        curve: A curve of one column.
         means: Mean power of the periods that ended.
     """
     power = means.mean("grid_import") - means.mean("grid_return")

@@ -40,11 +40,7 @@ def add_saturating(total: Int, more: Int) -> None:
 
 
 class ExactSum:
-    """Sums of energies, exact in integers, that never pass ``MAX_COUNTER``.
-
-    Args:
-        size: How many registers.
-    """
+    """Sums of energies, exact in integers, that never pass ``MAX_COUNTER``."""
 
     def __init__(self, size: int) -> None:
         self._microjoule: Int = np.zeros(size, dtype=np.int64)  # replaced, never changed
@@ -90,7 +86,6 @@ class ExactSum:
 
         Args:
             energy: Finite, below 2 MJ each, not written to afterwards, shape (N, R). [J]
-            first: The register of the first column.
         """
         self._waiting = (*self._waiting, (first, energy))
         self._rows += len(energy)

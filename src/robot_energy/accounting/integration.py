@@ -39,11 +39,7 @@ class SampleIntervals:
 
 @dataclass
 class TrapezoidIntegrator:
-    """Cuts a stream of power samples into intervals and keeps the time.
-
-    Attributes:
-        time: Running account of observed and missing time.
-    """
+    """Cuts a stream of power samples into intervals and keeps the time."""
 
     time: Coverage = field(default_factory=Coverage)
     _last: tuple[int, int, Float] | None = None
@@ -80,7 +76,6 @@ class TrapezoidIntegrator:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
             first: Gives the powers at the first sample, shape (R,). [W]
-            energies: Computes the energies.
 
         Returns:
             One interval per sample.

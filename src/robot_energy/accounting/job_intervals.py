@@ -23,9 +23,6 @@ class JobIntervals:
 
     An interval is the difference of two tallies, so adjacent ones add up to the
     microjoule. Its bounds are stamps of counted samples.
-
-    Attributes:
-        next_id: Number of the next interval.
     """
 
     def __init__(self) -> None:
@@ -150,13 +147,7 @@ class JobIntervals:
     def restore(
         self, entries: Sequence[OpenInterval], closed: Sequence[EnergyInterval], next_id: int
     ) -> None:
-        """Take over intervals of a state file; there must be none yet.
-
-        Args:
-            entries: Open ones.
-            closed: Closed ones, oldest first.
-            next_id: Number of the next one.
-        """
+        """Take over intervals of a state file; there must be none yet."""
         self._open = {entry.interval_id: entry for entry in entries}
         self._closed.extend(closed)
         used = max(self._open, default=0)

@@ -36,17 +36,13 @@ class LoadCurve:
     """Power of one load over time.
 
     Args:
-        load: The load.
-        limits: Of the readings of its meter.
         planned: Whether to go by states alone, as for a prediction.
         stale_after: Silence of its states after which that of the model file is in force; 0:
             a state holds until the next one. [s]
 
     Attributes:
-        load: The load.
         metered: Whether its meter says its power.
         switched: Whether states may arrive by messages.
-        curve: What became of the readings of the meter.
         bad_states: Numbers that arrived and are those of no state.
     """
 

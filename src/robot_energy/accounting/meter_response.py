@@ -65,11 +65,7 @@ class MeterResponse:
 
     @classmethod
     def of(cls, model: RobotModel) -> MeterResponse | None:
-        """Return what a model states of its meter; None for nothing.
-
-        Args:
-            model: The model.
-        """
+        """Return what a model states of its meter; None for nothing."""
         if (meter := model.meter) is None:
             return None
         values = (0.0 if one is None else one.value for one in (meter.time_constant, meter.delay))

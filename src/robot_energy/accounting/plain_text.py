@@ -16,9 +16,6 @@ def require_plain_text(what: str, text: str, limit: int, error: type[RobotEnergy
 
     Args:
         what: What it is, for the refusal, such as "an interval name".
-        text: What a service was given.
-        limit: Characters at most.
-        error: Class of the refusal.
 
     Raises:
         RobotEnergyError: Of that class, if the text is blank or too long, or has control

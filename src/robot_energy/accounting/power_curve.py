@@ -51,7 +51,6 @@ class MeterCurve:
 
     Attributes:
         rejections: Readings that arrived, that were used and that were not, by reason.
-        counter: What became of the readings of a counter.
         gaps: Pairs of readings that lie further apart than is bridged.
         spacing_ns: Time between the two newest readings; None before the second. [ns]
         newest_ns: Stamp of the newest reading; None before the first. [ns]

@@ -158,11 +158,7 @@ class EventLog:
         return tuple(self._entries)
 
     def add(self, entry: TraceEntry) -> None:
-        """Note an entry; the oldest of its kind beyond 16 is dropped.
-
-        Args:
-            entry: What happened.
-        """
+        """Note an entry; the oldest of its kind beyond 16 is dropped."""
         self._entries.append(entry)
         count = Counter(one.kind for one in self._entries)[entry.kind]
         if count > KEPT:

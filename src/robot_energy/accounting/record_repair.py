@@ -19,11 +19,7 @@ MAX_NAMED = 3  # fields of a record that are named
 
 
 def one_line(limit: int) -> AfterValidator:
-    """Return a validator that refuses a text that is too long or cannot be printed on one line.
-
-    Args:
-        limit: Characters at most.
-    """
+    """Return a validator that refuses a text that is too long or cannot be printed on one line."""
 
     def check(text: str) -> str:
         if len(text) > limit or not text.isprintable():
@@ -37,10 +33,6 @@ def one_line(limit: int) -> AfterValidator:
 
 def repaired(text: bytes, error: ValidationError) -> tuple[bytes, tuple[str, ...]]:
     """Return the JSON of a record with every value that broke a limit at that limit.
-
-    Args:
-        text: The JSON.
-        error: What is wrong with it.
 
     Returns:
         The JSON, and what was changed; the text as it is and nothing if something else

@@ -35,12 +35,8 @@ SHAFT_REGISTERS = (
 class Registers(ExactSum):
     """The energy registers of one robot: of the cabinet, of each joint, then the deviations.
 
-    Args:
-        n_joints: Number of joints.
-
     Attributes:
         deviations: Where the deviations lie.
-        held: Integrates the deviations.
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -57,11 +53,7 @@ class Registers(ExactSum):
         return self._trapezoid.time
 
     def set_time(self, time: Coverage) -> None:
-        """Go back to an earlier account of time.
-
-        Args:
-            time: As it stood then.
-        """
+        """Go back to an earlier account of time."""
         self._trapezoid.time = time
 
     @np.errstate(invalid="ignore")

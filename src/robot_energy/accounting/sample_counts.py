@@ -78,7 +78,6 @@ class SampleCounts:
         """Count samples.
 
         Args:
-            block: Power samples.
             energy: Drawn from the grid up to each sample, not written to afterwards, shape
                 (N,). [J]
             duration_ns: Observed time up to each sample, likewise, shape (N,). [ns]
@@ -110,7 +109,6 @@ class SampleCounts:
         """Add what was counted elsewhere, but for the energies.
 
         Args:
-            samples: Number of samples.
             peak_power: NaN for none. [W]
             quality: Samples with each quality bit.
             phase_ns: Observed time by phase, shape (phases,). [ns]

@@ -25,9 +25,6 @@ class ShaftEnergySums(ExactSum):
 
     The sums are in the order of ``SHAFT_REGISTERS``.
 
-    Args:
-        n_joints: Number of joints.
-
     Attributes:
         compared_ns: Time over which each joint was compared, shape (n,). [ns]
     """
@@ -63,10 +60,6 @@ class ShaftEnergySums(ExactSum):
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
     def step(self, block: PowerBlock, intervals: SampleIntervals) -> Float:
         """Integrate a block.
-
-        Args:
-            block: Power samples.
-            intervals: Their intervals, from the registers.
 
         Returns:
             Measured shaft energy of each interval, shape (N, n), NaN where the effort does

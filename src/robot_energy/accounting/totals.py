@@ -168,7 +168,6 @@ class Totals(RecordPart):
 
         Args:
             order: Where each joint of the result stands here.
-            loads: Names of the auxiliary loads of the result.
 
         Raises:
             StateFileError: If a register is unknown or has another number of joints.

@@ -42,7 +42,6 @@ class McapChunk:
         buffer: The bytes, uint8.
         messages: Messages by channel id.
         end: First byte after the last whole record that belongs here.
-        count: Number of messages.
         verified: Whether a checksum covered the bytes.
     """
 
@@ -62,9 +61,7 @@ def indexed_block(
     the records met, together with the schemas and channels between them, fill the chunk.
 
     Args:
-        data: Unpacked chunk.
         index: Per channel pairs of log time [ns] and offset, uint64, shape (n, 2).
-        on_record: Takes the Schema and Channel records.
 
     Returns:
         The block; None if the index is not right.
@@ -136,7 +133,6 @@ def walked_block(
 
     Args:
         data: Unpacked chunk, or a part of the file that begins with a record.
-        on_record: Takes the Schema and Channel records.
         limit: Most messages to take; None for all.
 
     Returns:

@@ -44,14 +44,12 @@ class McapFile:
     """One MCAP file.
 
     Attributes:
-        path: The file.
         size: Its size. [bytes]
         schemas: Message definitions met so far, by id.
         channels: Channels met so far, by id.
         summary: The summary at the end of the file; None if there is none or it is damaged.
 
     Args:
-        path: The file.
         report: Takes one sentence for each thing found wrong while reading.
 
     Raises:
@@ -97,9 +95,6 @@ class McapFile:
                 everything.
             spans: First and last log time that matter, by topic; chunks known to lie outside are
                 left out as well. [ns]
-
-        Yields:
-            Blocks with at least one message.
         """
         pos, left_out = len(records.MAGIC), False
         ended: int | None = None  # where a record has ended the data

@@ -66,10 +66,6 @@ class ChunkIndex:
     """Where a chunk lies in the file, its length and end with what follows it, what it holds.
 
     Attributes:
-        start: First byte of the chunk record.
-        length: Of the record.
-        end: First byte behind the chunk and its indexes.
-        channels: Numbers of its channels.
         start_ns: Earliest log time. [ns]
         end_ns: Latest log time. [ns]
     """
@@ -125,9 +121,6 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
     Args:
         data: Content of the record, without its opcode and length.
 
-    Returns:
-        The id of the schema, and the schema.
-
     Raises:
         RecordError: If the record ends too early, or a text of it is not UTF-8.
     """
@@ -156,9 +149,6 @@ def parse_chunk(data: memoryview) -> Chunk:
 
     Args:
         data: Content of the record, without its opcode and length.
-
-    Returns:
-        The chunk, whose records are still compressed.
 
     Raises:
         RecordError: If the record ends too early, or a text of it is not UTF-8.
@@ -240,12 +230,6 @@ def ros_type(name: str) -> str:
 
 def unpack_chunk(chunk: Chunk) -> bytes | memoryview:
     """Return the records of a chunk, without ever unpacking more than it declares.
-
-    Args:
-        chunk: The chunk.
-
-    Returns:
-        Its records.
 
     Raises:
         RecordError: If the size is beyond the limit, the packing unknown or damaged, the size not

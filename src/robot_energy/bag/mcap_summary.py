@@ -62,7 +62,6 @@ def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Cl
     """Read and check the end of a file.
 
     Args:
-        file: The open file.
         size: Its size. [bytes]
         report: Takes one sentence for each thing found wrong.
 

@@ -61,11 +61,7 @@ class FolderInfo:
 
 
 def qos_yaml(qos: Qos) -> str:
-    """Return one offered QoS profile in YAML, version 9 of the metadata.
-
-    Args:
-        qos: The profile of a topic.
-    """
+    """Return one offered QoS profile in YAML, version 9 of the metadata."""
     return (
         "- history: keep_last\n"
         f"  depth: {qos.depth}\n"
@@ -90,15 +86,10 @@ def metadata_yaml(
     """Return the text of metadata.yaml.
 
     Args:
-        topics: Topics of the bag.
         file: Name of the one bag file; None for the copy inside that file.
         start_ns: Log time of the first message. [ns]
         duration_ns: Time from the first to the last message. [ns]
-        count: Number of messages.
         origin: Where the recording comes from, in words; empty if not said.
-
-    Returns:
-        YAML.
     """
     span = (
         f"starting_time:\n  nanoseconds_since_epoch: {start_ns}\n"

@@ -19,9 +19,6 @@ _METADATA_START = b"rosbag2_bagfile_information:"
 def foreign_entries(folder: Path) -> list[str]:
     """Name what in a folder does not belong to one bag of this library.
 
-    Args:
-        folder: The folder.
-
     Returns:
         Names; empty if the folder holds one of its MCAP files with its metadata, no more.
     """

@@ -36,7 +36,6 @@ def open_file(path: Path, report: Report) -> Source:
 
     Args:
         path: A file of a bag; ``.db3`` is SQLite, everything else MCAP.
-        report: Takes sentences on what was left out.
 
     Raises:
         BagError: If it is no bag file.
@@ -82,7 +81,6 @@ class PackedMessages(_Packed):
     """Messages each packed with zstd.
 
     Args:
-        source: What delivers them packed.
         report: Takes one sentence per thing found wrong.
     """
 
@@ -140,7 +138,6 @@ class PackedFile(_Packed):
     The folder goes when this object does, or the process.
 
     Args:
-        path: The packed file.
         report: Takes one sentence per thing found wrong.
 
     Raises:

@@ -58,7 +58,6 @@ class BagContents:
 
         Args:
             other: Contents of that file.
-            report: Takes sentences on what was left out.
         """
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
@@ -70,13 +69,7 @@ class BagContents:
         self.overlap_ns = max(self.overlap_ns, other.overlap_ns)
 
     def add_topic(self, name: str, info: TopicInfo, report: Report) -> None:
-        """Add a stream on a topic; of two types on one topic the first counts.
-
-        Args:
-            name: The topic.
-            info: Type, encoding and number of messages of the stream.
-            report: Takes sentences on what was left out.
-        """
+        """Add a stream on a topic; of two types on one topic the first counts."""
         have = self.topics.get(name)
         if have is None:
             self.topics[name] = info
@@ -106,7 +99,6 @@ class McapSource:
     """Messages of one MCAP file.
 
     Args:
-        path: The file.
         report: Takes one sentence per thing found wrong.
 
     Raises:
@@ -225,11 +217,7 @@ class McapSource:
 
 
 def broken_times(topic: str) -> str:
-    """Return the notice on a topic whose log times do not order its messages.
-
-    Args:
-        topic: The topic.
-    """
+    """Return the notice on a topic whose log times do not order its messages."""
     return (
         f"the log times of {topic} jump back and forth, so they were not used to sort its "
         "messages; do not date anything by them"

@@ -53,7 +53,6 @@ class SqliteSource:
     says. sqlite keeps no checksum of messages, so none of them is verified.
 
     Args:
-        path: The file.
         report: Takes one sentence per thing found wrong.
     """
 

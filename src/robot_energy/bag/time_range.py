@@ -29,9 +29,6 @@ class TimeRange:
     def span(self, bag: BagReader) -> LogTimes:
         """Return the log times of the part, both included. [ns]
 
-        Args:
-            bag: An open bag.
-
         Raises:
             BagError: If the bag does not say its times, or nothing of it lies in the part.
         """
@@ -60,9 +57,6 @@ class TimeRange:
 
     def sentence(self, bag: BagReader) -> str:
         """Return what was read, as a sentence.
-
-        Args:
-            bag: An open bag.
 
         Raises:
             BagError: As of `span`.

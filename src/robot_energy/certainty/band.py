@@ -42,7 +42,6 @@ class EnergyBand:
     Attributes:
         std: Standard deviation from the figures of the model. [J]
         half: Half width of the 90 % band. [J]
-        kind: What the band rests on.
     """
 
     std: float

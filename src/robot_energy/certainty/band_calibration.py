@@ -132,7 +132,6 @@ class BandCalibration:
         """Take power samples and what became comparable; set the bands of the means.
 
         Args:
-            block: Power samples.
             held: Integrals of deviations that became complete.
             open_ns: Where the next one began. [ns]
             compared: In the order of time.

@@ -69,11 +69,7 @@ C figures, shape (C, N, n). [W]"""
 
 
 class PowerDeviation:
-    """Columns ``g_k s_k`` of one robot.
-
-    Args:
-        model: The robot's model.
-    """
+    """Columns ``g_k s_k`` of one robot."""
 
     def __init__(self, model: RobotModel) -> None:
         self._coulomb = np.asarray(
@@ -150,7 +146,6 @@ class PowerDeviation:
             shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             payload_mass: In force, shape (N,). [kg]
-            balance: Of the bus.
             stamp_ns: Shape (N,). [ns]
 
         Returns:
@@ -279,9 +274,6 @@ def payload_shares(model: RobotModel) -> Float:
 
     ``c_i = sum(tau_p tau) / sum(tau^2)`` of joint i, with the torque ``tau_p`` that the payload
     adds to ``tau``; half of each of 200 motions is gravity at rest.
-
-    Args:
-        model: The robot's model.
     """
     names = model.joint_names
     if not sum(body.mass for body in model.payload):

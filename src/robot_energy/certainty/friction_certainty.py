@@ -31,9 +31,6 @@ class FrictionCertainty:
     unknown temperature and the distance add errs alike at all joints: all are warm or cold
     together.
 
-    Args:
-        model: The robot's model.
-
     Attributes:
         fallback_std: Where the fallback temperature is assumed, motor side, shape (n,).
             [N m s/rad]

@@ -62,11 +62,7 @@ class PowerErrorSums:
         self._time_ns += int(used[2].sum())
 
     def add(self, other: PowerErrorSums) -> None:
-        """Take all readings of another recording.
-
-        Args:
-            other: Its sums.
-        """
+        """Take all readings of another recording."""
         self._close(np.stack([self._open, other._open], axis=1))
         self._open, self._open_ns = np.zeros(3, dtype=np.int64), NO_READING
         self._squares = self._squares + other._squares
@@ -96,9 +92,6 @@ class TorqueErrorSums:
     A sample counts for a joint where its torque was measured and its acceleration comes from
     a full window. At rest friction is anything up to its Coulomb value, which no model can
     predict; therefore the moving samples count once more for themselves.
-
-    Args:
-        model: Drivetrain and standstill velocities of the robot.
     """
 
     def __init__(self, model: RobotModel) -> None:

@@ -36,7 +36,6 @@ def relative_std(quantity: str, tag: Tag) -> float:
 
     Args:
         quantity: A key of `SPREAD`.
-        tag: How the figure is known.
     """
     return SPREAD[quantity] * TAGS[tag]
 
@@ -45,7 +44,6 @@ def figure_std(figure: Figure, quantity: str) -> float:
     """Return the standard deviation of a figure, in its unit: its own, or that of its prior.
 
     Args:
-        figure: Of a model file.
         quantity: A key of `SPREAD`.
     """
     if figure.std is not None:

@@ -102,12 +102,7 @@ class Contrasts:
         return found
 
     def step(self, before: WearRecord, after: WearRecord) -> None:
-        """Take two neighbours.
-
-        Args:
-            before: The older one.
-            after: The newer one.
-        """
+        """Take two neighbours."""
         rows = self.rows([before, after])
         apart = rows[1] - rows[0]
         hours, time = np.array([[one.hours, one.time] for one in (before, after)]).T
@@ -254,11 +249,7 @@ def _not_negative(inner: Float, outer: Float) -> Float:
 
 
 def scatter(record: WearRecord) -> float:
-    """Return the variance of a record as it states it, never zero. [-]
-
-    Args:
-        record: Of any length.
-    """
+    """Return the variance of a record as it states it, never zero. [-]"""
     return record.variance + LEAST_SCATTER**2 * RECORD_TIME / record.time
 
 

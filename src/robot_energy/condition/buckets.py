@@ -45,7 +45,6 @@ def shares(place: Float, buckets: int) -> Float:
 
     Args:
         place: Shape (...). [-]
-        buckets: How many there are, B.
     """
     return np.maximum(1.0 - np.abs(place[..., None] - np.arange(buckets)), 0.0)
 

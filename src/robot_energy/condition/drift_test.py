@@ -123,15 +123,9 @@ class Drift:
 class DriftTest:
     """Tests the records of one joint, or of the whole robot.
 
-    Args:
-        subject: What they are of.
-
     Attributes:
         records: Kept ones, oldest first; the older, the longer.
-        changes: Found ones, oldest first.
-        contrasts: What merged records have said of the baseline.
         programs: That were seen.
-        drift: As it stands.
         refused: Records that were no numbers.
     """
 
@@ -217,8 +211,6 @@ class DriftTest:
         """Continue from what was kept.
 
         Args:
-            records: Oldest first.
-            changes: Oldest first.
             contrasts: Of the records that were merged.
             programs: That were seen.
         """

@@ -69,7 +69,6 @@ class FrictionSamples(Block):
         """Return some samples of a block.
 
         Args:
-            block: Power samples.
             rows: Their numbers, rising, shape (N,).
         """
         names = ("stamp_ns", *cls.__annotations__)
@@ -123,7 +122,6 @@ class MotionReader:
         """Return the sums over the samples of one part; None if no torque was measured.
 
         Args:
-            block: All samples of the part.
             friction_power: By the model file, shape (N, n). [W]
         """
         if np.isnan(block.shaft_power_measured).all():
@@ -177,9 +175,6 @@ class MotionReader:
 class FrictionLearner:
     """Multipliers on the friction of each joint, by bucket.
 
-    Args:
-        n_joints: Number of joints.
-
     Attributes:
         sums: Of the model's and the measured friction torque and of time, by direction, joint
             and bucket, shape (3, 2, n, DEGC_BUCKETS, SPEED_BUCKETS). [N m s], [N m s], [s]
@@ -195,11 +190,7 @@ class FrictionLearner:
         self.refused = np.zeros(n_joints, dtype=np.int64)
 
     def step(self, part: MotionSums) -> MotionSums:
-        """Return a part without what is refused; the rest has been learned from.
-
-        Args:
-            part: What it says.
-        """
+        """Return a part without what is refused; the rest has been learned from."""
         moved = part.time.sum(axis=2) > 0
         kept = moved & (np.abs(np.nan_to_num(part.ratio)) <= MAX_RATIO)
         self.refused += (moved & ~kept).any(axis=0)

@@ -78,9 +78,6 @@ class ConditionRecord(ConditionPart):
     def from_json(cls, content: bytes) -> Self:
         """Return a record of JSON text; records of wear of the first format are dropped.
 
-        Args:
-            content: JSON text.
-
         Raises:
             StateFileError: If it is not such a record.
         """
@@ -128,15 +125,8 @@ class _InUse:
 class ConditionLearner:
     """Learns multipliers on friction and the constant losses from power samples.
 
-    Args:
-        model: The robot's model.
-        learning: What is done with the figures.
-        curve: Turns readings of the meter into pieces, with its limits.
-
     Attributes:
         friction: Per joint, from measured torque.
-        meter: From the power meter.
-        wear: Lasting changes of friction.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
 

@@ -40,7 +40,6 @@ class MeterFit:
         power: Mean measured power. [W]
         scale: Mean amount of the residual in standard deviations of the noise. [-]
         time: Time of the windows that were used. [s]
-        windows: How many these are.
         refused: Windows that were not, as their residual is too large.
     """
 

@@ -43,10 +43,6 @@ class Window(NamedTuple):
 class MeterWindows:
     """Predicted and measured energy over the same windows.
 
-    Args:
-        energies: How many predicted energies there are.
-        curve: Turns readings into pieces.
-
     Attributes:
         location: Where the meter sits.
     """

@@ -34,9 +34,6 @@ class ConditionPart(BaseModel):
     def from_json(cls, content: bytes) -> Self:
         """Return a record of JSON text.
 
-        Args:
-            content: JSON text.
-
         Raises:
             StateFileError: If it is not such a record.
         """

@@ -94,7 +94,6 @@ class ThermalObserver:
         extrapolated: Whether the friction of a gear is outside its fitted range.
         stuck: Whose readings are not believed in this window, shape (n,).
         end_ns: End of the newest window that was taken; None before the first. [ns]
-        windows: How often the estimate has moved on.
     """
 
     def __init__(self, model: RobotModel, on: bool = True, curve: MeterCurve | None = None) -> None:
@@ -216,7 +215,6 @@ class ThermalObserver:
         """Take samples of one window: their heat, and what measured torque says of friction.
 
         Args:
-            block: The samples.
             reading_degc: At the last of them, NaN where there is none, shape (n,). [degC]
         """
         if not self.on:

@@ -35,7 +35,6 @@ class WearAlarm:
 
     Attributes:
         joint: Its name; empty for the whole robot, as one power meter sees it.
-        drift: How much, since when, how sure.
     """
 
     joint: str
@@ -95,7 +94,6 @@ class WearMonitor:
 
     Attributes:
         joints: Test of each joint, from measured torque.
-        robot: Test of the whole robot, from the power meter.
     """
 
     def __init__(self, joint_names: Sequence[str]) -> None:

@@ -97,9 +97,6 @@ class WearRecord(NamedTuple):
 class MotionGatherer:
     """Gathers the parts of every joint until they make a record.
 
-    Args:
-        n_joints: Number of joints.
-
     Attributes:
         hours: Motion of each joint so far, shape (n,). [h]
         means: Mean motor temperatures, shape (2, n); NaN before the first part. [degC]

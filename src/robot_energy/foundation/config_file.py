@@ -95,11 +95,6 @@ def read_text(
     """Return the text of a regular file; a pipe or a device is never waited for.
 
     Args:
-        path: The file.
-        error: What to raise.
-        what: What the file is, for messages.
-        max_bytes: Its largest size.
-        expected: What there should be.
         remedy: What the user can do if it cannot be read.
         encoding_of: Finds the encoding from the bytes; by default it is UTF-8.
 
@@ -123,9 +118,6 @@ def validated(
 
     Args:
         data: What `parse_yaml` returned.
-        model: The schema.
-        source: Name of the file, for messages.
-        error: What to raise.
 
     Raises:
         RobotEnergyError: The error asked for, naming keys, what was found and what was expected.

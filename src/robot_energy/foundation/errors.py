@@ -49,7 +49,6 @@ class UrdfAwaitedError(ModelFileError):
     """A model file leaves its URDF to a topic, and none was given.
 
     Args:
-        source: The model file.
         topic: The topic that it names.
     """
 
@@ -86,7 +85,6 @@ def check_shape(name: str, found: tuple[int, ...], expected: tuple[int, ...]) ->
     """Refuse an array of another shape.
 
     Args:
-        name: Name of the array, for the message.
         found: Its shape.
         expected: The shape it must have.
 

@@ -31,7 +31,6 @@ def require(library: str, user: str) -> None:
 
     Args:
         library: A key of `EXTRAS`.
-        user: What needs it.
 
     Raises:
         MissingExtraError: If it is not there.
@@ -45,7 +44,6 @@ def missing(library: str, user: str) -> MissingExtraError:
 
     Args:
         library: Its name, or that of a module in it.
-        user: What needs it.
     """
     library = library.partition(".")[0]
     found = f"{user} needs {library}, which is not installed"

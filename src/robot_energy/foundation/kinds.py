@@ -32,8 +32,6 @@ class Kind:
 
     Attributes:
         name: As in files and parameters.
-        label: In tables and sentences.
-        line: One line for the documentation.
     """
 
     name: str
@@ -59,11 +57,7 @@ class Part:
         return cast("Callable[..., Any]", resolve_name(self.name))
 
     def __call__(self, *args: Any) -> Any:
-        """Call the function.
-
-        Args:
-            *args: Of the function.
-        """
+        """Call the function."""
         return self.function(*args)
 
 
@@ -76,7 +70,6 @@ class Kinds(dict[str, K], Generic[K]):
     An unknown name is a `KindError` that names the nearest.
 
     Args:
-        what: What a kind of this table is, for error texts.
         kinds: Those that are shipped.
     """
 
@@ -94,19 +87,12 @@ class Kinds(dict[str, K], Generic[K]):
         return "one of " + ", ".join(f"'{name}'" for name in self)
 
     def remedy(self, name: str) -> str:
-        """Return what to write instead of a wrong name; empty where none is near.
-
-        Args:
-            name: The wrong name.
-        """
+        """Return what to write instead of a wrong name; empty where none is near."""
         near = difflib.get_close_matches(name, self, n=1, cutoff=LIKELY)
         return f"write '{near[0]}'" if near else ""
 
     def register(self, kind: K) -> K:
         """Return a kind, which is known from now on.
-
-        Args:
-            kind: With all its parts.
 
         Raises:
             KindError: If another one has this name.
@@ -122,20 +108,12 @@ class Kinds(dict[str, K], Generic[K]):
         return kind
 
     def remove(self, name: str) -> None:
-        """Take a kind out again.
-
-        Args:
-            name: Of the kind.
-        """
+        """Take a kind out again."""
         del self[name]
         self._changed()
 
     def on_change(self, listener: Callable[[], None]) -> None:
-        """Call something after every change of the names.
-
-        Args:
-            listener: What to call.
-        """
+        """Call something after every change of the names."""
         self._listeners.append(listener)
 
     def _changed(self) -> None:
@@ -162,11 +140,7 @@ def load_kinds() -> None:
 
 
 def installed(group: str) -> EntryPoints:
-    """Return what the installed packages declare, read once: that takes 30 ms.
-
-    Args:
-        group: Group of entry points.
-    """
+    """Return what the installed packages declare, read once: that takes 30 ms."""
     return _entry_points().select(group=group)
 
 

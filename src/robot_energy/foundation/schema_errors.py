@@ -69,15 +69,7 @@ class _Problem:
 def refusal(
     error: ValidationError, model: type[BaseModel], data: object, source: str, kind: type[E]
 ) -> E:
-    """Return pydantic's report as an error that names what is wrong, up to a bound.
-
-    Args:
-        error: The report.
-        model: The schema.
-        data: What was validated.
-        source: Its name, for the message.
-        kind: Class of the error to make.
-    """
+    """Return pydantic's report as an error that names what is wrong, up to a bound."""
     problems = _joined(_problems(error, model, data))
     if len(problems) == 1:
         only = problems[0]
@@ -94,11 +86,7 @@ def refusal(
 
 
 def described(value: object) -> str:
-    """Return what a value of a file is, in a few words.
-
-    Args:
-        value: Any value of YAML.
-    """
+    """Return what a value of a file is, in a few words."""
     if value is None:
         return "empty"
     if isinstance(value, str):
@@ -115,11 +103,7 @@ def described(value: object) -> str:
 
 
 def listed(words: Iterable[str]) -> str:
-    """Return words as one phrase: ``a, b and c``.
-
-    Args:
-        words: At least one.
-    """
+    """Return words as one phrase: ``a, b and c``."""
     *others, last = words
     return f"{', '.join(others)} and {last}" if others else last
 

@@ -14,7 +14,6 @@ def shown(text: str, limit: int = MAX_SHOWN) -> str:
 
     Args:
         text: A joint name, topic name, reason, ... of a message or file.
-        limit: Characters of the result at most, the mark included.
     """
     part = text[: limit + 1]
     safe = part
@@ -24,11 +23,7 @@ def shown(text: str, limit: int = MAX_SHOWN) -> str:
 
 
 def shown_lines(text: str) -> str:
-    """Return a text of our own that quotes others, with its own line ends, safe to show.
-
-    Args:
-        text: A title, a cell, a sentence.
-    """
+    """Return a text of our own that quotes others, with its own line ends, safe to show."""
     return "\n".join(shown(part, MAX_LINE) for part in text.split("\n"))
 
 

@@ -20,11 +20,7 @@ _DEFAULTS = {
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal to stop was received.
-
-    Args:
-        number: Of the signal.
-    """
+    """A signal to stop was received."""
 
     def __init__(self, number: int) -> None:
         self.number = signal.Signals(number)

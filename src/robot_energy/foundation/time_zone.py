@@ -11,9 +11,6 @@ MAX_NAME = 64
 def time_zone(name: str) -> ZoneInfo:
     """Return the time zone of a name.
 
-    Args:
-        name: Of the IANA database.
-
     Raises:
         ValueError: If there is no such zone, or no database; the text says what is expected.
     """

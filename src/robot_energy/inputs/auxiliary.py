@@ -92,29 +92,17 @@ class AuxiliaryInputs:
     )
 
     def meter_of(self, load: AuxiliaryLoad) -> MeterSource | None:
-        """Return the meter of a load; None if it has none.
-
-        Args:
-            load: Of the model file.
-        """
+        """Return the meter of a load; None if it has none."""
         usual = MeterSource(topic=f"auxiliary/{load.name}/power")
         return self.auxiliary_meters.get(load.name, usual) if load.metered else None
 
     def state_of(self, load: AuxiliaryLoad) -> StateSource:
-        """Return where the states of a load come from.
-
-        Args:
-            load: Of the model file.
-        """
+        """Return where the states of a load come from."""
         given = {source.load: source for source in self.auxiliary_states.values()}
         return given.get(load.name, StateSource(topic=f"auxiliary/{load.name}/state"))
 
     def unknown_loads(self, loads: Collection[AuxiliaryLoad]) -> list[str]:
-        """Return a sentence for each entry that names none of the loads.
-
-        Args:
-            loads: Of the model file.
-        """
+        """Return a sentence for each entry that names none of the loads."""
         named = {*self.auxiliary_meters, *(one.load for one in self.auxiliary_states.values())}
         return [
             f"the inputs name the auxiliary load '{name}', which the model lacks"

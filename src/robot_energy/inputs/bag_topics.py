@@ -26,7 +26,6 @@ def resolve(bag: BagReader, name: str) -> str | None:
     Names of parameters are relative, those of a bag have the namespace of the recording.
 
     Args:
-        bag: An open bag.
         name: Name of a topic, as in the parameters of a node.
 
     Raises:
@@ -52,7 +51,6 @@ def topics_of_other_robots(bag: BagReader, joint_states: Collection[str]) -> fro
     """Return the topics in namespaces of joint states that are not used and hold no used topic.
 
     Args:
-        bag: An open bag.
         joint_states: Topics of the joint states that are used.
     """
     present = (topic for topic, info in bag.topics.items() if info.msgtype == JOINT_STATE)
@@ -77,7 +75,6 @@ def find_temperatures(
     """Find the sources of motor temperatures in a bag.
 
     Args:
-        bag: An open bag.
         topics: Their topics as the user named them; None to go by the sources, or by type.
         sources: Those of the node that the bag is to be read like; None to go by type.
         foreign: Topics of other robots, which are not found by type.
@@ -134,7 +131,6 @@ def find_meter(
     """Find the power meter in a bag.
 
     Args:
-        bag: An open bag.
         topic: Its topic as the user named it; None to go by the source, or by type.
         source: The meter of the node that the bag is to be read like; None to go by type.
         others: Topics that are known to be something else.
@@ -186,8 +182,6 @@ def find_auxiliary(
     """Find meters and states of loads in a bag.
 
     Args:
-        bag: An open bag.
-        loads: Of the model file.
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
 
     Returns:

@@ -52,7 +52,6 @@ class Parameter:
         name: Full name, such as ``motors.topic``.
         kind: Its type, one of `KINDS`.
         default: Value where none is given; ``dataclasses.MISSING`` if it is required.
-        description: What it means, with its unit in brackets.
         low: Least value allowed, or None.
         high: Greatest value allowed, or None.
         choices: The texts allowed; empty for any.
@@ -80,7 +79,6 @@ class Parameter:
         Args:
             value: As given; an integer serves as a number, a list as a tuple. Empty texts
                 in a list count for nothing, as some formats cannot say an empty list.
-            owner: Whose parameter it is, for the error text.
 
         Raises:
             ParameterError: If it has a wrong type, is out of its range or no choice.
@@ -127,7 +125,6 @@ def parameter(
     """Return a field that describes one parameter; without a default it is required.
 
     Args:
-        description: What it means, with its unit in brackets.
         default: Value where none is given.
         low: Least value allowed; None for no bound. [unit of the parameter]
         high: Greatest value allowed; None for no bound. [unit of the parameter]
@@ -154,7 +151,6 @@ def named_groups(
 
     Args:
         cls: The dataclass of one group; all its fields must have defaults.
-        description: What the list of names means.
         names: The groups there are where none are named.
         check: Raises a `ParameterError` if the groups do not fit together.
     """
@@ -177,7 +173,6 @@ def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> 
     Args:
         cls: A dataclass whose fields were made by the functions of this module.
         value_of: Gives the value of a parameter, checked; called once for each, in order.
-        owner: Whose parameters they are, for error texts.
 
     Raises:
         ParameterError: If the values do not fit together, and what ``value_of`` raises.
@@ -191,8 +186,6 @@ def refuse_renamed(given: Iterable[str], known: Collection[str], owner: str) -> 
 
     Args:
         given: Names that were set.
-        known: Names of the parameters there are.
-        owner: Whose parameters they are, for the error text.
 
     Raises:
         ParameterError: If one was renamed.

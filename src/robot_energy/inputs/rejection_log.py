@@ -27,7 +27,6 @@ def remember_names(kept: set[str], names: Iterable[str]) -> None:
 
     Args:
         kept: The names so far; it is changed.
-        names: As messages hold them.
     """
     for name in names:
         if len(kept) >= MAX_NAMES:
@@ -45,7 +44,6 @@ class ByNames(dict[tuple[str, ...], Value], Generic[Value]):
 
         Args:
             names: The list, in its order.
-            value: What was found out about it.
         """
         size = sum(map(len, names)) + len(names)
         if len(self) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
@@ -104,8 +102,6 @@ class RejectionLog:
 
         Args:
             before: The counts before it arrived, from `copy`.
-            arrived: Messages since then.
-            reason: Why they were lost.
         """
         self.received = before.received + arrived
         self.accepted = before.accepted

@@ -95,9 +95,6 @@ class JointStateSource:
     def names_of(self, joints: Sequence[str]) -> tuple[str, ...]:
         """Return what the messages call the joints of a model.
 
-        Args:
-            joints: Names of the joints in the model.
-
         Raises:
             ParameterError: If there are fewer or more names than joints.
         """
@@ -111,9 +108,6 @@ class JointStateSource:
 
     def corrections_of(self, joints: Sequence[str]) -> tuple[JointCorrection, ...]:
         """Return what corrects position, velocity and effort of a model's joints.
-
-        Args:
-            joints: Names of the joints in the model.
 
         Raises:
             ParameterError: If there are neither one entry nor as many as joints.
@@ -213,11 +207,7 @@ class TemperatureSource:
         return {**keys, self.topic: self.type}
 
     def resolved(self, resolve: Callable[[str], str]) -> TemperatureSource:
-        """Return the source with the full names of its topics.
-
-        Args:
-            resolve: Gives the full name of a topic.
-        """
+        """Return the source with the full names of its topics."""
         keys = resolve(self.keys_topic) if self.keys_topic else ""
         return replace(self, topic=resolve(self.topic), names_topic=keys)
 

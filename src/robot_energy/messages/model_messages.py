@@ -25,16 +25,9 @@ class ModelMessageReader(Generic[B]):
     """Reads messages of one model; refuses those of others and of other times.
 
     Args:
-        msgtype: Type of the messages.
         joint_names: Joints in model order.
         model_id: Identity of the model file; messages of another model are rejected.
         arrays: Fields with one number per joint.
-        fields: Further fields.
-        reach: Of the stream.
-
-    Attributes:
-        rejections: Received, accepted and rejected messages.
-        epochs: Jumps and outliers of the stamps.
     """
 
     def __init__(

@@ -84,7 +84,6 @@ class DriveModel(Kind):
             all joints; None for a share of the loss.
         loss_deviations: Makes a `robot_energy.certainty.deviation.LossDeviations` of the entries
             of all joints: what the error of each figure alone does; None: a share of the loss.
-        figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
         fitted: Makes an entry from what was identified of one axis, a
@@ -107,19 +106,11 @@ class DriveModel(Kind):
     way: str = ""
 
     def of(self, joint: Joint) -> Any:
-        """Return the entry of a joint; None if it has none.
-
-        Args:
-            joint: A joint of a model file.
-        """
+        """Return the entry of a joint; None if it has none."""
         return getattr(joint, self.key, None) if self.key else None
 
     def entries(self, joints: list[Joint]) -> list[Any]:
-        """Return the entries of the joints that have one, in their order.
-
-        Args:
-            joints: Joints of a model file.
-        """
+        """Return the entries of the joints that have one, in their order."""
         return [entry for joint in joints if (entry := self.of(joint)) is not None]
 
 

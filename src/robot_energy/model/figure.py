@@ -49,11 +49,7 @@ class PositiveFigure(Figure):
 
 
 def least_known(tags: list[Tag]) -> Tag:
-    """Return the tag of the least known of several figures; ``assumed`` of none.
-
-    Args:
-        tags: Of the figures.
-    """
+    """Return the tag of the least known of several figures; ``assumed`` of none."""
     for tag in LEAST_KNOWN:
         if tag in tags:
             return tag
@@ -61,11 +57,7 @@ def least_known(tags: list[Tag]) -> Tag:
 
 
 def tag_of(entry: ModelEntry) -> Tag:
-    """Return how the least known figure of an entry is known.
-
-    Args:
-        entry: With tagged figures, a tag of its own, or both.
-    """
+    """Return how the least known figure of an entry is known."""
     values: list[Any] = [getattr(entry, name) for name in type(entry).model_fields]
     own: list[Tag] = [value.tag for value in values if isinstance(value, Figure)]
     tag: Tag | None = getattr(entry, "tag", None)
@@ -76,9 +68,5 @@ def without_absent(entries: dict[str, Any], *keys: str) -> dict[str, Any]:
     """Return entries without optional keys that are None.
 
     Such keys came later than the files that lack them; a file without them keeps its identity.
-
-    Args:
-        entries: A dumped entry of a model file.
-        *keys: The optional keys.
     """
     return {key: value for key, value in entries.items() if key not in keys or value is not None}

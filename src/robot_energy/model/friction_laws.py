@@ -159,7 +159,6 @@ class FrictionLaw(Kind):
         merged_fit: Fits an entry to the sums of a fleet, a
             `robot_energy_fleet.merged_laws.MergedSums`: the entry and the regression behind it;
             None for a law that a fleet cannot fit.
-        text: What tables of identified friction show of the entry's values.
     """
 
     entry: type[LawEntry]

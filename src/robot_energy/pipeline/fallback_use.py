@@ -17,8 +17,6 @@ class FallbackUse:
         fallback_degc: The temperature used instead. [degC]
 
     Attributes:
-        samples: Samples taken.
-        missing: Samples with a motor whose temperature was never seen.
         stale: Samples with a motor whose temperature is too old, and none missing.
         apart_ns: Stamp of the nearest temperature minus that of the last such sample; None
             if no temperature has come. [ns]

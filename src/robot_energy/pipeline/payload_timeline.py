@@ -39,12 +39,6 @@ class PayloadTimeline:
     force at the first sample that is not older than its stamp, and stays until the next,
     across backward jumps of the stamps as well: the gripper does not open when a
     simulation restarts. The result does not depend on how samples are cut into blocks.
-
-    Args:
-        robot: The robot with the payload of its model file.
-
-    Attributes:
-        robot: The robot with the payload now in force.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -72,7 +66,6 @@ class PayloadTimeline:
         """Take a change.
 
         Args:
-            payload: The body.
             from_ns: First instant of validity; one that has passed means the next
                 sample. [ns]
 

@@ -224,7 +224,6 @@ def fixed_friction(
     """Return a model whose friction stays at one temperature, and what was changed.
 
     Args:
-        model: Any model.
         temperature: The operating point, or ``fallback`` for that of the model. [degC]
 
     Raises:
@@ -262,12 +261,10 @@ def run_replay(
 
     Args:
         bag: MCAP file or rosbag2 folder.
-        model: The robot's model.
         power_period: Averaging period; None: that of the pipeline. [s]
         keep_curves: Whether to keep energies over time for figures.
         keep_compared: Whether to keep all that was compared with the meter.
         on_output: Called with what each step of the pipeline gave.
-        **options: What is read and how.
 
     Returns:
         The accounting of the replay.

@@ -56,14 +56,7 @@ class Replay:
     """What a replay gave.
 
     Attributes:
-        bag: The bag.
-        model: The model used.
-        topics: The topics used.
-        joint_states: Accounting and joints of the joint states.
-        temperatures: Accounting of the temperatures.
-        meter: Accounting of the meter.
         payload: Accounting of the payloads set at run time, and the changes.
-        effort: What the effort in the joint states was taken for.
         pipeline: The pipeline after its last step.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
@@ -73,7 +66,6 @@ class Replay:
         compared: What became comparable with the meter in each step, where that was asked for.
         power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
-        jobs: What the jobs of a list have counted.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
     """
 

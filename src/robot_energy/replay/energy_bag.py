@@ -32,9 +32,7 @@ class EnergyBagWriter:
     """Writes the energy topics into a new bag, which is made at the first torque.
 
     Args:
-        path: Folder of the bag.
         overwrite: Whether an existing one may be replaced.
-        model: The robot's model.
         origin: Where the recording comes from; empty if unknown.
         source: The bag that is replayed.
     """
@@ -68,9 +66,7 @@ class EnergyBagWriter:
         """Write what one step of the pipeline gave.
 
         Args:
-            output: What the step gave.
             account: The energy account after the step.
-            payloads: All changes of the payload so far.
         """
         torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:

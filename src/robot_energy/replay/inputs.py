@@ -35,21 +35,12 @@ def model_of(model: ModelName) -> RobotModel:
 
 
 def effort_meaning(effort: str) -> EffortMeaning:
-    """Return what the effort in the joint states means.
-
-    Args:
-        effort: Its name.
-    """
+    """Return what the effort in the joint states means."""
     return member_named(EffortMeaning, "effort", effort)
 
 
 def member_named(kind: type[Member], what: str, name: str) -> Member:
     """Return the member of an enumeration.
-
-    Args:
-        kind: The enumeration.
-        what: It says.
-        name: Of the member.
 
     Raises:
         ParameterError: If there is none.
@@ -83,9 +74,6 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
 @contextmanager
 def silent(label: str) -> Generator[Callable[[float], None]]:
     """Show no progress.
-
-    Args:
-        label: What is going on.
 
     Yields:
         To be called with the share done, 0 to 1.

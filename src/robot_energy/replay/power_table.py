@@ -96,7 +96,6 @@ def period_table(
     """Return means over averaging periods; the stamp is that of the last sample of a period.
 
     Args:
-        block: The means.
         joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
         unmodelled: As of `sample_table`.

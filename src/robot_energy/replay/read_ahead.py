@@ -34,9 +34,6 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
     Args:
         items: Not begun yet; its items can be pickled.
 
-    Yields:
-        Its items.
-
     Raises:
         BagError: If the process ended before its last item.
         Exception: What the iterator raises.

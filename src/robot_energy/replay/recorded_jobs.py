@@ -74,9 +74,6 @@ class JobList(ModelEntry):
 def load_jobs(path: str | Path) -> tuple[Job, ...]:
     """Return the jobs of a file, in order of time.
 
-    Args:
-        path: YAML file.
-
     Raises:
         RegisterError: If it cannot be read or used.
     """
@@ -92,7 +89,6 @@ class RecordedJobs:
         jobs: In order of time.
 
     Attributes:
-        closed: What the jobs have counted.
         left_out: How many were there in part only.
     """
 

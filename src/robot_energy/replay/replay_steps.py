@@ -42,10 +42,6 @@ LoadReadings = tuple[MeterBlock | None, MeterBlock | None]
 class LoadIngest:
     """Reads meter and states of one auxiliary load.
 
-    Args:
-        topics: What of it the bag holds.
-        typestore: Message definitions of the bag.
-
     Attributes:
         meter: Accounting of its meter; None without one.
         state: Accounting of its states; None without them.
@@ -90,9 +86,6 @@ class BagInputs:
     """What reads a bag, and has counted what it read.
 
     Attributes:
-        joint_states: Accounting and joints of the joint states.
-        temperatures: Accounting of the temperatures.
-        meter: Accounting of the meter.
         problems: What was wrong with the bag, one sentence each.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
     """
@@ -111,8 +104,6 @@ class BagStep:
     Attributes:
         joints: Joint states; None after they have become torque.
         torque: Torques that became complete.
-        temperatures: Motor temperatures.
-        meter: Meter readings.
         auxiliary: What came from each auxiliary load, by its name.
         payload: Messages of payloads, before they are in force.
         changes: Payloads that were accepted.
@@ -144,12 +135,8 @@ def read_steps(
     """Read a bag, part by part.
 
     Args:
-        bag: The bag.
-        inputs: What reads it.
-        topics: Topics to read.
         spans: From when to when each topic is read; all of it where it is not named. [ns]
         by_second: Whether steps end at whole seconds.
-        jobs: Whose begins and ends make steps short.
 
     Yields:
         Steps without torque, the last one with the inputs.
@@ -203,8 +190,6 @@ def torque_steps(
 
     Args:
         steps: From `read_steps`.
-        stage: Computes it.
-        payload: Puts payloads into force.
         whole: Whether the joint side is of use to anybody; it is left out otherwise.
 
     Yields:

@@ -33,8 +33,6 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
     """Find the topics to use in a bag.
 
     Args:
-        bag: An open bag.
-        wanted: What the user named.
         inputs: Inputs of the node that the bag is to be read like; None to go by types.
 
     Returns:

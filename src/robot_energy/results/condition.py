@@ -53,7 +53,6 @@ def condition_report(learner: ConditionLearner, model: RobotModel) -> ConditionR
 
     Args:
         learner: After the last recording.
-        model: The robot's model.
     """
     friction, factor = learner.friction, learner.meter.filtered
     time = friction.sums[2].sum(axis=(0, 2, 3)).tolist()

@@ -150,7 +150,6 @@ def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> Energy
     """Return how sure the predicted net energy of an account is.
 
     Args:
-        account: Of one robot.
         joint_names: In model order.
     """
     registers, calibration, band = account.registers, account.calibration, account.energy_band
@@ -203,8 +202,6 @@ def common_figures(
     """Return the fields of an `EnergyReport` but for the sentences.
 
     Args:
-        account: Of one robot.
-        model: The model used.
         temperature_degc: Of the motors; NaN where unknown, shape (n,). [degC]
         change: What was changed about the model.
     """
@@ -232,7 +229,6 @@ def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakd
     """Return where the energy went, and whether the parts sum to what the grid gave.
 
     Args:
-        registers: Energy registers of one robot.
         unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`.
     """
     cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
@@ -293,7 +289,6 @@ def comparison_of(
     """Return predicted and measured energy over the same intervals.
 
     Args:
-        account: Of one robot.
         model: Which has the constant losses.
         power_error: Of the same intervals.
     """

@@ -68,9 +68,6 @@ def count_tags(model: RobotModel) -> dict[str, int]:
     Every tagged number counts once, a table or map once as a whole, and every group of
     the URDF (kinematics, masses ...) once.
 
-    Args:
-        model: The model.
-
     Returns:
         Count for each tag, zeros included.
     """
@@ -81,9 +78,6 @@ def count_tags(model: RobotModel) -> dict[str, int]:
 
 def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
     """Yield every entry of a model that says how it is known.
-
-    Args:
-        value: A model as plain values, or a part of one.
 
     Yields:
         The entries, each with its ``tag``.
@@ -102,7 +96,6 @@ def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
     """Return what a result says of its model.
 
     Args:
-        model: The model.
         change: What was changed about it.
     """
     return ModelUsed(
@@ -122,7 +115,6 @@ def model_report(model: RobotModel, robot: Robot) -> ModelReport:
     """Return what a model holds.
 
     Args:
-        model: The model.
         robot: Its rigid bodies, which were built from it.
     """
     cabinet = model.cabinet

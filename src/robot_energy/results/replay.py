@@ -131,7 +131,6 @@ def replay_report(
     """Return all figures of a replay.
 
     Args:
-        result: A finished replay.
         change: What was changed about the model, for example fixed friction.
         compared_with: A second replay of the same bag.
     """

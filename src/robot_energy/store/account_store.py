@@ -29,7 +29,6 @@ def identity_of(model: RobotModel, node: str = "") -> Identity:
     """Return whose registers a node counts with a model.
 
     Args:
-        model: The robot's model.
         node: Full name of the node; empty for none.
     """
     return Identity(
@@ -46,9 +45,6 @@ def file_name_of(identity: Identity) -> str:
 
     That is the full name of the node with type and serial of the robot; without a node,
     as in earlier releases, type and serial alone.
-
-    Args:
-        identity: Whose account it is.
     """
     parts = [identity.robot_type, identity.robot_serial]
     if identity.node:

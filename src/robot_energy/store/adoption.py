@@ -24,9 +24,7 @@ class Adoption:
 
     Args:
         folder: Where they lie.
-        earlier: How their names begin.
         name: How the names of the own files begin, whose lock is held.
-        owner: Who takes them.
     """
 
     def __init__(self, folder: Path, earlier: str, name: str, owner: str) -> None:

@@ -21,7 +21,6 @@ class ConditionStore(SlotStore[Any]):
     """Keeps learned figures in state files, or estimated temperatures.
 
     Args:
-        learner: What learns, or estimates.
         model: The robot's model; another model file has other state files.
         folder: Where they lie; None keeps nothing.
         submit: Does work on the disk; jobs must run one after the other.

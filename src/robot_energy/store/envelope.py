@@ -26,9 +26,7 @@ def wrap(version: int, sequence: int, payload: bytes) -> bytes:
     """Return the content of a state file.
 
     Args:
-        version: Format of the payload.
         sequence: Grows by one with every write.
-        payload: JSON text.
 
     Raises:
         StateFileError: If it is more than can be read back.
@@ -41,21 +39,12 @@ def wrap(version: int, sequence: int, payload: bytes) -> bytes:
 
 
 def follows(sequence: int) -> int:
-    """Return the sequence number after one; after the largest comes 1.
-
-    Args:
-        sequence: Of the last write.
-    """
+    """Return the sequence number after one; after the largest comes 1."""
     return sequence % MAX_SEQUENCE + 1
 
 
 def is_newer(sequence: int, other: int) -> bool:
-    """Whether a sequence number comes after another, also where the numbers began again at 1.
-
-    Args:
-        sequence: Of one state file.
-        other: Of the other.
-    """
+    """Whether a sequence number comes after another, also where the numbers began again at 1."""
     return sequence != other and (sequence - other) % MAX_SEQUENCE < MAX_SEQUENCE // 2
 
 

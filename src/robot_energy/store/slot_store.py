@@ -21,11 +21,7 @@ Submit = Callable[[Callable[[], Any]], "Future[Any]"]
 
 
 def at_once(job: Callable[[], Any]) -> Future[Any]:
-    """Return the finished future of a job done now; it holds a `StateFileError` that it raised.
-
-    Args:
-        job: Work on the disk.
-    """
+    """Return the finished future of a job done now; it holds a `StateFileError` that it raised."""
     future: Future[Any] = Future()
     try:
         future.set_result(job())

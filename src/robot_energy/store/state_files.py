@@ -40,7 +40,6 @@ def read_regular(path: Path, limit: int) -> bytes | None:
     """Return the content of a regular file; None where there is nothing.
 
     Args:
-        path: The file.
         limit: Its size at most. [bytes]
 
     Raises:

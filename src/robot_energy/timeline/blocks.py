@@ -122,9 +122,6 @@ class Block:
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
         """Join blocks in the order given.
 
-        Args:
-            blocks: At least one.
-
         Returns:
             One block with all their samples.
         """
@@ -140,7 +137,6 @@ class Block:
         """Join blocks in the order of their samples' numbers.
 
         Args:
-            blocks: At least one.
             rows: Number of each sample, one array per block.
 
         Returns:
@@ -265,7 +261,6 @@ class MeterBlock(Block):
         power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
         energy: Counter reading, shape (N,); NaN unless cumulative. [J]
         interval: That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]
-        meaning: What a reading stands for.
         location: Where in the supply the meter sits.
     """
 
@@ -367,7 +362,6 @@ def known_part(name: str, values: Any, unmodelled: Collection[str]) -> Float:
     """Return a part of power or energy as it is shown: NaN for 0 where the model lacks it.
 
     Args:
-        name: Of its register.
         values: Of any shape, or a number. [W] or [J]
         unmodelled: Registers of the parts that the model lacks, as `RobotModel.unmodelled`. One
             that counted under an earlier model keeps its figure.
@@ -413,7 +407,6 @@ def mark(quality: Bits, rows: NDArray[np.bool_], bit: Quality) -> None:
     Args:
         quality: Quality bits, shape (N,).
         rows: Which samples, shape (N,).
-        bit: The bit.
     """
     if rows.any():
         quality[rows] |= np.uint32(bit)

@@ -25,7 +25,6 @@ class Coverage:
     Attributes:
         observed_ns: Time between finite samples of one segment. [ns]
         gap_ns: Time between samples that could not be integrated. [ns]
-        gap_count: Number of gaps.
         jumps: Number of jumps of the stamps, backward or forward by more than
             ``MAX_GAP_NS``; no time passes across one.
         start_ns: First stamp. [ns]
@@ -61,11 +60,7 @@ class Coverage:
         self.in_gap = bool(missing[-1])
 
     def precede(self, earlier: Coverage) -> None:
-        """Put an earlier account before this one; what lies between is a gap, or a jump.
-
-        Args:
-            earlier: Ends no later than this one starts.
-        """
+        """Put an earlier account before this one; what lies between is a gap, or a jump."""
         between = 0
         if earlier.end_ns is not None and self.start_ns is not None:
             between = self.start_ns - earlier.end_ns
@@ -100,7 +95,6 @@ class Coverage:
             observed_ns: Time that was integrated. [ns]
             gap_ns: Time that was not. [ns]
             gap_count: Gaps that began.
-            jumps: Jumps of the stamps.
         """
         self.observed_ns = min(self.observed_ns + observed_ns, MAX_COUNTER)
         self.gap_ns = min(self.gap_ns + gap_ns, MAX_COUNTER)

@@ -88,7 +88,6 @@ class Sorted:
 
     Attributes:
         runs: Messages that are known to belong to their epoch, in order of arrival.
-        strays: Rows of outliers.
         held: Rows that wait for later messages; the caller puts them before the next ones.
     """
 
@@ -109,11 +108,7 @@ class EpochSplitter:
     that the clock in use stays in use. So no single message can send the state into the past or
     the future, and at most seven messages are held.
 
-    Args:
-        reach: Of the stream.
-
     Attributes:
-        strays: Outliers taken out.
         stray_ns: How far the last of them lay from the newest stamp, ahead or behind. [ns]
         odd_ns: Newest stamp when the last stamp was odd in any way; None: none was. [ns]
         behind: Messages more than a second behind the newest one that still continue it.

@@ -71,11 +71,6 @@ class StampOrder:
         max_gap: Longest step that is no gap; 0: five median periods, but at least 0.1 s and at
             most 1 s. [s]
 
-    Attributes:
-        jumps: Backward jumps met.
-        gaps: Gaps met.
-        segment: Number of the running segment.
-
     Raises:
         ParameterError: If ``max_gap`` cannot be one.
     """

@@ -34,9 +34,6 @@ class HeldRows:
     def concatenate(parts: Sequence[HeldRows]) -> HeldRows:
         """Join what holds at blocks of samples.
 
-        Args:
-            parts: At least one.
-
         Returns:
             One for all their samples.
         """

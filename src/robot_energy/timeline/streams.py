@@ -116,13 +116,11 @@ class StreamSplitter(Generic[B]):
     `ReorderBuffer` lets wait.
 
     Args:
-        reach: Of the stream.
         reject: Counts what is refused, by its reason; nothing where the caller does.
         window_ns: In which messages that overtook each other are sorted. [ns]
         kinds: Gives the rows of the messages that are sorted among each other.
 
     Attributes:
-        epochs: The decisions and their counts.
         refused: Outliers of the last step; None if there were none.
         held: Messages of which it is not known where they belong; None if there are none.
         lag_ns: Newest stamp minus the time at which it arrived; None before the first. [ns]
@@ -151,7 +149,6 @@ class StreamSplitter(Generic[B]):
         """Return the messages that are known to belong to their epoch; often one run.
 
         Args:
-            block: At least one.
             arrival_ns: When the last of them was received; None where it does not matter. [ns]
         """
         newest_ns = self.epochs.newest_ns
@@ -215,9 +212,7 @@ def sentence_of(
     """Return what was wrong with the stamps of a stream; empty if nothing was.
 
     Args:
-        epochs: Of the stream.
         what: Name of the messages, such as ``readings of the meter``.
-        remedy: What to do about it.
         within: Only what concerns so much of the newest time; None for all. [s]
     """
     if epochs.odd_ns is None or epochs.newest_ns is None:
@@ -251,7 +246,6 @@ def apart_sentence(
     A stream that has stopped is no clock: its stamps were right when they arrived.
 
     Args:
-        epochs: Of the stream.
         newest_ns: Newest stamp of the joint states; None before the first. [ns]
         ahead_ns: How far its stamps are ahead of those of the joint states on arrival; None where
             that is not known. [ns]

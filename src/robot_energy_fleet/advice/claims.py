@@ -44,12 +44,9 @@ class Claim:
     """What one change saves in the recordings.
 
     Attributes:
-        name: Of the change.
         energy: Saved, positive where it is less. [J]
         columns: Its change with the error of each figure, shape (K,). [J]
         sure: ``measured``, ``predicted`` or ``assumed``: what the saving rests on at worst.
-        found: What the recordings show, one sentence.
-        change: What to do, one sentence.
         command: Next command; empty where there is none.
         joint_position: Where to wait, shape (n,); None for other changes. [rad] or [m]
         places: Of the waits that count, shape (P, n); None for other changes. [rad] or [m]
@@ -83,9 +80,6 @@ def standby(
     ``S = sum_rests P_hold t - P_brakes (p (t - t_wake) + p_wake t_wake)``.
 
     Args:
-        evidence: Of the recordings.
-        model: Of the robot.
-        states: Ways to rest.
         assumed: Whether their figures are assumed.
     """
     long = [rest for rest in evidence.rests if rest.duration >= LONG_REST]
@@ -156,10 +150,6 @@ def waiting_pose(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     """Return what waiting at the cheapest pose saves in rests too short for standby.
 
     ``S = sum_rests (P_here - P_cheapest) t``.
-
-    Args:
-        evidence: Of the recordings.
-        model: Of the robot.
     """
     short = [rest for rest in evidence.rests if rest.duration < LONG_REST]
     if not evidence.places or len(short) < 2:
@@ -234,8 +224,6 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> 
     that starts with warmth is in the band alone.
 
     Args:
-        evidence: Of the recordings.
-        model: Of the robot.
         replay: Command that replays a cold recording; empty for none.
     """
     time = evidence.motion_time.sum(axis=1)

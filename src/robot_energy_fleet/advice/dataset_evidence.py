@@ -33,7 +33,6 @@ class SampledBag:
     """A bag of a dataset that is still where it was.
 
     Attributes:
-        address: Of the bag.
         options: With which it is replayed: as for the dataset, but for those given now and without
             jobs, which change no energy.
     """
@@ -43,11 +42,7 @@ class SampledBag:
 
 
 def evenly(count: int) -> list[int]:
-    """Return `MAX_BAGS` places in a list at most, evenly spread.
-
-    Args:
-        count: Length of the list.
-    """
+    """Return `MAX_BAGS` places in a list at most, evenly spread."""
     chosen = min(MAX_BAGS, count)
     places: list[int] = ((np.arange(chosen) + 0.5) * count / max(chosen, 1)).astype(int).tolist()
     return places
@@ -92,7 +87,6 @@ def of_all(
         claims: Of each bag; None: it saves nothing there.
         time: Predicted of each bag. [s]
         whole: Predicted of all. [s]
-        bags: How many there are.
 
     Returns:
         The claim; None where no bag has one, or only one or two of more were looked at.
@@ -130,8 +124,6 @@ def dataset_evidence(
     count as standby, so that no state is claimed to pay that might not.
 
     Args:
-        folder: Of the dataset.
-        model: Of the robots.
         options: With which bags are looked at, before those of the dataset.
 
     Raises:

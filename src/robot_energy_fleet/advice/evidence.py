@@ -64,7 +64,6 @@ class RecordedEvidence:
     """What recordings of one robot model show.
 
     Attributes:
-        recordings: How many.
         observed_time: Predicted. [s]
         grid_energy: From the grid. [J]
         brake_energy: Into the brake resistor. [J]
@@ -83,7 +82,6 @@ class RecordedEvidence:
         robots: Names; empty for bags.
         places: Whether it is known where the robot rested.
         fine: Whether the errors of every figure are known, sample by sample.
-        notes: What a reader should know.
     """
 
     recordings: int = 0

@@ -33,13 +33,6 @@ def speeds(
 
     All motion of the bag is taken to save the same share as that part. The cycle takes as long as
     now: in the time that faster moves win, a cell with the same work waits.
-
-    Args:
-        path: The bag.
-        evidence: What it shows.
-        model: Of the robot.
-        options: How it was read.
-        named: How the user named the model, for the next command.
     """
     part = _part(evidence)
     if part is None:

@@ -17,7 +17,6 @@ def advice_document(report: AdviceReport, page: Document) -> None:
     """Add all that was found.
 
     Args:
-        report: What to say.
         page: Where to.
     """
     page.paragraph(_verdict(report), "strong")

@@ -47,9 +47,7 @@ def fleet_document(report: FleetReport, page: Document, settings: PageSettings) 
     """Add the report of a fleet.
 
     Args:
-        report: What was found.
         page: Where to.
-        settings: Prices and emissions.
     """
     with page.only("page"):
         page.heading("At a glance")
@@ -70,11 +68,7 @@ def fleet_document(report: FleetReport, page: Document, settings: PageSettings) 
 
 
 def fleet_headline(report: FleetReport) -> str:
-    """Return the report in one line.
-
-    Args:
-        report: What was found.
-    """
+    """Return the report in one line."""
     energy = sum(one.grid_energy for one in report.robots)
     standby = sum(one.standby_energy for one in report.robots)
     time = sum(one.observed_time for one in report.robots)
@@ -97,7 +91,6 @@ def fleet_friction_document(report: FleetFriction, page: Document) -> None:
     """Add the friction of a fleet, and how good it is on bags that the fit has not seen.
 
     Args:
-        report: What was found.
         page: Where to.
     """
     page.paragraph(

@@ -26,12 +26,7 @@ MAX_LINES = 6  # robots to look at, in a panel
 
 
 def energy_of_robots(robots: Sequence[RobotEnergy], path: Target) -> None:
-    """Draw the energy of every robot, standby apart.
-
-    Args:
-        robots: Those with the largest energy are drawn.
-        path: File to write.
-    """
+    """Draw the energy of every robot, standby apart."""
     drawn = sorted(robots, key=lambda one: -one.grid_energy)[:MAX_BARS]
     drawn.sort(key=lambda one: one.robot, reverse=True)
     with canvas(path, (8.0, 1.2 + 0.22 * len(drawn))) as figure:
@@ -53,7 +48,6 @@ def friction_by_temperature(curves: Sequence[FrictionCurve], path: Target) -> No
 
     Args:
         curves: One or more.
-        path: File to write.
     """
 
     def draw(axes: Any, curve: FrictionCurve) -> None:
@@ -84,7 +78,6 @@ def error_by_temperature(errors: Sequence[ModelError], path: Target) -> None:
 
     Args:
         errors: One or more.
-        path: File to write.
     """
     with canvas(path, (8.0, 2.6)) as figure:
         axes: Any = figure.subplots()

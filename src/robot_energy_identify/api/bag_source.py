@@ -33,7 +33,6 @@ class BagSource:
         bags: MCAP files or rosbag2 folders.
         effort: What the effort in the joint states is; None: as ``inputs`` says.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        robot: Name of a robot whose driver is known.
         progress: Called with what is going on; gives a function of the share done.
         sensors: Limits of the constant errors of the sensors; None for the usual ones.
     """
@@ -70,9 +69,6 @@ class BagSource:
     def recordings(self, model: RobotModel) -> list[Recording]:
         """Return the bags as the stages of the monitor read them.
 
-        Args:
-            model: Of the robot.
-
         Raises:
             RobotEnergyError: If a bag cannot be used.
         """
@@ -90,9 +86,6 @@ class BagSource:
 
     def with_effort(self, model: RobotModel) -> list[Recording]:
         """Return bags with measured torque or current as the stages of the monitor read them.
-
-        Args:
-            model: Of the robot.
 
         Raises:
             ModelFileError: If it is not said what the effort means.
@@ -149,7 +142,6 @@ class BagSource:
         """Return the bags as identification reads them again and again, in parts.
 
         Args:
-            model: Of the robot.
             drive_power: Where the bags have the power of each drive, if they have.
 
         Returns:

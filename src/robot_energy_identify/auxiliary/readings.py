@@ -41,7 +41,6 @@ class StateChanges:
         """Return the changes of a load.
 
         Args:
-            load: The load.
             block: Numbers of its states as powers, in order of arrival; None for none.
         """
         stamp = np.array([np.iinfo(np.int64).min])
@@ -56,11 +55,7 @@ class StateChanges:
         return cls(stamp[news], state[news])
 
     def inside(self, pieces: CoveredPieces) -> Int:
-        """Return which change each piece lies behind, -1 where its state is not one alone.
-
-        Args:
-            pieces: Of a meter's curve.
-        """
+        """Return which change each piece lies behind, -1 where its state is not one alone."""
         first = np.searchsorted(self.stamp_ns, pieces.start_ns - AFTER_CHANGE, side="right") - 1
         last = np.searchsorted(self.stamp_ns, pieces.end_ns, side="left") - 1
         return np.where((first == last) & (self.state[first] != UNKNOWN), first, -1)
@@ -102,7 +97,6 @@ def read_loads(
 
     Args:
         path: MCAP file or rosbag2 folder.
-        loads: Of the model file.
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
 
     Raises:
@@ -132,12 +126,7 @@ def read_loads(
 
 
 def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings:
-    """Return the readings of a load's own meter that lie inside one state.
-
-    Args:
-        recording: What a bag holds.
-        load: The load.
-    """
+    """Return the readings of a load's own meter that lie inside one state."""
     pieces, changes = recording[load.name]
     row = changes.inside(pieces)
     used = np.flatnonzero(row >= 0)
@@ -154,8 +143,6 @@ def outlet_readings(
     Loads with a meter of their own are taken off by it.
 
     Args:
-        recording: With the meter, run through the stages.
-        loads: Of the model file.
         held: What the same bag holds of them.
 
     Raises:

@@ -100,7 +100,6 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     The power of a state is its energy over its time.
 
     Args:
-        load: The load.
         parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
 
@@ -170,8 +169,6 @@ def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> Rob
     """Return a model with the identified powers that are used.
 
     Args:
-        model: Any model with these loads.
-        fits: What was identified.
         source: Where the data come from.
     """
     found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}

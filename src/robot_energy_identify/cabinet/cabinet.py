@@ -146,7 +146,6 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
     """Return the constant losses and what they rest on.
 
     Args:
-        recordings: Run with one model, with a power meter.
         beside: Power of the meter less the measured power of all drives, from
             `beside_drives`; where there is such, it is taken instead of HOLD.
 
@@ -192,10 +191,6 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
 
 def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
     """What the meter shows beside the drives, where the power of every drive is measured.
-
-    Args:
-        data: Samples of all drives, with meters.
-        model: Of the robot.
 
     Returns:
         Median of the readings with its deviation over blocks, and the greatest difference
@@ -298,7 +293,6 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
 
     Args:
         model: Any model of the same robot.
-        fit: The losses.
         source: Where the data come from.
     """
     update: dict[str, PositiveFigure] = {}
@@ -318,9 +312,6 @@ def holding(recording: Recording) -> NDArray[np.bool_]:
     """Return where no joint moves in most samples around, by the noise of the velocities.
 
     Not while the drives feed back, nor while a DC link that the model knows takes or gives.
-
-    Args:
-        recording: Run with a model.
     """
     power = recording.power
     resting = still_joints(recording).all(axis=1) & np.isin(power.phase, (Phase.HOLD, Phase.MOTION))
@@ -343,7 +334,6 @@ def readings_inside(
     """Return the pieces of the meter's curve that lie inside one phase, away from its ends.
 
     Args:
-        recording: With its meter.
         phase: Whether each sample is in the phase, shape (N,).
         after: From the begin of the phase to a piece at least. [ns]
         before: From a piece to the end of the phase at least. [ns]

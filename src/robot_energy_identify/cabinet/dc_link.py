@@ -118,7 +118,6 @@ def fit_link(
     """Return the energy with its interval, and what it is worth on held-out readings.
 
     Args:
-        recordings: Run with one model, whose drives should be known already.
         cabinet: To begin with; None for that of the model.
         drives: Found in these recordings, for the deviation; None if they are given.
 
@@ -204,7 +203,6 @@ def with_link(
 
     Args:
         model: Any model of the same robot.
-        fit: The energy.
         source: Where the data come from.
         voltages: Rectified and of the chopper, where the user says them; else those of the
             model's capacitor, else those of 3 x 400 V mains, assumed. [V]

@@ -53,8 +53,6 @@ def energy_errors(
     the drives makes of their prediction.
 
     Args:
-        metered: Recordings with a meter, run with one model.
-        cabinet: The best one.
         energies: Tried, rising, shape (K,). [J]
         data: Readings with each of them.
         drives: Found in these recordings; None if they are given.

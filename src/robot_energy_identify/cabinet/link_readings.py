@@ -79,7 +79,6 @@ def tried(
     """Return energies (K,) [J], rising, closer and closer to the best, and the readings with each.
 
     Args:
-        metered: Recordings with a meter.
         cabinet: All else stays as in it.
         base: Constant of the DC side. [W]
         top: Greatest energy to try. [J]
@@ -116,7 +115,6 @@ def readings_of(
     """Return the means of every cabinet that is run, over the same time as each reading.
 
     Args:
-        metered: Recordings with a meter.
         cabinets: One after the other.
         change: Added to the power of the drives in each recording, shape (N,) each. [W]
     """

@@ -31,7 +31,6 @@ class SupplyFound:
     """What a meter tells of everything behind the drives.
 
     Attributes:
-        cabinet: Constant losses.
         link: Energy of the DC link; None if it was not told.
         reason: Why the link is not in the model; empty if it is.
         note: What was taken for its voltages; empty if it is not in the model.
@@ -55,7 +54,6 @@ def fit_supply(
     """Return constant losses, DC link, and the model with both.
 
     Args:
-        recordings: Run with one model.
         source: Where the data come from.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
 

@@ -40,13 +40,11 @@ class Bag:
 
     Attributes:
         path: MCAP file or rosbag2 folder.
-        effort: What the effort in the joint states means.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
         drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
         meter_time_constant: Of a low pass in the power meter, undone when read. [s]
-        sensors: Limits of the constant errors of its sensors.
     """
 
     path: Path
@@ -67,7 +65,6 @@ class Bag:
         """Return all of the bag, read with a model.
 
         Args:
-            model: Of the robot.
             progress: Called with the share done, 0 to 1.
 
         Raises:
@@ -104,12 +101,7 @@ class Bag:
         return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
 
     def with_meter_undone(self, low_pass: Delay | None, delay: Delay | None) -> Bag:
-        """Return the bag with what its meter shows late undone when it is read.
-
-        Args:
-            low_pass: Time constant of a low pass.
-            delay: Behind the joint states.
-        """
+        """Return the bag with what its meter shows late undone when it is read."""
         return replace(self, meter_delay=applied(delay), meter_time_constant=applied(low_pass))
 
     def sha256(self) -> str:
@@ -151,12 +143,7 @@ class BagFacts:
 
 
 def facts(bag: Bag, recording: Recording) -> BagFacts:
-    """Return what a bag holds.
-
-    Args:
-        bag: The bag.
-        recording: All of it, read with any model of the robot.
-    """
+    """Return what a bag holds."""
     start, end = recording.span_ns
     degc = recording.power.motor_temperature_degc
     warm = np.isfinite(degc)
@@ -182,11 +169,7 @@ def facts(bag: Bag, recording: Recording) -> BagFacts:
 
 
 def temperature_ranges(recordings: Sequence[Recording]) -> Float:
-    """Return lowest and highest temperature of each motor, NaN if unknown, shape (2, n). [degC]
-
-    Args:
-        recordings: Of one robot.
-    """
+    """Return lowest and highest temperature of each motor, NaN if unknown, shape (2, n). [degC]"""
     parts = [part.power.motor_temperature_degc for part in recordings if len(part)]
     if not parts:
         return np.full((2, 1), np.nan)
@@ -197,24 +180,14 @@ def temperature_ranges(recordings: Sequence[Recording]) -> Float:
 
 
 def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
-    """Return all stretches of all bags, read with one model.
-
-    Args:
-        bags: The bags.
-        model: Of the robot.
-    """
+    """Return all stretches of all bags, read with one model."""
     return [part for bag in bags for part in bag.read(model)]
 
 
 def powers_of(
     bags: Sequence[Bag], model: RobotModel
 ) -> tuple[list[Recording], list[MeasuredDrivePower | None]]:
-    """Return all stretches of all bags, and the measured power of drives that belongs to each.
-
-    Args:
-        bags: The bags.
-        model: Of the robot.
-    """
+    """Return all stretches of all bags, and the measured power of drives that belongs to each."""
     read = [(part, bag.drive_power) for bag in bags for part in bag.read(model)]
     return [part for part, _ in read], [power for _, power in read]
 
@@ -224,7 +197,6 @@ class Fold:
     """What is fitted together and what is tested on it.
 
     Attributes:
-        train: Bags of the fit.
         test: Bags, or stretches, that the fit does not see.
     """
 
@@ -238,7 +210,6 @@ def folds_of(
     """Decide what is held out.
 
     Args:
-        bags: Of the fit.
         tests: Bags for the test alone; may be empty.
         spans: First and last stamp of each bag of the fit. [ns]
 

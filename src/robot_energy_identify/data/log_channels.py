@@ -75,8 +75,6 @@ def read_channels(
 
     Args:
         paths: Tables, each a recording; one folder, if the mapping names the files.
-        mapping: What the columns mean.
-        model: Drivetrain of the robot.
 
     Raises:
         LogFormatError: If a file cannot be read, a row cannot be used, or the effort is no

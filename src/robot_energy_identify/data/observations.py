@@ -47,7 +47,6 @@ class Observations:
     """Rows of the identification model, joint side.
 
     Attributes:
-        names: Of the parameters, those of the links first.
         regressor: Torque per unit of each parameter, shape (N, n, P).
         joint_torque: Measured, payload taken off, shape (N, n). [N m] or [N]
         used: Rows of each joint that are fitted: not standing, not at an end, shape (N, n).
@@ -95,11 +94,7 @@ class Observations:
         return replace(self, names=tuple(self.names[int(k)] for k in keep), regressor=columns)
 
     def with_names(self, names: Sequence[str]) -> Observations:
-        """Return the observations with the parameters of these names only.
-
-        Args:
-            names: Some of those there are.
-        """
+        """Return the observations with the parameters of these names only."""
         if tuple(names) == self.names:
             return self
         return self.with_columns([self.names.index(name) for name in names])
@@ -113,7 +108,6 @@ def observe(
     Args:
         channels: Stretches of the recording without gaps, one rate for all.
         torque_model: Of the robot; its payload is known and taken off the torque.
-        filters: How to filter.
 
     Raises:
         NotIdentifiableError: If a stretch is too short to be filtered.

@@ -56,18 +56,13 @@ class Recording:
     """One recording, run through the stages with one model.
 
     Attributes:
-        path: The bag.
-        model: The model whose bodies and drivetrain were used.
         torque: Position, velocity, acceleration, rigid-body torque and measured torque of
             every sample.
         power: Temperature, bus power and phase of the same samples, row by row.
         meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
         problems: What was wrong with the bag, one sentence each.
-        compared: Predicted and measured energy, wherever both are known.
-        limits: What the user says of the readings of the meter.
         replay: The replay that gave it, with its accounting.
-        sensors: Limits of the constant errors of its sensors.
     """
 
     path: Path
@@ -162,9 +157,6 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings that have a power meter.
 
-    Args:
-        recordings: Of one robot.
-
     Raises:
         NotIdentifiableError: If there is none.
     """
@@ -188,7 +180,6 @@ def channels_of(
     """Return stretches of motor torque and position between gaps, on one uniform grid.
 
     Args:
-        recordings: Of one robot.
         most: Time to take from the start of each recording. [s]
         rate: Of the grid; None for that of the first recording. [Hz]
 
@@ -221,8 +212,6 @@ def read_recording(
 
     Args:
         path: MCAP file or rosbag2 folder.
-        model: Bodies and drivetrain of the robot.
-        effort: What the effort in the joint states means.
         topics: Topics to use where they cannot be told by type.
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
@@ -299,11 +288,7 @@ def window(stamp_ns: Int) -> tuple[Int, Int]:
 
 
 def still_joints(recording: Recording) -> NDArray[np.bool_]:
-    """Return where each joint of a recording stands, shape (N, n).
-
-    Args:
-        recording: Run with a model.
-    """
+    """Return where each joint of a recording stands, shape (N, n)."""
     block = recording.torque
     standstill = np.array([joint.standstill_velocity for joint in recording.model.joints])
     return still(block.stamp_ns, block.joint_velocity, standstill)
@@ -316,7 +301,6 @@ class Rest:
     Attributes:
         total: Time of all of them. [s]
         longest: [s]
-        count: How many.
     """
 
     total: float

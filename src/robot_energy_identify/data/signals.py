@@ -68,7 +68,6 @@ def inside(count: int, margin: int) -> NDArray[np.bool_]:
     One for all channels, so that both sides of an equation lose the same rows at both ends.
 
     Args:
-        count: Number of samples.
         margin: How many to leave out at each end.
     """
     row = np.arange(count)

@@ -29,8 +29,6 @@ class TotalFound:
     """What one meter for all drives tells.
 
     Attributes:
-        data: Pieces between its readings.
-        fit: Losses behind them.
         held_out: ``recordings`` or ``blocks``.
         scores: On held-out data, by way.
         delay: Of the meter behind the joint states; undone where it is sure. None where it
@@ -93,7 +91,6 @@ def find_drives(
     """Return what the power of each drive and the meter tell of the drives.
 
     Args:
-        data: Samples of all drives.
         model: Of the robot; None for a log.
         source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]

@@ -49,11 +49,7 @@ MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
 
 def estimate_meter_delay(data: DriveData) -> Delay | None:
-    """Return one delay for all recordings; None where the readings are too few to tell.
-
-    Args:
-        data: Samples of all drives, with meters.
-    """
+    """Return one delay for all recordings; None where the readings are too few to tell."""
     if not np.isfinite(data.period) or data.period <= 0.0:
         return None
     span = min(SPAN, SHARE * len(data) * data.period)
@@ -76,9 +72,6 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
 
     It is applied only where no delay alone explains the readings as well. None where the readings
     are too few to tell, or are those of a counter.
-
-    Args:
-        data: Samples of all drives, with meters.
     """
     counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
     if counted or not np.isfinite(data.period) or data.period <= 0.0:
@@ -134,7 +127,6 @@ def with_response(
     """Return a model with what is sure of the response of its meter.
 
     Args:
-        model: Of the robot.
         low_pass: Time constant of a low pass; None where it cannot be told.
         delay: Of the readings; a negative one is a clock and not a meter.
         source: Where the data come from.
@@ -154,7 +146,6 @@ def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.
     """Return the samples with delay and low pass of the meters undone.
 
     Args:
-        data: Samples of all drives, with meters.
         delay: Of the readings behind the samples. [s]
         time_constant: Of the low pass. [s]
     """
@@ -218,11 +209,7 @@ def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | No
 
 
 def estimate_power_delay(data: DriveData) -> Delay | None:
-    """Return one delay for all drives; None where the samples are too few to tell.
-
-    Args:
-        data: Samples of all drives, power as recorded.
-    """
+    """Return one delay for all drives; None where the samples are too few to tell."""
     period = data.period
     if not np.isfinite(period) or period <= 0.0:
         return None
@@ -248,7 +235,6 @@ def with_delay_undone(data: DriveData, delay: float) -> DriveData:
     """Return the samples with the power of the drives as it is a while later.
 
     Args:
-        data: Samples of all drives.
         delay: By which the power lags. [s]
 
     Returns:

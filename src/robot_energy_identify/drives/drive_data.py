@@ -53,7 +53,6 @@ class DriveData:
     """Samples of all drives, motor side; NaN where something is not known.
 
     Attributes:
-        names: Of the joints.
         stamp_ns: Shape (N,). [ns]
         recording: Number of the recording of each sample, rising, shape (N,).
         segment: A new one begins after an interruption, shape (N,).
@@ -66,7 +65,6 @@ class DriveData:
         braking: Where the supply does not pass on what the drives draw, shape (N,).
         torque_share: Part of the motor torque that is off by the error of its torque constant,
             shape (N, n); the rest comes from bodies that are given. [N m]
-        sensors: Limits of the constant errors of the sensors.
     """
 
     names: tuple[str, ...]
@@ -133,7 +131,6 @@ class DriveData:
         """Return the electrical power that a model of some drives says, shape (N, joints). [W]
 
         Args:
-            drive: Physics of these drives.
             joints: Which drives they are.
         """
         power, _ = drive.input_power(
@@ -190,7 +187,6 @@ def drive_data(
     """Return all axes of recordings; a power is taken between readings that are close enough.
 
     Args:
-        recordings: Run with one model.
         powers: Measured power of the drives of each recording, None without.
         measured_torque: Whether to use the measured torque; else that of the model, rigid
             bodies and friction, but at rest the measured one where it is known.
@@ -280,7 +276,6 @@ def drive_data_of_logs(
     Args:
         logs: What each log holds, and its rows. A log may hold several recordings, more
             than five seconds apart.
-        unit: Of the effort, as the mapping says.
 
     Raises:
         LogFormatError: If the effort is no torque, speeds are missing, or joints differ.
@@ -349,10 +344,6 @@ def _winding(degc: Float) -> Float:
 
 
 def location(data: DriveData) -> MeterLocation | None:
-    """Return where the meters sit, None if there is none or they differ.
-
-    Args:
-        data: Samples of all drives, with meters.
-    """
+    """Return where the meters sit, None if there is none or they differ."""
     places = {meter.location for meter in data.meters if meter is not None}
     return places.pop() if len(places) == 1 else None

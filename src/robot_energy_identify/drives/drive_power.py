@@ -62,7 +62,6 @@ class DrivePowerTopics:
             currents d and q [A] and voltages d and q [V], from which the power is computed (paper
             B eq. 1) at each message of the second.
         joints: In the order of the values; None: as in the model.
-        scaling: What the amplitudes of the four are.
 
     Raises:
         MissingTopicError: If there are neither one nor four topics.
@@ -84,7 +83,6 @@ class DrivePowerTopics:
 
         Args:
             path: MCAP file or rosbag2 folder.
-            names: Joints of the model.
 
         Returns:
             The readings; NaN where a current or voltage is missing for longer than 0.1 s.
@@ -113,7 +111,6 @@ def drive_topics(
     Args:
         topics: One or four, see `DrivePowerTopics`.
         joints: In the order of the values; None: as in the model.
-        scaling: What the amplitudes of the four are.
 
     Raises:
         MissingTopicError: If there are neither one nor four topics.

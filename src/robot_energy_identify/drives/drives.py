@@ -149,10 +149,8 @@ def fit_drives(
     """Return fits of every drive whose power is measured and, held out, of every way.
 
     Args:
-        data: Samples of all drives.
         source: Where they come from, for the model file.
         cutoff: Of the low-pass of the maps. [Hz]
-        points: Greatest number of points of a map.
         compare: Test all ways on parts held out; without it the loss model is chosen.
 
     Raises:
@@ -358,7 +356,6 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
 
     Args:
         model: Any model of the same robot.
-        fit: What was identified.
         source: Where the data come from.
 
     Raises:
@@ -386,7 +383,6 @@ def fitted_losses(axis: AxisFit, source: str) -> object:
     """Return the entry of the loss model; None where the data do not tell it.
 
     Args:
-        axis: What was identified of a drive.
         source: Where the data come from.
     """
     return None if axis.losses is None else axis.losses.entry(source)
@@ -396,7 +392,6 @@ def fitted_map(axis: AxisFit, source: str) -> object:
     """Return the entry of the efficiency map; None where the data do not tell it.
 
     Args:
-        axis: What was identified of a drive.
         source: Where the data come from.
     """
     return None if axis.map is None else axis.map.entry

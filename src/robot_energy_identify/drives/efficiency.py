@@ -131,7 +131,6 @@ def reduced_map(
     wanted number of points allows.
 
     Args:
-        name: Of the joint, for messages.
         torque: Motor side, shape (N,). [N m]
         velocity: Motor side, shape (N,). [rad/s]
         electrical: Measured input, shape (N,). [W]
@@ -139,7 +138,6 @@ def reduced_map(
         period: Between samples. [s]
         rows: Samples to use, shape (N,); the others count as missing.
         cutoff: Of the low-pass. [Hz]
-        points: Greatest number of points.
         source: Where the data come from, for the model file.
 
     Raises:

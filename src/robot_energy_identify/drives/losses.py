@@ -103,8 +103,6 @@ def fit_losses(
         columns: Shape (N, P), those that matter most first. [W/coefficient]
         target: Shape (N,). [W]
         block: Contiguous block of each sample, shape (N,).
-        names: Of the columns.
-        what: What the data are, for messages.
         changes: What constant errors do to the target, of the coefficients by name.
 
     Raises:

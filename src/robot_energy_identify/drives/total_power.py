@@ -55,7 +55,6 @@ class TotalFit:
     """Losses behind the readings of one meter.
 
     Attributes:
-        structure: What is told apart.
         constant: C. [W]
         constant_std: [W]
         losses: The regression behind it; its columns are named by joint and term.
@@ -78,9 +77,6 @@ class TotalFit:
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
     """Return the fit of the simplest structure that no other beats on blocks it has not seen.
-
-    Args:
-        data: Pieces between readings.
 
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
@@ -112,8 +108,6 @@ def fit_structure(
     """Return the fit of one structure.
 
     Args:
-        data: Pieces between readings.
-        structure: What is told apart.
         errors: On blocks not seen, for the record. [W]
 
     Raises:
@@ -196,7 +190,6 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
     """Predict whole recordings, or blocks of the only one, from the others.
 
     Args:
-        data: Pieces between readings.
         model: Model whose prediction as given is among the ways; None for none.
 
     Returns:
@@ -242,7 +235,6 @@ def with_total(
 
     Args:
         model: Any model of the same robot.
-        fit: What was identified.
         place: Where the meter sits.
         source: Where the data come from.
         meter: Standard deviation of its gain. [-]

@@ -27,7 +27,6 @@ class Sums:
     """Pieces between readings of the meter, with the means of what the drives do in them.
 
     Attributes:
-        names: Of the joints.
         location: Where the meter sits.
         duration: Shape (K,). [s]
         measured: Mean power, shape (K,). [W]
@@ -40,7 +39,6 @@ class Sums:
         block: Shape (K,).
         scale: Of each joint's coefficients where axes share them, shape (3, n).
         shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
-        sensors: Limits of the constant errors of the sensors.
     """
 
     names: tuple[str, ...]
@@ -74,7 +72,6 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
     """Return meter and drives on the same pieces of time.
 
     Args:
-        data: Samples of all drives, with meters.
         model: Where coefficients are shared between axes, its own losses say in which
             ratio, else its torque constants, else they are alike. None for a log.
 
@@ -150,7 +147,6 @@ def joined(
     Args:
         parts: Pieces, means of shape (K, columns) and numbers of shape (K,), in the order of
             time. [W]
-        of: What has the samples, for messages.
 
     Raises:
         NotIdentifiableError: If there are too few pieces.
@@ -174,7 +170,6 @@ def piece_means(
     """Return the pieces inside the samples and the mean of every column over each.
 
     Args:
-        pieces: Of one meter.
         stamp: Of the samples, shape (N,). [ns]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         columns: Shape (N, K); a piece with a NaN in the first column is left out.

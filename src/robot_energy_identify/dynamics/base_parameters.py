@@ -64,21 +64,13 @@ class BaseParameters:
         return tuple(self.names[index] for index in places)
 
     def alone(self, name: str) -> bool:
-        """Return whether a standard parameter is identified by itself.
-
-        Args:
-            name: Of the parameter.
-        """
+        """Return whether a standard parameter is identified by itself."""
         if name not in self.labels:
             return False
         return not (np.abs(self.relation[self.labels.index(name)]) > SHOWN).any()
 
     def expression(self, group: int) -> str:
-        """Return a group as a sum, such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``.
-
-        Args:
-            group: Its place.
-        """
+        """Return a group as a sum, such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``."""
         text = self.names[int(self.independent[group])]
         for coefficient, index in zip(
             self.relation[group].tolist(), self.dependent.tolist(), strict=True
@@ -116,7 +108,6 @@ def base_parameters(
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
             [N m/parameter]
-        names: Of the parameters.
         order: Which parameters stand for a group, the preferred first; default as they are.
     """
     from scipy.linalg import qr
@@ -142,7 +133,6 @@ def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
 
     Args:
         columns: Of independent parameters, on the recorded motion, shape (M, B). [N m/parameter]
-        labels: Names of the parameters.
 
     Returns:
         Those without any torque in the recording, and those that others explain.

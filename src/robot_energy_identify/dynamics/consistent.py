@@ -98,8 +98,6 @@ def consistent_fit(
     Args:
         triangle: R, rows in standard deviations of their noise, shape (K, P). [1/parameter]
         target: b, shape (K,). [-]
-        prior: Of every parameter, links first.
-        n_links: How many links the parameters start with.
         positive: Parameters that must not be negative (friction, rotor inertia).
 
     Raises:

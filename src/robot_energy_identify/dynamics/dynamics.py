@@ -66,14 +66,11 @@ class DynamicsSettings:
     """How to identify.
 
     Attributes:
-        columns: What is fitted in addition to the links.
         method: ``ols``, ``wls`` or ``irls``.
-        filters: Of the channels.
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
             by. Gravity that little motion does not tell from an offset stays gravity. [-]
-        sensors: Limits of the constant errors of the sensors.
     """
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
@@ -89,20 +86,13 @@ class Dynamics:
     """What a recording tells about a robot's dynamics.
 
     Attributes:
-        model: The model it began with.
-        settings: How it was identified.
         base: Groups of parameters that torque tells.
-        fit: Values of the groups.
         in_sample: Torque error on the data of the fit; no measure of accuracy.
-        delay: Between torque and positions.
         columns: Those that a model file can hold, and offsets.
         standard: Physically consistent parameters of links and ``columns``.
         exported: Least-squares fit of ``columns``, for the standard deviations.
-        exported_base: Its groups.
         poorly_known: Groups of which the recording tells less than the prior: their 95 %
             interval is wider than a body of that size makes likely.
-        notes: What the user should know.
-        observations: The rows, every parameter, delay undone.
     """
 
     model: RobotModel
@@ -206,11 +196,7 @@ class Dynamics:
         return part.regressor @ self.torque_model.without_offsets(self.standard)
 
     def motor_torque(self, motion: Trajectory) -> Float:
-        """Return the motor torque (N, n) [N m] of the exported model, without offsets of sensors.
-
-        Args:
-            motion: Joint motion.
-        """
+        """Return the motor torque (N, n) [N m] of the exported model, sensors without offsets."""
         regressor = self.torque_model.regressor(motion)
         values = self.torque_model.without_offsets(self.standard)
         torque = regressor @ values + self.torque_model.payload_torque(motion, regressor)

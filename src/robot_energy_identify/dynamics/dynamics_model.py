@@ -31,11 +31,6 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
     whole is what was identified. Rotor inertia and friction carry standard deviations where
     they are identified on their own. Offsets of the torque sensor stay out.
 
-    Args:
-        result: The identification.
-        recordings: What it was made from, for the provenance.
-        data_date: When it was recorded.
-
     Raises:
         NotIdentifiableError: If a body came out without mass.
     """
@@ -85,8 +80,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
     links fixed to that one (or locked to it) lose their own.
 
     Args:
-        urdf_xml: Text of the URDF.
-        joint_names: Modelled joints.
         link_parameters: Ten per joint, as of `Robot.link_parameters`, shape (10 n,).
             [kg], [kg m] and [kg m^2]
 
@@ -147,9 +140,6 @@ def friction_at_joints(result: Dynamics) -> dict[str, tuple[Float, Float]]:
     A coupled motor drags the joint that it is coupled to as well, so the viscous torque of
     a joint per its own velocity sums over all motors that turn with it. Coulomb friction of
     a coupled joint is its own where it was fitted apart from its motor's.
-
-    Args:
-        result: The identification.
 
     Returns:
         ``viscous`` [N m s/rad] and ``coulomb`` [N m]: values and standard deviations, each

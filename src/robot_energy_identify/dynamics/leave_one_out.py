@@ -127,7 +127,6 @@ def motor_work(observations: Observations, joint_torque: Float, transmission: Fl
     """Return the work of the motors over moving and standing rows, low-passed on both sides.
 
     Args:
-        observations: The rows with their motion.
         joint_torque: Measured or predicted, shape (N, n). [N m] or [N]
         transmission: Motor turns per joint turn, shape (n, n). [-]
     """

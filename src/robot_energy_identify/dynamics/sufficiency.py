@@ -30,10 +30,6 @@ POOR = 0.5  # torque error above which units or ratios are likelier wrong than t
 def check_channels(channels: Sequence[Channels], model: RobotModel) -> None:
     """Refuse recordings without what a fit needs: every joint, every sample, a torque.
 
-    Args:
-        channels: Stretches of the recording.
-        model: The robot.
-
     Raises:
         NotIdentifiableError: Naming the joints and what to record.
     """
@@ -73,8 +69,6 @@ def check_motion(rows: Observations, robot: Robot, filters: Filters) -> None:
     """Refuse joints that stand, or move as no robot does.
 
     Args:
-        rows: The observations.
-        robot: With the limits of the URDF.
         filters: Which speed counts as standing.
 
     Raises:
@@ -125,13 +119,7 @@ def check_length(rows: Observations) -> None:
 
 
 def poorly_known(base: BaseParameters, result: Fit, prior: Prior) -> tuple[str, ...]:
-    """Return groups of links whose 95 % interval exceeds the prior's standard deviation.
-
-    Args:
-        base: The groups.
-        result: Their fit.
-        prior: Of the links.
-    """
+    """Return groups of links whose 95 % interval exceeds the prior's standard deviation."""
     count = len(prior.std)
     expected = np.sqrt((base.matrix[:, :count] * prior.std) ** 2 @ np.ones(count))
     weak = (base.independent < count) & (result.interval() > expected)
@@ -167,10 +155,7 @@ def remarks(
     """Return what the user should know about a result, one sentence each.
 
     Args:
-        delay: Of the torque channel.
         delay_span: Largest delay that was tried. [s]
-        in_sample: Error on the data of the fit.
-        result: The fit.
         poor: Names of `poorly_known` groups.
     """
     found: list[str] = []

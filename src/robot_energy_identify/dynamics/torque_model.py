@@ -43,8 +43,6 @@ class Estimate:
     Attributes:
         value: At the joint, in the column's unit.
         std: Same unit; None where it is not known on its own.
-        tag: How it is known.
-        source: In words.
     """
 
     value: float
@@ -77,9 +75,6 @@ class ParameterColumn:
     friction of motors only.
 
     Attributes:
-        kind: Name of the quantity.
-        unit: Of the parameter, for revolute joints.
-        follows: What of the motion the torque follows.
         shape: Torque per unit of the parameter at these values, shape (N, K) to (N, K).
         owner: What each parameter belongs to.
         written: Puts a parameter into the entry of a model file: entry, gear ratio [-],
@@ -102,7 +97,6 @@ class ParameterColumn:
         """Return the name of each parameter.
 
         Args:
-            joint_names: Of the robot.
             transmission: Motor turns per joint turn, shape (n, n). [-]
         """
         return [f"{self.kind} {joint_names[joint]}" for joint in self.joints(transmission)]
@@ -122,7 +116,6 @@ class ParameterColumn:
         """Return joint torque per unit of each parameter, shape (N, n, K).
 
         Args:
-            motion: N samples of it.
             transmission: Motor turns per joint turn, shape (n, n). [-]
         """
         values: Float = getattr(motion, self.follows)
@@ -139,9 +132,7 @@ class ParameterColumn:
         """Return the entry of a model file with the parameter set, motor side.
 
         Args:
-            joint: The entry.
             ratio: Gear ratio of the motor. [-]
-            estimate: The parameter, at the joint.
 
         Raises:
             ModelFileError: If a model file has no place for it.
@@ -234,9 +225,7 @@ class TorqueModel:
     """``joint_torque = regressor(motion) . parameters`` (paper B, eq. 18).
 
     Attributes:
-        robot: Rigid bodies with their payload.
         transmission: Motor turns per joint turn, shape (n, n). [-]
-        columns: What is fitted beside the links.
     """
 
     robot: Robot
@@ -245,12 +234,7 @@ class TorqueModel:
 
     @classmethod
     def from_model(cls, model: RobotModel, columns: Sequence[ParameterColumn]) -> TorqueModel:
-        """Return the torque model of a robot.
-
-        Args:
-            model: The robot.
-            columns: What is fitted beside the links.
-        """
+        """Return the torque model of a robot."""
         transmission = Drivetrain.from_model(model).transmission
         return cls(Robot.from_model(model), transmission, tuple(columns))
 
@@ -281,11 +265,7 @@ class TorqueModel:
         return (*links, *(name for _, _, name in self.extra))
 
     def regressor(self, motion: Trajectory) -> Float:
-        """Return joint torque per unit of each parameter, shape (N, n, P).
-
-        Args:
-            motion: N samples of it.
-        """
+        """Return joint torque per unit of each parameter, shape (N, n, P)."""
         links = self.robot.torque_regressor(
             motion.joint_position, motion.joint_velocity, motion.joint_acceleration
         )
@@ -296,7 +276,6 @@ class TorqueModel:
         """Return the joint torque of the payload, which is known, shape (N, n). [N m] or [N]
 
         Args:
-            motion: N samples of it.
             regressor: Of the same samples, shape (N, n, P): joint torque over each parameter.
                 [N m] or [N], over the unit of the parameter
         """

@@ -51,7 +51,6 @@ def torque_error(observations: Observations, predicted: Float) -> TorqueError:
     """Return the errors of a prediction of the measured torque.
 
     Args:
-        observations: The rows.
         predicted: Joint torque, shape (N, n). [N m] or [N]
     """
     error = predicted - observations.joint_torque
@@ -71,7 +70,6 @@ def predict_held_out(
     """Return the joint torque of every fold as the others predict it, (N, n). [N m] or [N]
 
     Args:
-        observations: The rows.
         estimate: Fits the parameters of the columns to the used rows of what it is given.
         guard: Time left out of the training on both sides of the fold. [s]
     """
@@ -88,9 +86,6 @@ def folds_of(observations: Observations) -> Int:
     """Return the fold of each row, shape (N,).
 
     Rows that are compared are shared out evenly; the others go with their neighbours.
-
-    Args:
-        observations: The rows.
     """
     place = np.cumsum(observations.compared) - 1
     count = int(observations.compared.sum())
@@ -107,9 +102,7 @@ def estimate_delay(
     """Return the delay of the torque, by cross-validation.
 
     Args:
-        observations: With the prior's columns, torque as measured.
         weight: Of each joint, shape (n,), one over the noise of an independent row. [1/(N m)]
-        prior: Of every column.
         span: Delays from minus to plus this are tried. [s]
         guard: Time left out beside each fold. [s]
     """

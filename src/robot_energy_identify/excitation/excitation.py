@@ -60,9 +60,7 @@ class ExcitationCriterion:
     """Scaled observation matrix of the base parameters of one robot.
 
     Args:
-        model: The robot.
         limits: Within which it moves.
-        columns: What is fitted in addition to the links.
     """
 
     def __init__(
@@ -85,11 +83,7 @@ class ExcitationCriterion:
         self._scale = 1.0 / (torque[:, None] * size)
 
     def rows(self, motion: Trajectory) -> Float:
-        """Return the scaled observation matrix over the root of its number of rows, (N, n, B).
-
-        Args:
-            motion: Samples of it, evenly in time.
-        """
+        """Return the scaled observation matrix over the root of its number of rows, (N, n, B)."""
         rows = self._torque_model.regressor(motion)[:, :, self.base.independent] * self._scale
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
@@ -109,7 +103,6 @@ class ExcitationCriterion:
         """Return the logarithm of the condition number, or less that of the determinant.
 
         Args:
-            motion: Samples of it, evenly in time.
             criterion: Which of both.
         """
         rows = self.rows(motion)
@@ -176,12 +169,7 @@ class Excitation:
     """An optimised motion.
 
     Attributes:
-        motion: One period of it begins and ends at rest.
-        settings: How it was found.
-        limits: What it keeps to.
         base: Groups of parameters that any motion can tell.
-        start: Quality of the best random start.
-        quality: Of the motion.
         use: Of each limit less its margin, by kind, shape (n,); at most 1.
         height: Least height of the watched link, inf where none is. [m]
     """
@@ -206,9 +194,7 @@ def optimise_excitation(
     """Return the motion, best of all starts, that tells the base parameters, within limits.
 
     Args:
-        model: The robot.
         limits: What the motion keeps to, at 1 kHz in the end.
-        settings: How to look for it.
         progress: Called with the share done.
 
     Raises:

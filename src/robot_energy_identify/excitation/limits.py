@@ -143,9 +143,6 @@ class ExcitationLimits:
         """Return how much of each limit every sample uses; signed, the limit is at +-1.
 
         By kind, shape (N, n); of the floor (N, 1), where only +1 is a limit.
-
-        Args:
-            motion: N samples of it.
         """
         below = np.zeros((len(motion.joint_position), 1))
         if self.floor is not None:
@@ -216,8 +213,6 @@ def slopes(
     """Return forward differences of a function of a motion, shape (3, n, N, ...).
 
     Args:
-        motion: N samples of it.
-        limits: A step is a millionth of them.
         function: Of the motion, shape (N, ...).
     """
     here = function(motion)

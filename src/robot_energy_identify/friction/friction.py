@@ -126,7 +126,6 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     """Return the friction of one axis.
 
     Args:
-        data: Its samples, from one or several recordings.
         source: Where they come from, for the model file.
 
     Raises:
@@ -219,9 +218,6 @@ def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[Frict
 def moving_samples(data: FrictionData) -> FrictionData:
     """Return the samples without rest, slow motion and those with something missing.
 
-    Args:
-        data: Samples of one axis.
-
     Raises:
         NotIdentifiableError: If too little is left, or a channel is missing.
     """
@@ -237,9 +233,6 @@ def moving_samples(data: FrictionData) -> FrictionData:
 
 def moving_rows(data: FrictionData) -> Mask:
     """Return which samples are in motion and complete, shape (N,).
-
-    Args:
-        data: Samples of one axis.
 
     Raises:
         NotIdentifiableError: If a channel is missing.
@@ -288,8 +281,6 @@ def held_out_law(
     The nuisances and the offset of the test samples come from the training samples too.
 
     Args:
-        fit: Gives the law of samples and the regression behind it.
-        data: Samples in motion.
         fold: Of each sample, shape (N,).
     """
 
@@ -304,11 +295,7 @@ def held_out_law(
 
 
 def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:
-    """Return what is held out, temperatures or blocks in time, and the fold of each sample, (N,).
-
-    Args:
-        data: Samples in motion.
-    """
+    """Return what is held out (temperatures or blocks in time) and each sample's fold, (N,)."""
     degc = data.motor_temperature_degc
     fold = folds_by_value(degc)
     if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:

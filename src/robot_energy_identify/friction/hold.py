@@ -78,7 +78,6 @@ def fit_hold(recordings: Sequence[Recording], model: RobotModel) -> HoldFit | No
     """Return what the motors of a robot hold at rest; None where too few rests show it.
 
     Args:
-        recordings: With measured torque.
         model: With the friction that they show.
     """
     rests = _rests(recordings, model)

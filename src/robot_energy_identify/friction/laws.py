@@ -63,9 +63,7 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
     """Return the fit of fc, of the coefficients of ``shape * w``, of an offset and the nuisances.
 
     Args:
-        data: Samples in motion.
         shape: Shape (N, K). [-]
-        names: Of its coefficients.
 
     Raises:
         NotIdentifiableError: If the motion does not tell them apart.
@@ -89,11 +87,7 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
 
 
 def one_speed(data: FrictionData) -> bool:
-    """Whether an axis moves at nearly one speed, so that ``fc`` and ``fv w`` look alike.
-
-    Args:
-        data: Samples in motion.
-    """
+    """Whether an axis moves at nearly one speed, so that ``fc`` and ``fv w`` look alike."""
     slow, fast = np.quantile(np.abs(data.motor_velocity), (0.1, 0.9))
     return bool(fast < MIN_SPEED_RATIO * slow)
 
@@ -109,12 +103,7 @@ def _one_speed(data: FrictionData) -> NotIdentifiableError:
 
 
 def nuisance(fit: Fit, data: FrictionData) -> Float:
-    """Return the torque of offset and nuisances of a fit, at other samples, shape (N,).
-
-    Args:
-        fit: Of a law.
-        data: The other samples.
-    """
+    """Return the torque of offset and nuisances of a fit, at other samples, shape (N,)."""
     columns = np.hstack([np.ones((len(data), 1)), data.nuisance])
     return columns @ fit.values[-columns.shape[1] :]
 
@@ -123,8 +112,6 @@ def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, 
     """Return a law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Args:
-        name: The law.
-        data: Samples in motion.
         source: Where they come from, for the model file.
 
     Raises:
@@ -141,7 +128,6 @@ def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
     """Return one viscous coefficient for all temperatures, and its regression.
 
     Args:
-        data: Samples in motion.
         source: Where they come from, for the model file.
 
     Raises:
@@ -156,7 +142,6 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
     """Return the free curve over temperature, and its regression.
 
     Args:
-        data: Samples in motion.
         source: Where they come from, for the model file.
 
     Raises:
@@ -192,7 +177,6 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     """Return the exponential law, whose scale c is searched, and its regression.
 
     Args:
-        data: Samples in motion.
         source: Where they come from, for the model file.
 
     Raises:

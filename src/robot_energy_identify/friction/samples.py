@@ -34,7 +34,6 @@ class FrictionData:
     """What the fit of one axis sees, motor side. Samples at rest are left out by the fit.
 
     Attributes:
-        name: Of the joint.
         motor_velocity: Shape (N,). [rad/s]
         friction_torque: Measured minus rigid-body motor torque, shape (N,). [N m], or the
             unit of a relative measurement such as ampere.
@@ -49,7 +48,6 @@ class FrictionData:
         thermometer: Standard deviation of the offset of the motor temperature. [K]
         stamp_ns: Of each sample, shape (N,); empty for a log, whose gears are not identified.
             [ns]
-        method: Of the regression.
     """
 
     name: str
@@ -98,7 +96,6 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
     turns back is left out.
 
     Args:
-        recordings: Run with one model, whose bodies give the rigid-body torque.
         joint: Index of the joint in model order.
     """
     parts = [_of_recording(recording, joint) for recording in recordings]
@@ -155,11 +152,7 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
 
 
 def bodies_identified(model: RobotModel) -> bool:
-    """Whether the bodies of a model come from measured torque.
-
-    Args:
-        model: The model.
-    """
+    """Whether the bodies of a model come from measured torque."""
     return model.urdf.tags.get("masses") == "derived"
 
 
@@ -171,11 +164,6 @@ def friction_data_of_log(
     Only rows of steady speed count, in which nothing accelerates. Gravity of the one joint
     that moves is a sine and a cosine of its position, whose sizes are fitted as nuisances;
     that holds while the joints before it stand still. Without positions gravity is noise.
-
-    Args:
-        blocks: Rows of one or several logs.
-        joint_names: Its joints.
-        joint: Index of the joint.
 
     Returns:
         In the unit of the log's effort, at the joint: relative figures, of use for

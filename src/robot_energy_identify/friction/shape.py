@@ -88,9 +88,6 @@ def _curve(hot: float, scale: float, above: Float) -> Float:
 def common_shape(fits: Sequence[FrictionFit]) -> TemperatureShape:
     """Return the shape that axes with a law of their own have in common.
 
-    Args:
-        fits: Of all axes.
-
     Raises:
         NotIdentifiableError: If fewer than two axes show a law over 15 K, or they differ.
     """
@@ -154,7 +151,6 @@ def fit_shared(
     """Return a lent law whose size was fitted to an axis, and the regression behind it.
 
     Args:
-        data: Samples in motion, with temperatures.
         shape: The shape.
         source: Where the samples come from, for the model file.
 
@@ -195,7 +191,6 @@ def share_shape(
 
     Args:
         fits: Of the axes that could be identified.
-        axes: Samples of all axes.
         source: Where they come from, for the model file.
     """
     samples = {axis.name: axis for axis in axes}

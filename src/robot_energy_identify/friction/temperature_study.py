@@ -101,11 +101,6 @@ class Study:
 def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
     """Return the errors of every law, fitted at some temperatures and tested at others.
 
-    Args:
-        data: One axis.
-        train: Temperatures of the fit.
-        test: Temperatures of the test.
-
     Raises:
         NotIdentifiableError: If a range holds too few samples in motion, or not even a constant
             can be fitted.
@@ -154,12 +149,7 @@ def _row(
 
 
 def shuffled(data: FrictionData, seed: int) -> FrictionData:
-    """Return the samples with temperatures of other runs, drawn at random.
-
-    Args:
-        data: One axis, several runs.
-        seed: Of the draw.
-    """
+    """Return the samples with temperatures of other runs, drawn at random."""
     runs = np.unique(data.run)
     order = np.random.default_rng(seed).permutation(runs)
     degc = data.motor_temperature_degc.copy()

@@ -79,11 +79,7 @@ def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = (
 
 
 def total_power(found: TotalFound) -> TotalPower:
-    """Return what was found from one meter for all drives.
-
-    Args:
-        found: Pieces between its readings and losses behind them.
-    """
+    """Return what was found from one meter for all drives."""
     data, fit = found.data, found.fit
     return TotalPower(
         location=data.location,

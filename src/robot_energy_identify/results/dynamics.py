@@ -56,11 +56,7 @@ def dynamics_report(
     """Return what a recording tells of the dynamics.
 
     Args:
-        result: The identification.
-        held_out: Torque error of the least-squares fit.
         consistent: Of the fit that the model file holds.
-        given: Of the bodies as given.
-        across: Recordings held out whole.
     """
     values, half, std = result.fit.values, result.fit.interval(), result.fit.std
     errors = {"held_out": held_out, "held_out_model_file": consistent}
@@ -115,11 +111,7 @@ class ExcitationReport(Result, name="excitation"):
 
 
 def excitation_report(found: Excitation) -> ExcitationReport:
-    """Return what an excitation motion tells and uses.
-
-    Args:
-        found: The motion.
-    """
+    """Return what an excitation motion tells and uses."""
     limits = found.limits
     start = found.motion.sample(np.zeros(1)).joint_position[0].tolist()
     use = {kind: found.use[kind] * limits.margin for kind in KINDS}

@@ -131,13 +131,7 @@ class ScoreSums:
     def of(
         cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums
     ) -> "ScoreSums":
-        """Return the sums of a replay.
-
-        Args:
-            report: Of the replay.
-            torque: Errors of its motor torque.
-            power: Errors of its power at the meter.
-        """
+        """Return the sums of a replay."""
         joints = report.shaft.joints if report.shaft is not None else ()
         rows = [_parts(joint) for joint in joints] or [[np.nan] * 4] * len(report.joints)
         meter = report.comparison
@@ -223,13 +217,7 @@ class ScoreSums:
 
 
 def seen_in_fit(model: RobotModel, name: str, sha256: str) -> tuple[Seen, str]:
-    """Return whether figures of a model were identified from a recording, and why that is said.
-
-    Args:
-        model: The model.
-        name: Of the recording.
-        sha256: First digits of the hash of its messages.
-    """
+    """Return whether figures of a model were identified from a recording, and why that is said."""
     bags = model.provenance.bags
     if any(f"sha256:{sha256}" in entry for entry in bags):
         return "fitted", "the model's provenance has the hash of this recording"

@@ -90,7 +90,6 @@ def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
 
     Args:
         found: By the identification.
-        effort: What the torque was measured as.
     """
     return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold)
 
@@ -118,8 +117,6 @@ def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
     """Return a test on unseen temperatures.
 
     Args:
-        name: Of the axis.
-        study: The test.
         chance: Gain with temperatures shuffled between the runs, one per shuffle. [-]
     """
     known = (float(np.median(chance)), float(np.min(chance))) if chance else (None, None)
@@ -127,11 +124,7 @@ def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
 
 
 def exponential_gain(study: Study) -> float | None:
-    """Return the RMS of the exponential law over that of the constant; None without such a law.
-
-    Args:
-        study: The test.
-    """
+    """Return the RMS of the exponential law over that of the constant; None without such a law."""
     try:
         return study.row("exponential", "extend").rms / study.row("constant").rms
     except NotIdentifiableError:
@@ -153,11 +146,7 @@ class CabinetReport(Result, name="cabinet"):
 
 
 def cabinet_report(found: SupplyFound) -> CabinetReport:
-    """Return what a meter tells of everything behind the drives.
-
-    Args:
-        found: Cabinet and DC link.
-    """
+    """Return what a meter tells of everything behind the drives."""
     taken = found.link is not None and not found.reason
     return CabinetReport(
         found.cabinet,
@@ -225,11 +214,6 @@ def identification_report(
     """Return all that was identified.
 
     Args:
-        whole: The steps.
-        model: As it is written, with its provenance.
-        recordings: Bags of the fit.
-        tests: Bags of the test alone.
-        test: Energy on what was held out.
         notes: What does not fit the model as given, one sentence each.
     """
     return IdentificationReport(

@@ -38,8 +38,6 @@ class ArmJoint:
         effort: Largest torque or force. [N m] or [N]
         effort_source: `GIVEN`, or why another value was taken.
         velocity: Largest speed. [rad/s] or [m/s]
-        velocity_source: Likewise.
-        actuator: What the URDF states of its drive.
     """
 
     name: str
@@ -62,7 +60,6 @@ def scaled_joints(
     """Return the joints with the limits of the URDF, else with such that fit its masses.
 
     Args:
-        robot: The robot.
         robot_class: Gives the speed of a joint without limit.
         actuators: What the URDF states of the drives, by joint.
     """

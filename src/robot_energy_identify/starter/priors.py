@@ -41,14 +41,11 @@ class RobotClass:
     """Priors of one class of robots.
 
     Attributes:
-        name: As on the command line.
-        label: In comments.
         gear_ratio: Motor turns per joint turn, where the URDF has no transmission. [-]
         max_motor_velocity: Motor speed at the joint's velocity limit; if given, the gear
             ratio is this over the limit. [rad/s]
         velocity: Velocity limit of a rotary joint where the URDF has none. [rad/s]
         rise_time: Time to full speed, for an effort limit where the URDF has none. [s]
-        coulomb: Coulomb friction over the effort limit.
         viscous: Viscous friction at full speed and 20 degC over the effort limit.
         rotor: Time in which full effort brings the rotor alone to full speed. [s]
         copper: Copper loss at full effort over the peak power of the joint.

@@ -103,12 +103,7 @@ def averaged(values: Float, window: Int) -> Float:
 
 
 def contiguous_folds(count: int, folds: int = FOLDS) -> Int:
-    """Return the fold of each of some samples, contiguous and of equal size, shape (count,).
-
-    Args:
-        count: Number of samples.
-        folds: Number of folds.
-    """
+    """Return the fold of each of some samples, contiguous and of equal size, shape (count,)."""
     return np.minimum(np.arange(count) * folds // max(count, 1), folds - 1).astype(np.int64)
 
 

@@ -221,7 +221,6 @@ def held_out_energy(
         kind: From `folds_of`.
         folds: From `folds_of`.
         whole: Identified from all bags of the fit; it is what a ``test`` is made with.
-        skip: As it was identified.
         progress: Called with what is going on and the share done, 0 to 1.
     """
     stages = (GIVEN, *(step.subject for step in whole.steps))

@@ -58,7 +58,6 @@ def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None 
     Args:
         triangles: Of each block, with the sums of squares of ``[columns, targets]``, shape
             (., width + targets).
-        width: Number of columns.
         known: Rows like those of a triangle that belong to every fit, such as a prior; shape
             (., width + targets), None for none. [any unit]
     """

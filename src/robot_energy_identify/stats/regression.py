@@ -42,7 +42,6 @@ class Fit:
     """Parameters of ``target = columns . values`` and how well they are known.
 
     Attributes:
-        names: Of the parameters.
         values: Shape (P,).
         covariance: Of the values as if they were normally distributed, shape (P, P).
         independent: Number of independent rows of each target, or of blocks, shape (n,).
@@ -91,11 +90,7 @@ class Fit:
         return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
 
     def parts_of(self, place: int) -> dict[str, float]:
-        """Return the deviations of one parameter by cause.
-
-        Args:
-            place: Of the parameter.
-        """
+        """Return the deviations of one parameter by cause."""
         return {cause: float(part[place]) for cause, part in self.parts.items()}
 
     def interval(self, confidence: float = 0.95) -> Float:
@@ -322,7 +317,6 @@ def regress(
         block: Number of the contiguous block that each sample belongs to, shape (N,).
         names: Name of each parameter, for messages.
         method: As of `fit`.
-        what: What the data are, for messages.
 
     Raises:
         ShapeError: If shapes do not fit.
@@ -358,9 +352,6 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
     """Return a function that keeps to one BLAS thread while it runs.
 
     The matrices of the fits are small: more threads only wait for each other.
-
-    Args:
-        function: What to run.
     """
 
     @wraps(function)

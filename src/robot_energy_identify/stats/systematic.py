@@ -65,7 +65,6 @@ def with_systematic(fit: Fit, columns: Float, changes: Changes) -> Fit:
     """Return a fit whose covariance holds constant errors as well.
 
     Args:
-        fit: With the covariance of the scatter.
         columns: Of the fit, shape (N, P) or (N, n, P). [target/parameter]
         changes: Of its target, each of the shape of the target, by cause.
     """
@@ -109,8 +108,6 @@ def moved_by(fit: Fit, cause: str, moves: Float) -> Fit:
     """Return a fit with more constant errors whose effects on the figures are known.
 
     Args:
-        fit: A fit.
-        cause: Of the errors.
         moves: Of the figures by one standard deviation of each, shape (P,) or (P, errors).
             [of the figures]
     """

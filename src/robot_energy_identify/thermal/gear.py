@@ -211,11 +211,7 @@ class _Axis:
 
 
 def gear_runs(data: FrictionData) -> list[GearRun]:
-    """Return the recordings of one axis in windows, without those that know no temperature.
-
-    Args:
-        data: Samples of the axis, those at rest included.
-    """
+    """Return the recordings of one axis in windows, without those that know no temperature."""
     moving = moving_rows(data)
     known = np.isfinite(data.motor_temperature_degc)
     work = np.nan_to_num(data.friction_torque * data.motor_velocity) * AVERAGED
@@ -409,7 +405,6 @@ def fit_gears(
     """Return the gears, and the samples of all axes, each with what its friction follows.
 
     Args:
-        axes: Samples of every axis, in all recordings.
         ambient_degc: Of the air; None: the coldest reading of all motors. [degC]
         source: Where the data come from, for the model file.
     """

@@ -122,7 +122,6 @@ def gears_by_meter(
     friction power.
 
     Args:
-        recordings: Run with a model whose friction follows motor temperatures.
         ambient_degc: Of the air. [degC]
         source: Where the data come from, for the model file.
     """

@@ -91,8 +91,6 @@ def fit_network(
     """Return the thermal network of one motor.
 
     Args:
-        name: Of the joint.
-        runs: Of this motor.
         ambient_degc: Of the air. [degC]
         source: Where the data come from, for the model file.
 
@@ -152,8 +150,6 @@ def fit_networks(
     """Return the temperature of the air [degC], the networks, and why other motors have none.
 
     Args:
-        names: Of the joints.
-        runs: Of every motor.
         ambient_degc: Of the air; None: see `ambient_of`. [degC]
         source: Where the data come from, for the model file.
 
@@ -198,7 +194,6 @@ def with_ambient(model: RobotModel, ambient_degc: float | None) -> RobotModel:
     """Return a model with the temperature of the air of its recordings.
 
     Args:
-        model: Any model.
         ambient_degc: None leaves it. [degC]
     """
     if ambient_degc is None:
@@ -213,7 +208,6 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
 
     Args:
         heat: Its network, n = 1.
-        run: Its heat.
         ambient_degc: Of the air. [degC]
         start: Structure above the ambient, as a share of the motor above it. [-]
     """

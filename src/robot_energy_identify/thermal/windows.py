@@ -45,21 +45,13 @@ class ThermalRun:
         return len(self.time)
 
     def until(self, row: int) -> ThermalRun:
-        """Return the first windows.
-
-        Args:
-            row: How many.
-        """
+        """Return the first windows."""
         names = ("time", "drive_heat", "friction_heat", "awake", "motor_temperature_degc")
         return replace(self, **{name: getattr(self, name)[:row] for name in names})
 
 
 def without_networks(model: RobotModel) -> RobotModel:
-    """Return a model that estimates no temperature, so that readings alone are seen.
-
-    Args:
-        model: Any model.
-    """
+    """Return a model that estimates no temperature, so that readings alone are seen."""
     return model.changed(
         joints=[joint.model_copy(update={"thermal": None}) for joint in model.joints]
     )
@@ -86,10 +78,6 @@ def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[Ther
 
 def runs_of_log(blocks: Sequence[LogBlock], joint: int) -> list[ThermalRun]:
     """Return the runs of one motor in a log with currents and temperatures.
-
-    Args:
-        blocks: Rows of one or several logs.
-        joint: Index of the joint.
 
     Raises:
         LogFormatError: If the log has no effort, or no temperature.

@@ -126,7 +126,6 @@ def study_folder(name: str, overwrite: bool) -> Generator[Path]:
     """Yield a draft of the folder, with a place for bags, which is put into place at the end.
 
     Args:
-        name: Name of the folder.
         overwrite: Whether an earlier study may be replaced.
 
     Raises:

@@ -32,10 +32,8 @@ class GcodeProgram:
     """Content of a program.
 
     Attributes:
-        path: The tool path.
         notes: What was read over, one sentence each.
         unknown: Codes without meaning here and how often they stood in the program.
-        flavor: How it was read, and why.
         accelerations: Whether the program states accelerations, which are not followed.
     """
 
@@ -52,7 +50,6 @@ def load_gcode(
     """Return the tool path of a G-code file, and what was read over.
 
     Args:
-        path: The file.
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
         flavor: Key of `gcode_flavors.FLAVORS`; None: found from the program.
 
@@ -64,9 +61,6 @@ def load_gcode(
 
 def gcode_text(path: str | Path) -> str:
     """Return the text of a G-code file: UTF-8, UTF-16 with its mark, else Latin-1.
-
-    Args:
-        path: The file.
 
     Raises:
         MotionError: If there is no such file, or it is no text.
@@ -103,8 +97,6 @@ def read_gcode(
     first move began at 0.
 
     Args:
-        text: The program.
-        name: Name of the program, for messages.
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
         flavor: Key of `gcode_flavors.FLAVORS`; None: found from the program.
 

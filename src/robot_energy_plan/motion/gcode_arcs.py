@@ -49,8 +49,6 @@ def arc_shape(
         start: Where it begins. [m]
         end: Where it ends by command. [m]
         words: I, J, K or R. [m]
-        plane: Its plane.
-        clockwise: Seen against the axis across the plane.
         absolute: Whether I, J and K are the place of the centre, not its way from the start.
         turns: How often it reaches its end, >= 1.
 

@@ -25,7 +25,6 @@ class Flavor:
     """How a machine takes G-code.
 
     Attributes:
-        title: Name of the firmware or standard.
         printer: Whether it is a printer, with an extruder E and the words of printers.
         rapid_at_feed: Whether G0 moves at the last F, as G1; else at a rapid speed of its own.
         dwell: Time of one unit of each word of G4; the first that stands there counts. [s]
@@ -125,8 +124,6 @@ class FoundFlavor(NamedTuple):
     """The flavour of a program.
 
     Attributes:
-        flavor: The flavour.
-        reason: How it was found.
         certain: Whether something in the program or the user said so.
     """
 
@@ -142,7 +139,6 @@ def flavor_of(text: str, name: str | None = None) -> FoundFlavor:
     slicer, then words of printers.
 
     Args:
-        text: The program.
         name: Key of `FLAVORS` where the user names it; None: found from the program.
 
     Raises:

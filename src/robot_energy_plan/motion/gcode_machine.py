@@ -44,10 +44,7 @@ class ProgramMachine:
     """The modal state of an interpreter.
 
     Attributes:
-        name: Name of the program, for messages.
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
-        found: The flavour of the program.
-        segments: What the program moves, so far.
         noted: Codes that were left out, and how often they stood in the program.
         ended: Whether the program has ended.
     """
@@ -88,7 +85,6 @@ class ProgramMachine:
         """Execute one line.
 
         Args:
-            text: The line.
             line: Its number, from 1.
 
         Raises:

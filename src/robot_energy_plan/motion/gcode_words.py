@@ -49,7 +49,6 @@ class Word:
     """A letter and a number.
 
     Attributes:
-        letter: Capital.
         value: As written, in the unit of the program.
     """
 
@@ -67,7 +66,6 @@ def words_of(text: str, where: str, printer: bool = True) -> list[Word]:
 
     Args:
         text: One line, without its end.
-        where: File and line, for messages.
         printer: Whether commands of the machine stand alone, with words of any form behind them.
 
     Raises:
@@ -178,7 +176,6 @@ def with_feed(text: str, factor: float) -> str:
     """Return a program whose feeds are all multiplied; G0 without a feed keeps its speed.
 
     Args:
-        text: G-code.
         factor: > 0. [-]
     """
 

@@ -35,10 +35,8 @@ class JointTrajectory:
         joint_position: Positions of the points, shape (K, n). [rad] or [m]
         joint_velocity: Same shape, or None. [rad/s] or [m/s]
         joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
-        name: For messages.
 
     Attributes:
-        joint_names: As given.
         duration: Time from the first to the last point. [s]
         instants: Times of the points since the first, shape (K,). [s]
         notes: What was assumed, one sentence each.
@@ -130,7 +128,6 @@ def read_points(message: Any, name: str) -> JointTrajectory:
     """Return the motion through the points of a decoded ``trajectory_msgs/msg/JointTrajectory``.
 
     Args:
-        message: The message.
         name: Where it comes from, for messages.
 
     Raises:
@@ -143,7 +140,6 @@ def through_points(points: PointColumns, name: str) -> JointTrajectory:
     """Return the motion through points.
 
     Args:
-        points: In columns.
         name: Where they come from, for messages.
 
     Raises:

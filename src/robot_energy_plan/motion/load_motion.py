@@ -60,8 +60,6 @@ class LoadedMotion:
     """A program made ready for one robot.
 
     Attributes:
-        motion: To be predicted.
-        name: Name of the file.
         repeat: Number of runs that the program itself asks for.
         notes: What was assumed or read over, one sentence each.
         length: Way of the tool, where the program is one of a tool. [m]
@@ -88,7 +86,6 @@ def load_motion(
     Args:
         path: G-code, an STL shape to be printed, a YAML file of point-to-point moves, a bag with
             a JointTrajectory, or such a trajectory as CSV; the end of the name decides.
-        robot: The robot.
         tool: What G-code and shapes do not state.
         topic: Topic of the trajectory in a bag; None where there is one only.
 
@@ -141,8 +138,6 @@ def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> L
     """Return a program of a tool as a motion of a robot.
 
     Args:
-        program: The program.
-        robot: The robot.
         options: What it does not state.
 
     Raises:
@@ -216,7 +211,6 @@ def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
 
     Args:
         text: Such as ``0.1,0.2,0.3``.
-        what: They are, for the message.
         counts: How many there may be.
 
     Raises:

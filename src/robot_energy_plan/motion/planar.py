@@ -56,7 +56,6 @@ class PlanarArm:
         """Return the geometry of a robot; None if it is not a planar arm.
 
         Args:
-            robot: Any robot.
             link: Link of the URDF that is the tool.
         """
         zero = np.zeros(robot.n_joints)
@@ -129,7 +128,6 @@ class PlanarArm:
         Args:
             place: Places of the tool, within reach, shape (N,). [m]
             start: Joint positions before the first place; decides the side, shape (n,). [rad]
-            free: Indices of the two joints.
         """
         origin, (inner, outer) = self._chain(start, free)
         a, b = free

@@ -51,14 +51,12 @@ class SampledMotion:
     """A motion in closed form, sampled at equal steps.
 
     Args:
-        motion: To be sampled.
         joint_names: In the order of its arrays.
         duration: Time from start to end, at least 1 us. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
 
     Attributes:
-        joint_names: As given.
         duration: As given. [s]
         sample_count: Number of samples, or a few more.
 
@@ -116,7 +114,6 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
     one sample: nothing between them lasts.
 
     Args:
-        motion: The motion.
         times: How often, >= 1.
 
     Yields:

@@ -57,7 +57,6 @@ class PointColumns:
 
         Args:
             kind: One of `KINDS`.
-            name: Of the trajectory, for messages.
 
         Raises:
             MotionError: If a point has another number of them than there are joints.

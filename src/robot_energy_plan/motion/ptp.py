@@ -151,11 +151,7 @@ class ArrayRecord:
 
     @classmethod
     def concatenate(cls, parts: Iterable[Self]) -> Self:
-        """Return parts one after the other.
-
-        Args:
-            parts: At least one.
-        """
+        """Return parts one after the other."""
         columns = zip(*(part.__dict__.values() for part in parts), strict=True)
         return cls(*map(np.concatenate, columns))
 

@@ -89,8 +89,6 @@ class LoadedProgram:
     """A program for one robot.
 
     Attributes:
-        program: The loop.
-        repeat: How often it is run.
         notes: What was assumed, one sentence each.
     """
 
@@ -102,9 +100,6 @@ class LoadedProgram:
 def read_program(path: str | Path) -> ProgramFile:
     """Return a validated program file.
 
-    Args:
-        path: A YAML file.
-
     Raises:
         MotionError: Naming the bad key, what was found and what was expected.
     """
@@ -113,11 +108,6 @@ def read_program(path: str | Path) -> ProgramFile:
 
 def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program") -> LoadedProgram:
     """Return the loop of a program file for one robot, and what was assumed.
-
-    Args:
-        file: The program.
-        limits: Limits of the robot, from its URDF.
-        name: Name of the program, for messages.
 
     Raises:
         MotionError: If joints are missing or unknown, a configuration breaks a limit, or

@@ -70,7 +70,6 @@ class SlicedShape:
 
     Attributes:
         gcode: The program; lengths in mm, coordinates of the file.
-        layers: Number of layers.
         notes: What a reader should know, one sentence each.
     """
 
@@ -87,7 +86,6 @@ def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
 
     Args:
         path: STL, text or binary; z points up.
-        slicing: Heights, speed and unit.
 
     Raises:
         MotionError: If the file cannot be read, holds no shape, is too large or too small for a

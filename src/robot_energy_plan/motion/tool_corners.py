@@ -73,7 +73,6 @@ def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPiec
     """Return the pieces of a path with rounded corners.
 
     Args:
-        path: The path.
         acceleration: Greatest of the tool, > 0. [m/s^2]
         tolerance: Greatest distance between path and rounded path, >= 0. [m]
     """

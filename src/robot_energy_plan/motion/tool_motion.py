@@ -72,8 +72,6 @@ class ToolMotion:
     """Motion of the joints that moves a tool along a timed path.
 
     Args:
-        path: Motion of the tool.
-        kinematics: Inverse kinematics.
         start: Joint positions near the first one; decides which solution is taken,
             shape (n,). [rad] or [m]
         limits: Limits of the joints; a motion beyond them is refused.

@@ -116,7 +116,6 @@ class ToolPath:
 
     Attributes:
         segments: In order of execution.
-        name: Name of the program, for messages.
 
     Raises:
         MotionError: If there is no move, or a move does not begin where the last one ended.

@@ -91,7 +91,6 @@ class TimedPath:
     """A tool path in time.
 
     Args:
-        path: The programmed path.
         limits: What the tool may do.
 
     Attributes:

@@ -57,7 +57,6 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
     """Return times from 0, shape (N,) [s], and a motion at them, from rest to rest.
 
     Args:
-        motion: What to sample.
         rate: Points per second. [Hz]
         loops: Periods one after the other.
 
@@ -89,10 +88,8 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
     """Write a table with one row per point.
 
     Args:
-        path: The file.
         joint_names: In the order of the arrays.
         time: Shape (N,). [s]
-        motion: At these times, joint side.
 
     Raises:
         ReportError: If it cannot be written.
@@ -107,9 +104,6 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
 
 def read_csv_trajectory(path: str | Path) -> JointTrajectory:
     """Return the motion of a table.
-
-    Args:
-        path: The file.
 
     Raises:
         MotionError: If it cannot be read or columns are missing.
@@ -173,10 +167,8 @@ def write_trajectory(
     """Write one JointTrajectory message into a new bag.
 
     Args:
-        path: Folder of the bag.
         joint_names: In the order of the arrays.
         time: Since the start, shape (N,). [s]
-        motion: At these times, joint side.
         overwrite: Replace a bag that is there.
 
     Raises:
@@ -253,8 +245,6 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
     Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
 
     Args:
-        store: Message definitions.
-        data: The message.
         name: Where it comes from, for messages.
 
     Raises:

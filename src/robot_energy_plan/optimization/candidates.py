@@ -64,7 +64,6 @@ class Moves(ABC):
     """Moves from rest to rest that can be made faster or slower.
 
     Attributes:
-        count: Number of moves.
         laws: Candidates with time laws of their own; None for moves without any.
     """
 
@@ -110,7 +109,6 @@ class PtpMoves(Moves):
         The jerk time is that of the program as it runs, so that what is left alone does not change.
 
         Args:
-            program: The loop.
             limits: Its limits without an override.
         """
         bounds = replace(limits, jerk_time=program.limits.jerk_time)
@@ -142,7 +140,6 @@ def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATION
     Of two that last equally long it is the one with less speed.
 
     Args:
-        moves: The moves.
         speed: Shares of the speed limits, shape (S,). [-]
         acceleration: Shares of the acceleration limits, shape (A,). [-]
     """
@@ -163,9 +160,7 @@ def blocks(
     """Yield the samples of all candidates, a bounded number at a time: which, and their motion.
 
     Args:
-        moves: The moves.
         candidates: Which; a move without way has two samples at rest.
-        samples: Of one candidate, at most.
     """
     duration = moves.duration(candidates)
     fine, coarse = (np.ceil(duration / step - 1e-9).astype(np.int64) for step in (STEP, LONG_STEP))

@@ -55,14 +55,7 @@ class PowerChain:
     """From motion to energy, for one robot at given temperatures.
 
     Args:
-        model: The robot's model.
         motor_temperature_degc: At which the program runs, shape (T, n). [degC]
-
-    Attributes:
-        robot: Its rigid bodies.
-        drivetrain: Motor side <-> joint side.
-        friction: Of all axes.
-        drive: Of all axes.
 
     Raises:
         RobotEnergyError: If the model cannot be used.
@@ -89,10 +82,8 @@ class PowerChain:
         """Return what candidates need.
 
         Args:
-            moves: The moves.
             candidates: Which.
             progress: Called with the share done, 0 to 1.
-            samples: Of one candidate, at most.
         """
         found: list[Use] = []
         for part, motion in blocks(moves, candidates, samples):

@@ -27,7 +27,6 @@ class ComparedMotion:
 
     Attributes:
         feasible: Whether it was predicted and keeps the limits.
-        message: What was predicted, or what is wrong.
         duration: With the wait up to the cycle time. [s]
         energy: From the grid, import less return; NaN where not known. [J]
         half: Half width of its 90 % band. [J]
@@ -61,7 +60,6 @@ class MotionComparison:
 
     Attributes:
         candidates: In the order given.
-        order: Indices of the feasible ones, the cheapest first.
     """
 
     candidates: tuple[ComparedMotion, ...]
@@ -94,7 +92,6 @@ def compare_motions(
     """Return what several motions need, and which needs least energy.
 
     Args:
-        model: The robot's model, with what it carries as payload.
         motions: Each gives a motion, or raises what is wrong with it; the others are compared
             all the same.
         motor_temperature_degc: Held throughout, shape (n,). [degC]
@@ -102,7 +99,6 @@ def compare_motions(
         peak_limit: Of the power from the grid. [W]
         calibration: What a meter has shown of the bands of this model.
         progress: Called with the share done, 0 to 1.
-        max_samples: Of all motions together.
 
     Raises:
         MotionError: If there is none, or a figure makes no sense.

@@ -47,11 +47,7 @@ FORM_OF_HOLDING = 0.022
 
 
 class EnergyDeviations:
-    """Rates of the columns ``D_k`` of one robot. [W]
-
-    Args:
-        model: The robot's model.
-    """
+    """Rates of the columns ``D_k`` of one robot. [W]"""
 
     def __init__(self, model: RobotModel) -> None:
         self._coulomb = np.asarray(

@@ -41,7 +41,6 @@ def best_states(task: Task, plan: CyclePlan) -> CyclePlan:
 
     Args:
         task: With the states that may be used.
-        plan: Any.
     """
 
     def best(via: int, duration: float) -> RestState | None:
@@ -180,10 +179,8 @@ class Tried:
     """What one measure gives.
 
     Attributes:
-        measure: The measure.
         plan: Its best plan; None where it does not apply.
         cost: What that costs.
-        saving: Over the program as it is.
     """
 
     measure: Measure
@@ -197,11 +194,8 @@ class Optimum:
     """What was found.
 
     Attributes:
-        task: With the candidates near the choice.
-        base: Cost of the program as it is.
         tried: Each measure alone.
         plan: The choice: all measures that change the program, together.
-        cost: What it costs.
         saving: Over the program as it is; of the program alone, without another supply.
         front: Plans without wait, from fast to slow, and what they cost.
     """

@@ -37,7 +37,6 @@ def best_order(
 
     Args:
         form: The program; its moves have the same shares of speed and acceleration.
-        chain: The robot at its temperatures.
         wait_power: Power of the wait that takes what is left of the cycle. [W]
         collision: Shapes of the robot, which touches itself in no move of the program as it is;
             None: not looked at.

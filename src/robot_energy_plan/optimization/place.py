@@ -34,7 +34,6 @@ class Placement:
         offset: From where the work is now, in the base frame, shape (3,). [m]
         joint_position: Configurations there, shape (K, n). [rad] or [m]
         tried: Places that were looked at.
-        reachable: Of them, within all limits and no slower.
         touching: Of these, cheaper than what was found, but the robot would touch itself.
     """
 
@@ -56,8 +55,6 @@ def best_place(
     """Return the place where the program as it is needs least energy; if none is better, its own.
 
     Args:
-        form: The program.
-        chain: The robot at its temperatures.
         box: Half widths of the box, in the base frame, shape (3,); 0 for an axis that is
             fixed. [m]
         link: Frame that holds the work.

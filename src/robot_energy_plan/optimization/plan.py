@@ -78,7 +78,6 @@ def saving(before: Cost, after: Cost) -> Saving:
     """Return what a change saves: both programs err by the same figures.
 
     Args:
-        before: Cycle as it is.
         after: Changed.
     """
     apart = before.columns - after.columns
@@ -91,7 +90,6 @@ class CostTable:
     """Costs of all candidates and rests of a program.
 
     Attributes:
-        candidates: Moves in every way.
         use: What each needs.
         held: What a second of rest before each move needs while the drives hold.
         braked: The same on brakes.
@@ -126,9 +124,6 @@ class CostTable:
 
     def cost(self, plan: CyclePlan) -> Cost:
         """Return what a plan costs.
-
-        Args:
-            plan: The plan.
 
         Raises:
             MotionError: If a rest is too short for its state.

@@ -23,11 +23,8 @@ class ProgramForm(ABC):
 
     Attributes:
         robot: That runs it.
-        moves: Its moves.
-        base: How they are made now.
         needed: Rest before each move, shape (K,). [s]
         joint_position: Where, shape (K, n). [rad] or [m]
-        labels: Of the moves.
         speeds: Shares of speed that are tried. [-]
         accelerations: Shares of acceleration that are tried. [-]
         acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
@@ -50,12 +47,7 @@ class ProgramForm(ABC):
     recorded: bool = False
 
     def motion(self, task: Task, plan: CyclePlan) -> SampledMotion:
-        """Return a plan as a motion for a prediction.
-
-        Args:
-            task: The task.
-            plan: A plan of it.
-        """
+        """Return a plan as a motion for a prediction."""
         return self._motion(task.table.candidates[plan.row], plan.rest)
 
     def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
@@ -63,8 +55,6 @@ class ProgramForm(ABC):
 
         Args:
             path: The file; of a trajectory a name with .csv makes a table, any other a bag.
-            task: The task.
-            plan: A plan of it.
 
         Raises:
             RobotEnergyError: If it cannot be written.

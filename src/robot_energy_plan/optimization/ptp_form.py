@@ -27,7 +27,6 @@ class PtpForm(ProgramForm):
     """A YAML file of point-to-point moves.
 
     Args:
-        path: The file.
         robot: That runs it.
         file: Its content, where it was changed.
 

@@ -41,7 +41,6 @@ def recorded_motion(
 
     Args:
         path: MCAP file or rosbag2 folder.
-        model: The model of the robot.
         time_range: Part of the bag, such as one cycle; None for all.
         topic: Of the joint states; None where there is one only.
 

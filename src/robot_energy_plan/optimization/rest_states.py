@@ -98,7 +98,6 @@ def rest_cost(state: RestState, duration: float) -> RestCost | None:
     """Return what a rest costs; None where it is shorter than the way back to work.
 
     Args:
-        state: The state.
         duration: Of the rest. [s]
     """
     low = duration - state.wake_time
@@ -117,7 +116,6 @@ def break_even(state: RestState, hold_share: float) -> float:
     ``power (t - wake) + wake_power wake = hold t``; infinite where it never does.
 
     Args:
-        state: The state.
         hold_share: Power of drives that hold over that on brakes. [-]
     """
     if state.power >= hold_share:

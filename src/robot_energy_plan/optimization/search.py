@@ -26,7 +26,6 @@ def cheapest(
     """Return the row of the candidate of each move that together cost least, shape (K,).
 
     Args:
-        table: All candidates.
         allowed: Which of them may be used, shape (P,).
         time: For all moves together. [s]
         wait_power: Power of the wait that takes what is left of the time. [W]
@@ -129,9 +128,7 @@ def front(
     costs least: the corners of the convex hull.
 
     Args:
-        table: All candidates.
         allowed: Which of them may be used, shape (P,).
-        plan: Whose rests are kept.
     """
     move, use = table.candidates.move, table.use
     lowest: float = max(use.peak[allowed & (move == k)].min() for k in range(table.moves))

@@ -24,10 +24,6 @@ class Task:
     """What is to be made cheaper.
 
     Attributes:
-        chain: The robot at its temperatures.
-        moves: Moves of the program.
-        table: Costs of all candidates.
-        base: The program as it is, with its wait.
         allowed: Candidates within the limits of torque and peak power, shape (P,).
         needed: Rest before each move that the work needs, shape (K,). [s]
         cycle_time: Of one cycle; None: the next one begins at once. [s]
@@ -71,7 +67,6 @@ class Task:
         Args:
             row: Candidate of each move, shape (K,).
             wait_at: Before which move the robot waits.
-            wait_in: How.
         """
         rest, state = self.needed.copy(), list(self.base.state)
         if self.cycle_time is not None:
@@ -88,11 +83,7 @@ class Task:
         return self.allowed & (self.table.candidates.law < 0)
 
     def near(self, plan: CyclePlan) -> Task:
-        """Return the task with further candidates close to those of a plan.
-
-        Args:
-            plan: A good one.
-        """
+        """Return the task with further candidates close to those of a plan."""
         table = self.table
         chosen = table.candidates[plan.row[table.candidates.law[plan.row] < 0]]
         if not len(chosen):
@@ -137,8 +128,6 @@ def make_task(
     """Return the task, with what every candidate costs.
 
     Args:
-        chain: The robot at its temperatures.
-        moves: Moves of the program.
         base: How they are made now, in their order.
         needed: Rest before each move, shape (K,). [s]
         joint_position: Where it rests before each move, shape (K, n). [rad] or [m]

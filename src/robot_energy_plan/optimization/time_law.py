@@ -155,7 +155,6 @@ def time_law(
     Args:
         places: Figures at the nodes and in the middle between them, 2 N + 1 of them.
         step: Path time between nodes. [s]
-        limits: To be kept.
         bus_loss: Constant loss on the DC side. [W]
         price: Of a second: constant loss on the grid side and what else time costs or, with a
             minus, what waiting costs. [W]

@@ -95,10 +95,7 @@ def timed_moves(
     A move whose program has no solution has none.
 
     Args:
-        chain: The robot at its temperatures.
-        moves: The moves.
         base: How they are made now, in their order.
-        limits: Of speed, acceleration and jerk.
         progress: Called with the share done, 0 to 1.
     """
     cabinet = chain.model.cabinet
@@ -131,7 +128,6 @@ def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits
     Torques of joints are as those of their motors, wrist coupling left out.
 
     Args:
-        chain: The robot.
         acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Joint side, shape (n,). [rad/s^3] or [m/s^3]
     """
@@ -142,12 +138,7 @@ def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits
 
 
 class TimedForm(WrittenTrajectory):
-    """A program with time laws.
-
-    Args:
-        form: The program.
-        moves: Its moves with their laws.
-    """
+    """A program with time laws."""
 
     def __init__(self, form: ProgramForm, moves: Moves) -> None:
         note = "moves with a time law of their own need a controller that follows a trajectory"

@@ -73,7 +73,6 @@ class TrajectoryForm(WrittenTrajectory):
     """A trajectory.
 
     Args:
-        given: The trajectory.
         robot: That runs it.
         path: Where it comes from, for messages.
         recorded: Whether the robot has made it.

@@ -171,9 +171,6 @@ def optimization_report(
     """Return all figures, after a prediction of the choice by the stages of live operation.
 
     Args:
-        found: What was found.
-        form: The program.
-        program: Its name.
         notes: What a reader should know, one sentence each.
     """
     task, model = found.task, found.task.chain.model
@@ -230,14 +227,8 @@ def with_supply(
     """Return the report with starts of this robot and others that share its supply and model.
 
     Args:
-        report: Of this robot.
-        found: What was found for it.
-        form: Its program.
         others: Name and motion of the others; each waits until the cycle is over.
         cycle_time: Of all. [s]
-
-    Returns:
-        With starts and supply.
 
     Raises:
         MotionError: If a motion cannot be predicted, or is longer than the cycle.

@@ -82,12 +82,7 @@ class PredictionsReport(Result, name="prediction"):
 
 
 def prediction_report(result: Prediction, motion: LoadedMotion | None = None) -> PredictionReport:
-    """Return all figures of a prediction.
-
-    Args:
-        result: A prediction.
-        motion: The program behind it.
-    """
+    """Return all figures of a prediction."""
     model, account = result.model, result.account
     temperature = result.motor_temperature_degc.tolist()
     common = common_figures(account, model, temperature, None)

@@ -19,11 +19,7 @@ PLOT, MONITOR = "rqt_plot/Plot", "rqt_runtime_monitor/RuntimeMonitor"
 
 
 def series_name(curve: PlotCurve) -> str:
-    """Return the name of a curve as PlotJuggler lists it.
-
-    Args:
-        curve: The curve.
-    """
+    """Return the name of a curve as PlotJuggler lists it."""
     if curve.nested:
         return f"{curve.topic}/{JOINTS}[{curve.joint}]/{curve.field}"
     index = "" if curve.joint is None else f"[{curve.joint}]"

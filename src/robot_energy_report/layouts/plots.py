@@ -47,12 +47,7 @@ class PlotCurve:
 
 @dataclass(frozen=True)
 class Plot:
-    """Curves with one axis.
-
-    Attributes:
-        title: With the unit in brackets.
-        curves: The curves.
-    """
+    """Curves with one axis."""
 
     title: str
     curves: tuple[PlotCurve, ...]
@@ -60,12 +55,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Page:
-    """Plots that are seen together.
-
-    Attributes:
-        title: Of the page.
-        plots: The plots.
-    """
+    """Plots that are seen together."""
 
     title: str
     plots: tuple[Plot, ...]

@@ -22,7 +22,6 @@ class PageAccess:
     """Rules of access to one page.
 
     Attributes:
-        address: IP address to listen on.
         port: TCP port; 0 for any free one.
         token: What readers of another address, and writers of any, must state; empty for none.
         allow_control: Whether buttons and their routes exist.
@@ -41,11 +40,7 @@ class PageAccess:
         return ipaddress.ip_address(self.address).is_loopback
 
     def sentences(self, url: str) -> list[str]:
-        """Return what the start says: the address, and what becomes readable and by whom.
-
-        Args:
-            url: Address of the page.
-        """
+        """Return what the start says: the address, and what becomes readable and by whom."""
         lines = [f"energy page at {url}"]
         if self.loopback:
             lines.append("only this computer can open it")
@@ -73,7 +68,6 @@ class PageAccess:
 
         Args:
             origin: The Origin header; None for none.
-            host: The Host header.
         """
         return origin is None or origin.lower() == f"http://{host}".lower()
 
@@ -100,7 +94,6 @@ def page_access(
     """Check the rules of access.
 
     Args:
-        address: IP address to listen on.
         port: TCP port; 0 for any free one.
         token_file: File with the token; empty for none.
         allow_control: Whether buttons and their routes exist.

@@ -78,10 +78,7 @@ class PageFinding:
 
     Attributes:
         level: One of `LEVELS`.
-        name: Whose status it is.
-        message: What is the case, in one sentence.
         remedy: What to do; empty where all is well.
-        values: Key values.
     """
 
     level: str
@@ -97,8 +94,6 @@ class PageFinding:
         Args:
             level: Of diagnostic_msgs/DiagnosticStatus, 0 to 3; another counts as error.
             name: Node and subject, as ``energy_monitor: joint states``.
-            message: Its message.
-            values: Its key values.
         """
         word = LEVELS[level] if 0 <= level < len(LEVELS) else "ERROR"
         subject = name.rpartition(": ")[2]
@@ -118,11 +113,7 @@ class PageFinding:
 
     @classmethod
     def no_power(cls, robot: str) -> PageFinding:
-        """Return the finding that no power state arrives.
-
-        Args:
-            robot: Name of the robot.
-        """
+        """Return the finding that no power state arrives."""
         return cls(
             "STALE",
             robot,
@@ -141,12 +132,7 @@ class PageFinding:
 
 
 def quality_alarms(quality: Quality, findings: Iterable[PageFinding]) -> list[PageFinding]:
-    """Return an alarm for each quality bit, but for what a finding names with its motors.
-
-    Args:
-        quality: Bits in force.
-        findings: Diagnostic statuses.
-    """
+    """Return an alarm for each quality bit, but for what a finding names with its motors."""
     if any(one.names_outside_fit for one in findings):
         quality &= ~Quality.EXTRAPOLATED
     return [

@@ -30,7 +30,6 @@ class FlowParts:
     """What power or energy from the grid is the sum of, signed; all in [W] or all in [J].
 
     Attributes:
-        joint_names: The axes.
         rigid: Into motion and height of each axis; negative while it comes back.
         friction: Into friction of each axis, >= 0.
         drive_loss: Into motor and drive of each axis, >= 0; NaN: not modelled, no flow.
@@ -73,8 +72,6 @@ class Flow:
     """One band of the picture.
 
     Attributes:
-        source: Node it comes from.
-        target: Node it goes to.
         units: Its size in whole units, > 0.
     """
 
@@ -90,8 +87,6 @@ class FlowPicture:
     Attributes:
         unit: Size of one unit, in the unit of the parts.
         net: Net flow from the grid. [units]
-        flows: The bands, sources first.
-        labels: Name of every node.
     """
 
     unit: float
@@ -153,7 +148,6 @@ def known_label(name: str, known_time: float, missing_time: float) -> str:
     """Return the name of a load, with the time its energy is of where part of it is missing.
 
     Args:
-        name: Of the load.
         known_time: For which its power is known. [s]
         missing_time: For which it is not. [s]
     """
@@ -167,7 +161,6 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
     them is a sum of whole units. An axis that feeds back is a source: of what its motion gives.
 
     Args:
-        parts: The terms.
         base: As of `unit_for`. [W] or [J]
 
     Returns:

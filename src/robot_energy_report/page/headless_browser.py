@@ -46,10 +46,6 @@ def need_browser() -> str:
 def run_browser(page: Path, *words: str) -> None:
     """Open a page in a browser of its own and wait until it has ended.
 
-    Args:
-        page: HTML file.
-        *words: What to make of it: options of Chromium.
-
     Raises:
         PageError: If there is no browser, or it fails.
     """
@@ -74,9 +70,6 @@ def run_browser(page: Path, *words: str) -> None:
 
 def printed(html: bytes) -> bytes:
     """Return a page as PDF, with the mark of this tool.
-
-    Args:
-        html: The page.
 
     Raises:
         PageError: If there is no browser, or it fails.

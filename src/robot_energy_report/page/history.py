@@ -22,7 +22,6 @@ class HistoryRing:
 
     Args:
         width: Length of a bucket. [s]
-        channels: Number of powers.
         whole: Whether buckets are merged in pairs when the ring is full, so that all of the time
             since the first sample stays in it.
 

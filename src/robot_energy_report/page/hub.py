@@ -27,8 +27,6 @@ class PageEvents:
     Attributes:
         number: Grows by one at each tick.
         state_number: ``number`` of the tick of the last complete state.
-        power: Event with the powers of all robots.
-        state: Event with the complete state.
     """
 
     number: int = 0
@@ -46,13 +44,10 @@ class PageHub:
 
     Attributes:
         title: What the page shows, such as the name of a recording.
-        settings: Prices, emissions, length of a shift.
         live: Whether figures grow stale.
         control: Does what the buttons ask for; None for a page without.
         on_tick: Called after every tick, from the thread of the tick.
         robots: By namespace.
-        events: What the page was last sent.
-        lock: Held while figures are taken in or read.
     """
 
     title: str
@@ -66,11 +61,7 @@ class PageHub:
     _state_due: float = 0.0
 
     def robot(self, name: str) -> RobotState | None:
-        """Return the state of a robot, new if there is room; None beyond `MAX_ROBOTS`.
-
-        Args:
-            name: Its namespace.
-        """
+        """Return the state of a robot, new if there is room; None beyond `MAX_ROBOTS`."""
         if name not in self.robots and len(self.robots) < MAX_ROBOTS:
             self.robots[name] = RobotState(name, self.settings, self.live)
         return self.robots.get(name)

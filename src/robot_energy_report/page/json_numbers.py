@@ -20,9 +20,5 @@ def json_number(value: float | None, digits: int | None = None) -> float | None:
 
 
 def json_text(values: Any) -> str:
-    """Return compact JSON; a number that JSON lacks is an error of this package.
-
-    Args:
-        values: Plain values.
-    """
+    """Return compact JSON; a number that JSON lacks is an error of this package."""
     return json.dumps(values, allow_nan=False, separators=(",", ":"))

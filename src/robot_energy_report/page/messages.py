@@ -77,11 +77,7 @@ class PageReaders:
         )  # fmt: skip
 
     def power(self, batch: RawBatch) -> list[Run]:
-        """Return the usable power states of a batch; those of one model and joint list a run.
-
-        Args:
-            batch: The messages.
-        """
+        """Return the usable power states of a batch; those of one model and joint list a run."""
         return _usable(self._power, batch, "joints.name")
 
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:

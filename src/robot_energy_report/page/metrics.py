@@ -28,8 +28,6 @@ class Metric:
 
     Attributes:
         name: Without the ending of its samples.
-        unit: Ending of the name.
-        text: What it is.
         labels: Names of the labels; the first is ``robot``.
         counter: Whether it only grows, from ``energy_start`` on.
     """
@@ -114,7 +112,6 @@ def metrics_text(hub: PageHub, now: float) -> bytes:
     """Return all metrics in the OpenMetrics format.
 
     Args:
-        hub: The robots.
         now: As of `PageHub.tick`. [s]
     """
     registry = CollectorRegistry()

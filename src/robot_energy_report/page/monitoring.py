@@ -27,7 +27,6 @@ def scrape_config(target: str = DEFAULT_TARGET, token_file: str = "") -> str:
     """Return a configuration with which Prometheus reads a page and the alert rules.
 
     Args:
-        target: Host and port of the page.
         token_file: File with the token, on the computer of Prometheus; empty for none.
     """
     job: dict[str, Any] = {"job_name": "robot_energy", "static_configs": [{"targets": [target]}]}

@@ -34,13 +34,7 @@ BAD_BAG = "record it again; what could be read is shown"
 class RecordedPage:
     """Fills a page from a replay.
 
-    Args:
-        title: Name of the recording.
-        model: The robot's model.
-        settings: Prices, emissions, length of a shift.
-
     Attributes:
-        hub: The page.
         period: Of the means that go into the history. [s]
     """
 
@@ -58,11 +52,7 @@ class RecordedPage:
         self._location = MeterLocation.UNKNOWN
 
     def take(self, output: Output) -> None:
-        """Take what one step of the pipeline gave; for ``on_output`` of a replay.
-
-        Args:
-            output: Of the step.
-        """
+        """Take what one step of the pipeline gave; for ``on_output`` of a replay."""
         if output.friction is not None:
             self._robot.take_friction(
                 _batch(JOINT_FRICTION, self._friction.encode(output.friction))
@@ -74,11 +64,7 @@ class RecordedPage:
             self._robot.take_power(_batch(POWER_STATE, rows), 0.0)
 
     def finish(self, result: Replay) -> None:
-        """Take the registers, job intervals and remarks of the whole recording.
-
-        Args:
-            result: Of the replay.
-        """
+        """Take the registers, job intervals and remarks of the whole recording."""
         account = result.account
         rows = self._registers.encode(account)
         if rows is not None:

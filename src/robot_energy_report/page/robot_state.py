@@ -68,8 +68,6 @@ class RobotState:
     Time of receipt comes as an argument, so that live page and recording are one code path.
 
     Args:
-        name: Namespace of the robot, or the name of a recording.
-        settings: Prices, emissions, length of a shift.
         live: Whether figures grow stale; those of a recording do not.
     """
 
@@ -101,7 +99,6 @@ class RobotState:
         """Take power states.
 
         Args:
-            batch: The messages.
             now: Time of receipt on any steady clock. [s]
         """
         for run in self._readers.power(batch):
@@ -109,11 +106,7 @@ class RobotState:
             self._received = now
 
     def take_registers(self, batch: RawBatch) -> None:
-        """Take energy registers; the newest counts.
-
-        Args:
-            batch: The messages.
-        """
+        """Take energy registers; the newest counts."""
         found = self._readers.registers(batch)
         if found is None:
             return
@@ -140,11 +133,7 @@ class RobotState:
             self._friction = found
 
     def take_findings(self, findings: Sequence[PageFinding]) -> None:
-        """Take diagnostic statuses, each in place of the one before it of the same name.
-
-        Args:
-            findings: The statuses.
-        """
+        """Take diagnostic statuses, each in place of the one before it of the same name."""
         for finding in findings:
             if finding.name in self._findings or len(self._findings) < MAX_FINDINGS:
                 self._findings[finding.name] = finding

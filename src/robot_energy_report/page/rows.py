@@ -103,11 +103,7 @@ def load_alarms(newest: Sequence[Load]) -> list[PageFinding]:
 
 
 def last_job(intervals: Sequence[Fields]) -> dict[str, Any] | None:
-    """Return the last closed interval and the mean of those with its name; None without one.
-
-    Args:
-        intervals: Newest last.
-    """
+    """Return the last closed interval and the mean of those with its name; None without one."""
     closed = [one for one in intervals if not one["is_open"]]
     if not closed:
         return None

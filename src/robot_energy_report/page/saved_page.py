@@ -35,10 +35,7 @@ class StaticFile:
     """One file of the page.
 
     Attributes:
-        content: Its bytes.
         packed: The same, compressed.
-        kind: Media type.
-        tag: Changes with the content.
     """
 
     content: bytes

@@ -41,11 +41,7 @@ class PricePeriod(ModelEntry):
     price_per_kwh: Price
 
     def holds(self, local: datetime) -> bool:
-        """Return whether the period holds at a local time.
-
-        Args:
-            local: The time in the time zone of the settings.
-        """
+        """Return whether the period holds at a local time."""
         minute = 60 * local.hour + local.minute
         begin, end = _minute(self.begin), _minute(self.end)
         today = DAYS[local.weekday()] in self.days
@@ -143,9 +139,6 @@ class CostCounter:
 
     With one price, the cost of the whole register. With times of use, that of the energy
     counted since the first register message: when the energy before was used is not known.
-
-    Args:
-        settings: The tariff.
 
     Attributes:
         since_ns: Beginning of the energy that is priced; None before the first. [ns]

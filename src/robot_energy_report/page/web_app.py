@@ -46,7 +46,6 @@ class PageApp:
     """ASGI application of one page.
 
     Args:
-        hub: The robots.
         access: Who may see them.
     """
 
@@ -197,9 +196,6 @@ class EventStream:
 
     A client that reads slowly misses events between, never the newest; the memory for it is
     that of one event and the buffer of its connection.
-
-    Args:
-        hub: Whose events.
     """
 
     def __init__(self, hub: PageHub) -> None:

@@ -30,11 +30,7 @@ class BoundedProtocol(H11Protocol):
     _reading: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """Take a connection, unless there are too many.
-
-        Args:
-            transport: Of the connection.
-        """
+        """Take a connection, unless there are too many."""
         super().connection_made(transport)
         if len(self.connections) > MAX_CONNECTIONS:
             transport.abort()
@@ -42,11 +38,7 @@ class BoundedProtocol(H11Protocol):
         self._expect_request()
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes; a request has a limited time from its first byte to its last.
-
-        Args:
-            data: What has arrived.
-        """
+        """Take bytes; a request has a limited time from its first byte to its last."""
         super().data_received(data)
         cycle: Any = self.cycle  # None before the first request
         if cycle is not None and not cycle.response_complete:
@@ -91,11 +83,7 @@ class PageServer:
     """Serves a page until it is closed.
 
     Args:
-        hub: The robots.
         access: Where, and for whom.
-
-    Attributes:
-        url: Address to open.
 
     Raises:
         PageError: If the address cannot be listened on.

@@ -88,9 +88,5 @@ class LazyStore(Typestore):
         self.types = _Entries(lambda _: {}, lambda: load().types)
 
     def quick(self, name: str) -> bool:
-        """Return whether a definition can be had without making all.
-
-        Args:
-            name: Message type.
-        """
+        """Return whether a definition can be had without making all."""
         return self._entries.quick(name)

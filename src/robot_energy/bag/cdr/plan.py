@@ -22,11 +22,9 @@ class View:
     """Values at regular distances: a strided view of the rows.
 
     Attributes:
-        offset: First byte in the row.
         shape: Axes after the row axis.
         strides: Distance along each of them. [bytes]
         dtype: Type and byte order in the row.
-        native: Type handed out.
         is_bool: Whether the number means a truth value.
     """
 
@@ -78,8 +76,6 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     """Return how to reach the numbers a walk found for one field.
 
     Args:
-        value: Slot, or nested lists of slots.
-        number: Kind of the number.
         axes: Axes of the field after the message axis.
         order: Byte order, ``<`` or ``>``.
 
@@ -169,8 +165,6 @@ def nested(value: Any, names: list[str], leaf: Callable[[Any], Any]) -> Any:
     """Return one field out of a tree of values, keeping the nesting of arrays.
 
     Args:
-        value: Tree of a walk.
-        names: Remaining names of the path.
         leaf: What to do with a list at an array of messages (``list`` or ``tuple``).
 
     Returns:

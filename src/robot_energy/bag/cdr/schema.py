@@ -77,9 +77,6 @@ def compile_schema(msgtype: str, store: Typestore) -> StructField:
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
         store: Type store that has it.
 
-    Returns:
-        The tree.
-
     Raises:
         MessageTypeError: If the type, or one it is made of, is unknown or holds wide strings.
     """
@@ -97,9 +94,7 @@ def check_size(
     """Refuse a message type that nests too deep or has too many fields, without expanding it.
 
     Args:
-        msgtype: Message type.
         fielddefs: Definitions by type; what is not there counts as one field.
-        inside: Types around it.
         known: Fields of types counted before; grows.
 
     Returns:
@@ -177,9 +172,7 @@ def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | St
     """Return what a dotted path names and how many axes it has after the message axis.
 
     Args:
-        schema: Tree of the message type.
         path: Dotted field path, such as ``header.stamp.sec``.
-        msgtype: Name of the message type, for the error text.
 
     Returns:
         The number or string at the end of the path, and the count of arrays passed on the way.
@@ -210,11 +203,7 @@ def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | St
 
 
 def leaf_paths(schema: StructField) -> list[str]:
-    """Return the dotted paths of all numbers and strings, in order of their bytes.
-
-    Args:
-        schema: A message type.
-    """
+    """Return the dotted paths of all numbers and strings, in order of their bytes."""
     paths: list[str] = []
     for name, node in schema.fields:
         inner = node.item if isinstance(node, ArrayField) else node

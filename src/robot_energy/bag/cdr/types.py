@@ -216,7 +216,6 @@ def differs(store: Typestore, definitions: Mapping[str, tuple[str, str]]) -> boo
     """Return whether a type that a store has is defined otherwise.
 
     Args:
-        store: Definitions.
         definitions: Others, as for `extended`.
 
     Raises:

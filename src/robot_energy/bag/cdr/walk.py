@@ -46,7 +46,6 @@ class Slot:
         """Return the numbers of one message, shape (1,) or (1, count).
 
         Args:
-            data: The message.
             order: Byte order, ``<`` or ``>``.
         """
         count = 1 if self.count is None else self.count
@@ -63,7 +62,6 @@ class Walk(NamedTuple):
         order: Byte order, ``<`` or ``>``.
         end: Bytes up to the end of the payload, with the encapsulation header.
         spans: Bytes [start, stop) of lengths and strings: they decide where the rest lies.
-        parts: Strings and messages in arrays.
         values: Tree of the wanted fields: Slot, str or tuple of str at the leaves, lists for
             arrays of messages.
     """
@@ -85,10 +83,6 @@ def walk(
     """Walk one message.
 
     Args:
-        schema: Tree of the message type.
-        data: The message with its encapsulation header.
-        wanted: Fields whose values are asked for.
-        max_parts: Strings and messages in its arrays.
         exact: Whether spans leave out the padding between neighbours, which costs more of them.
 
     Returns:

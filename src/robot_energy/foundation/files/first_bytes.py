@@ -39,7 +39,6 @@ def named(path: Path, head: bytes) -> tuple[str, str]:
     """Return what a file is, as in "x.bag is a ROS 1 bag", and the remedy; empty without one.
 
     Args:
-        path: The file.
         head: Its first bytes, `MAX_MAGIC` of them where it is so long.
     """
     words = {"path": quote(str(path)), "stem": quote(path.stem), "bag": quote(f"{path.stem}_bag")}

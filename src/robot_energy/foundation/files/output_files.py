@@ -38,9 +38,7 @@ class FileKind:
     """A kind of file and what its beginning or end holds if this tool wrote it.
 
     Attributes:
-        name: With its article.
         start: First bytes of the file; empty for any.
-        mark: Bytes near one of its ends.
     """
 
     name: str
@@ -62,11 +60,7 @@ PDF = PICTURE[2:]
 
 
 def json_bytes(summary: Mapping[str, Any]) -> bytes:
-    """Return a JSON document that bears the mark of this tool.
-
-    Args:
-        summary: Its content.
-    """
+    """Return a JSON document that bears the mark of this tool."""
     document = {"generator": GENERATOR, **summary}
     return f"{json.dumps(document, indent=2, allow_nan=False)}\n".encode()
 
@@ -82,10 +76,7 @@ def check_file(
 
     Args:
         path: The file; ``-`` is the standard output.
-        kinds: What is to be written.
-        what: Its content, for the message.
         inputs: Files and folders that the command reads; missing ones are ignored.
-        error: Class of the error.
 
     Raises:
         RobotEnergyError: If it cannot be written, or must not be replaced.
@@ -142,10 +133,7 @@ def write_file(
 
     Args:
         path: The file; ``-`` is the standard output.
-        data: What it shall hold, its mark included.
-        kinds: What it is.
         what: The same in words, for messages.
-        error: Class of the errors.
         remains: Whether a killed run may have left some of it; to look costs time by the number
             of files in the folder.
 
@@ -193,12 +181,7 @@ def write_file(
 
 
 def write_all(number: int, data: bytes | memoryview) -> None:
-    """Write all bytes to a file descriptor.
-
-    Args:
-        number: The descriptor.
-        data: The bytes.
-    """
+    """Write all bytes to a file descriptor."""
     left = memoryview(data)
     while left:
         left = left[os.write(number, left) :]
@@ -208,7 +191,6 @@ def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
     """Whether a path is a regular file that this tool wrote.
 
     Args:
-        path: The path.
         kinds: What it may be.
     """
     found = os.lstat(path)
@@ -217,11 +199,6 @@ def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
 
 def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> Path:
     """Return a path that a file can have.
-
-    Args:
-        path: As given.
-        what: Content of the file, for the message.
-        error: Class of the error.
 
     Raises:
         RobotEnergyError: If it is empty, or holds what no name can.
@@ -242,8 +219,6 @@ def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> 
     Args:
         target: Where to write.
         inputs: Files and folders that the command reads.
-        place: Beginning of the message.
-        error: Class of the error.
 
     Raises:
         RobotEnergyError: If it is.

@@ -63,7 +63,6 @@ class OutputFolder:
         """Return a new file in it; when that is closed, its content is on the disk.
 
         Args:
-            name: Name of the file.
             buffering: Size of the buffer. [bytes]
 
         Raises:
@@ -76,9 +75,6 @@ class OutputFolder:
 
     def make(self, name: str) -> None:
         """Make a folder in it.
-
-        Args:
-            name: Name of the folder.
 
         Raises:
             RobotEnergyError: If the disk refuses.
@@ -106,11 +102,7 @@ class OutputFolder:
         self._placement.undo()
 
     def failure(self, trouble: OSError) -> RobotEnergyError:
-        """Return the error that names this folder and the reason of the disk.
-
-        Args:
-            trouble: Error of the disk.
-        """
+        """Return the error that names this folder and the reason of the disk."""
         return self._error(
             f"{shown(str(self.path))} cannot be written ({trouble.strerror or trouble})",
             "a folder that can be written to, with room",
@@ -150,10 +142,6 @@ class _SyncedFile(io.RawIOBase):
 def folder_path(path: str | os.PathLike[str], error: ErrorType = ReportError) -> Path:
     """Return the path of an output folder with a name of its own.
 
-    Args:
-        path: As given.
-        error: Class of the error.
-
     Raises:
         RobotEnergyError: If it can name no folder.
     """
@@ -175,11 +163,9 @@ def check_folder(
     """Refuse an output folder, before the work that it is for.
 
     Args:
-        path: The folder.
         foreign: Names what in a folder is not ours.
         overwrite: Whether it may be replaced if all in it is ours.
         inputs: Files and folders that the command reads; missing ones are ignored.
-        error: Class of the error.
 
     Raises:
         RobotEnergyError: If it must not be replaced, or lies in an input.

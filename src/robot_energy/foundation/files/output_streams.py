@@ -18,11 +18,7 @@ _STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
 
 
 def stream_number(target: Path) -> int | None:
-    """Return the descriptor that a path such as /dev/stdout names; None for other paths.
-
-    Args:
-        target: The path.
-    """
+    """Return the descriptor that a path such as /dev/stdout names; None for other paths."""
     if (text := str(target)) in _STREAMS:
         return _STREAMS[text]
     named = str(target.parent) in _STREAM_FOLDERS and target.name.isdecimal()
@@ -33,7 +29,6 @@ def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> Binary
     """Return a device, pipe or descriptor open for writing; None for a file or an unused path.
 
     Args:
-        target: Its path.
         failure: Makes the exception to raise of an error of the disk.
     """
     try:

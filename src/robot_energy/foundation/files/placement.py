@@ -241,11 +241,7 @@ def deferred_signals() -> Generator[None]:
 
 
 def remove_remains(target: Path) -> None:
-    """Remove what a killed run left for a target, and put back what it had set aside.
-
-    Args:
-        target: The file or folder.
-    """
+    """Remove what a killed run left for a target, and put back what it had set aside."""
     folder, beginning = target.parent, _beginning(target)
     with suppress(OSError), os.scandir(folder) as entries:
         names = [entry.name for entry in entries if entry.name.startswith(beginning)]
@@ -266,11 +262,7 @@ def _beginning(target: Path) -> str:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock of a file or folder.
-
-    Args:
-        path: The file or folder.
-    """
+    """Whether a process holds the lock of a file or folder."""
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -285,11 +277,7 @@ def is_locked(path: Path) -> bool:
 
 
 def is_running(pid: int) -> bool:
-    """Whether a process exists.
-
-    Args:
-        pid: Its number.
-    """
+    """Whether a process exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -309,9 +297,6 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 def sync_folder(folder: Path) -> None:
     """Bring the names in a folder to the disk, where its file system can.
-
-    Args:
-        folder: Whose entries were made, renamed or removed.
 
     Raises:
         OSError: If it cannot be opened, or the disk fails.

@@ -15,7 +15,6 @@ def require_private(path: str, what: str, remedy: str = "") -> Path:
 
     Args:
         path: The file; ``~`` is the home folder.
-        what: What it is, for messages.
         remedy: What to do if there is none.
 
     Returns:

@@ -27,7 +27,6 @@ def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
     """Return a regular file, or one that a link leads to, open for reading.
 
     Args:
-        path: The file.
         buffering: As of ``open``. [bytes]
 
     Raises:
@@ -51,7 +50,6 @@ def read_regular(path: str | Path, max_bytes: int) -> bytes:
     """Return the content of a regular file of bounded size.
 
     Args:
-        path: The file.
         max_bytes: Its largest size. [bytes]
 
     Raises:
@@ -72,7 +70,6 @@ def read_regular_text(
     """Return the text of a regular file of bounded size, with line feeds alone.
 
     Args:
-        path: The file.
         max_bytes: Its largest size. [bytes]
         encoding_of: Finds the encoding; by default it is UTF-8.
 
@@ -91,11 +88,7 @@ def read_regular_text(
 
 
 def why_unreadable(error: OSError | UnicodeDecodeError) -> str:
-    """Return what is wrong with a file, to stand in brackets.
-
-    Args:
-        error: Error of the attempt to read it.
-    """
+    """Return what is wrong with a file, to stand in brackets."""
     if isinstance(error, OSError):
         return str(error.strerror)
     return f"it is not {error.encoding.upper().removesuffix('-SIG')}"

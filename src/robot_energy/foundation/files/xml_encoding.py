@@ -23,9 +23,6 @@ def xml_encoding(data: bytes) -> str:
 
     A declaration that cannot be true, such as UTF-16 in a file of single bytes, counts as none.
 
-    Args:
-        data: The file, or its beginning.
-
     Raises:
         LookupError: If it declares an encoding that is not known.
     """

@@ -52,10 +52,6 @@ class JointCorrection:
     def check(self, joints: Sequence[str], owner: str) -> None:
         """Refuse a number of entries that fits neither all joints at once nor each of them.
 
-        Args:
-            joints: Names of the joints.
-            owner: Whose entries they are, for the error text.
-
         Raises:
             ParameterError: Naming the entry and the joints.
         """
@@ -78,11 +74,7 @@ class JointCorrection:
         return values * (np.asarray(self.sign) * np.asarray(self.scale)) + np.asarray(self.zero)
 
     def followed_by(self, other: JointCorrection) -> JointCorrection:
-        """Return the one correction that does the work of this one and then of another.
-
-        Args:
-            other: Of what this one has corrected, for as many joints.
-        """
+        """Return the one correction that does the work of this one and then of another."""
         factor = np.asarray(other.sign) * np.asarray(other.scale)
         return JointCorrection(
             sign=_shortest(np.asarray(self.sign) * np.asarray(other.sign)),

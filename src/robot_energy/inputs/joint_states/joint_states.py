@@ -72,9 +72,6 @@ class JointStateIngest:
         rejections: Received, accepted and rejected messages. A message with some of the joints
             is accepted when its readings are taken; one of the leading joint when it makes
             a sample.
-        order: Gaps and backward jumps of the samples.
-        samples: Samples given out.
-        conflicts: What was seen of second publishers.
         ignored_joints: Joints met that the model does not know.
         known_names: What messages may call the joints, in model order: each way that is read.
 

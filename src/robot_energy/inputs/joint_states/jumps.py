@@ -26,7 +26,6 @@ class _Repeats:
     """Counts the steps of a moving robot after values that its driver has repeated.
 
     Attributes:
-        count: Samples with such a step.
         first_ns: Stamp of the first one. [ns]
         last_ns: Stamp of the last one. [ns]
         hold: How long values stand. [s]
@@ -93,7 +92,6 @@ class PositionJumpDetector:
         """Return a watch of all joints of a robot, by its limits if they are known.
 
         Args:
-            n_joints: Number of joints of the model.
             limits: Limits from the URDF; without them (None) no joint has a limit or turns without
                 end.
         """

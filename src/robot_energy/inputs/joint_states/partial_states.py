@@ -70,7 +70,6 @@ class PartialStateMerger:
     gaps are bridged.
 
     Args:
-        n_joints: Number of joints of the model.
         log: Where messages are counted. One with some of the joints is accepted when its
             readings are taken; one of the leading joint when it makes a sample.
         dispute: Takes the stamps of messages that contradict each other.

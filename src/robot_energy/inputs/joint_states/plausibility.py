@@ -42,7 +42,6 @@ class JointStateProblem:
     """Something that makes joint states doubtful.
 
     Attributes:
-        sentence: What it is.
         first_ns: Stamp of the first sample concerned. [ns]
         last_ns: Stamp of the last one. [ns]
         severe: Whether samples cannot be used because of it.

@@ -37,18 +37,15 @@ class PublisherConflictFilter:
     until a second has passed without another.
 
     Args:
-        n_joints: Number of joints of the model.
         log: Where refused samples are counted.
         limits: Limits from the URDF; None to allow what any joint can do.
 
     Attributes:
-        count: Signs seen.
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
         last_ns: Stamp of the last sign. [ns]
         astray_ns: Stamp at which the last leap came back that showed no second publisher;
             None if there was none. [ns]
-        steps: Of the positions of all samples.
     """
 
     def __init__(self, n_joints: int, log: RejectionLog, limits: JointLimits | None = None) -> None:

@@ -25,11 +25,9 @@ class VelocityCheck:
     `Plausibility`. The very first message waits for the second, in the same way.
 
     Args:
-        n_joints: Number of joints of the model.
         limits: Limits from the URDF; None, or a joint without a limit, refuses nothing.
         ratio: How many times its limit a joint may be fast without being looked at. [-]
         log: Where refused messages are counted.
-        plausibility: Is told of them, as they show the unit.
     """
 
     def __init__(

@@ -25,12 +25,10 @@ class ZeroStateFilter:
     would refuse with them. A robot that stands at zero is left alone.
 
     Args:
-        n_joints: Number of joints of the model.
         limits: Limits from the URDF; None to allow what any joint can do.
         log: Where messages left out are counted.
 
     Attributes:
-        count: Messages left out.
         first_ns: Stamp of the first one. [ns]
         last_ns: Stamp of the last one. [ns]
     """

@@ -37,7 +37,6 @@ class _Doubt:
         first_ns: Stamp of the first. [ns]
         first: The first reading. [J]
         last: The newest reading. [J]
-        count: How many there are.
         unbroken: Whether no gap lies between the count and them.
     """
 
@@ -58,10 +57,7 @@ class EnergyCounterDecoder:
         wraps_at: Reading at which the counter starts again from zero; None: it never does. [J]
 
     Attributes:
-        resets: How often the counter started anew.
         reset_ns: Stamp of the first reading after the last reset; None if there was none. [ns]
-        wraps: How often it wrapped.
-        low: Readings held because they were lower than the count.
         high: Readings held because they implied more than `max_power`.
     """
 

@@ -68,11 +68,9 @@ class MeterIngest:
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
-        source: What the meter is.
         rejections: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current
             of a pair may turn out to be ``unpaired`` when a later message has come.
-        epochs: Jumps and outliers of the stamps.
 
     Raises:
         ParameterError: If the type lacks the number or the header that the source names.

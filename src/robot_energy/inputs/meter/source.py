@@ -293,11 +293,7 @@ class MeterSource:
         return self.max_power, self.wraps_at_joule, unit
 
     def resolved(self, resolve: Callable[[str], str]) -> MeterSource:
-        """Return the source with the full names of its topics.
-
-        Args:
-            resolve: Gives the full name of a topic.
-        """
+        """Return the source with the full names of its topics."""
         if not self.pair:
             return replace(self, topic=resolve(self.topic))
         voltage, current = resolve(self.voltage_topic), resolve(self.current_topic)

@@ -34,9 +34,6 @@ class TemperatureFilter:
     So a single outlier changes nothing, a first reading that was one is gone after two
     that agree, and a true step counts from its third reading.
 
-    Args:
-        n_joints: Number of motors.
-
     Attributes:
         temperature_degc: Believed, shape (n,); NaN where none is yet. [degC]
         stamp_ns: Stamp of each, shape (n,); 0 where none is, or of an epoch before. [ns]

@@ -195,7 +195,6 @@ class TemperatureKind(Kind):
     """One kind of temperature source. Its name is the type of its messages.
 
     Attributes:
-        adapter: Makes the reader of the messages of a source.
         found_by_type: Whether a topic of this type needs no settings.
         headed: Whether its messages have a header with a stamp.
         needs_joints: Whether the source must list the joints.

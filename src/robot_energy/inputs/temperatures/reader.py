@@ -34,7 +34,6 @@ class TemperatureReadings(NamedTuple):
     """Readings of one source in order of arrival.
 
     Attributes:
-        block: The readings.
         arrival_ns: When each was received, shape (N,). [ns]
     """
 
@@ -51,13 +50,10 @@ class TemperatureReader:
     A fault code counts as no reading, unless the last other reading is within 2 K of it.
 
     Args:
-        name: Of the source.
-        source: Its topics, with their full names, and what they mean.
         joint_names: Modelled joints in model order.
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
-        rejections: Received, accepted and rejected messages of values.
         keys_account: The same of the keys of Float64Values.
         ignored_joints: Names met that are none of the source's joints.
         missing_readings: Values that were no number, in messages that were accepted.

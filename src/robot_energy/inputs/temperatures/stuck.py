@@ -37,9 +37,6 @@ class StuckTemperatureDetector:
     Losses are summed over windows of 10 s of the stamps, in whole microjoules, which
     doubles add up exactly. So any cutting into blocks gives the same verdict.
 
-    Args:
-        model: The robot's model.
-
     Attributes:
         stuck: Which readings are, shape (n,).
         rise: x, what the losses must have warmed each motor since its reading last

@@ -55,7 +55,6 @@ class TemperatureIngest:
 
     Attributes:
         readers: One per source, with the account of its messages.
-        epochs: Jumps and outliers of the stamps.
 
     Raises:
         ParameterError: If a source names a joint that the model lacks.

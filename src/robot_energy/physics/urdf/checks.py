@@ -50,9 +50,6 @@ class JointLimits:
     def unit(self, joint: int) -> str:
         """Unit of a joint's position.
 
-        Args:
-            joint: Number of the joint.
-
         Returns:
             ``m`` for a prismatic joint, otherwise ``rad``.
         """
@@ -64,8 +61,6 @@ class JointEntry:
     """One moving joint of a URDF.
 
     Attributes:
-        name: Its name.
-        kind: Its type in the URDF.
         modelled: Whether its motion is modelled; if not, it is locked.
         remark: Its limits if it is modelled, else why it is not.
     """
@@ -121,9 +116,6 @@ class Inventory:
 
 def parse(urdf_xml: str) -> ET.Element:
     """Parse a URDF without entities and geometry, and check that it is one tree.
-
-    Args:
-        urdf_xml: Text of the URDF.
 
     Returns:
         The root, whose joints and links have unique names and finite numbers.

@@ -18,10 +18,6 @@ def disagreements(model: RobotModel, urdf_xml: str) -> list[str]:
     Joint names, kinds and limits of position and velocity are compared, the limits only
     where both descriptions give them. Poses and inertias are not.
 
-    Args:
-        model: The model, with its own URDF.
-        urdf_xml: The other description.
-
     Returns:
         One part of a sentence for each kind of difference; empty if there is none.
 

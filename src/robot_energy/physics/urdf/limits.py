@@ -34,7 +34,6 @@ def usable_limit(kind: str, key: str, value: float) -> float:
     """Return a limit of effort or velocity, or inf where the URDF gives none that can be one.
 
     Args:
-        kind: Type of the joint.
         key: ``effort`` or ``velocity``.
         value: As in the URDF, joint side. [N m], [N], [rad/s] or [m/s]
     """
@@ -72,7 +71,6 @@ def first_names(names: Sequence[str], most: int = 6) -> str:
     """Return names of joints as one phrase, and how many more there are.
 
     Args:
-        names: At least one.
         most: Names that are written out.
     """
     more = f" and {len(names) - most} more" if len(names) > most else ""

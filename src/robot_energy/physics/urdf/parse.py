@@ -55,9 +55,6 @@ def read_elements(urdf_xml: str) -> ET.Element:
     Prefixes stay parts of names, as the parsers of other programs for URDFs leave them: so a
     prefix need not be declared, and a default namespace changes nothing.
 
-    Args:
-        urdf_xml: Text of the URDF.
-
     Raises:
         RobotDescriptionError: If it is too large or too deep, declares a DOCTYPE, is no XML, or
             is a xacro file.
