@@ -18,26 +18,27 @@ from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy_cli.main import build_parser, main
 
 README = (ROOT / "README.md").read_text()
+COMMANDS = README + (ROOT / "src/doc/commands.md").read_text()
 NOMENCLATURE = (ROOT / "src/doc/nomenclature.md").read_text()
 
 
-def readme_commands():
-    """Every `robot-energy` command of the README, as it stands there."""
-    found = re.findall(r"`(robot-energy [^`]+)`", README)
-    found += re.findall(r"^(robot-energy .+)$", README, flags=re.MULTILINE)
+def listed_commands():
+    """Every `robot-energy` command of README and the list of commands, as it stands there."""
+    found = re.findall(r"`(robot-energy [^`]+)`", " ".join(COMMANDS.split()))
+    found += re.findall(r"^(robot-energy .+)$", COMMANDS, flags=re.MULTILINE)
     return sorted(set(found))
 
 
-# Commands of the README that need a file of the reader's own.
+# Commands that need a file of the reader's own.
 OWN_FILES = ("LOG.csv", "log.csv", "MY_ROBOT.yaml", "MAPPING.yaml", "FOLDER")
 
 
-def test_readme_has_commands():
-    assert len(readme_commands()) >= 8
+def test_commands_are_found():
+    assert len(listed_commands()) >= 8
 
 
-@pytest.mark.parametrize("command", readme_commands())
-def test_readme_command_runs(command, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("command", listed_commands())
+def test_listed_command_runs(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     words = shlex.split(command)[1:]
     if any(name in command for name in OWN_FILES):
@@ -50,7 +51,7 @@ def test_readme_command_runs(command, tmp_path, monkeypatch, capsys):
     if words[0] in ("fleet", "replay"):  # of what the command before it made
         maker = next((made_by[word] for word in words[1:3] if word in made_by), None)
         begin = f"robot-energy {maker}"
-        steps = [*(shlex.split(c)[1:] for c in readme_commands() if c.startswith(begin)), words]
+        steps = [*(shlex.split(c)[1:] for c in listed_commands() if c.startswith(begin)), words]
     for step in steps:
         places = [str(tmp_path / word[6:]) if word.startswith("build/") else word for word in step]
         assert main(places) == 0, capsys.readouterr().err
@@ -58,7 +59,7 @@ def test_readme_command_runs(command, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    "target", sorted(set(re.findall(r"(?:`|^)make ([a-z]+)", README, flags=re.MULTILINE)))
+    "target", sorted(set(re.findall(r"(?:`|^)make ([a-z]+)", COMMANDS, flags=re.MULTILINE)))
 )
 def test_make_target_of_the_readme_exists(target):
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
