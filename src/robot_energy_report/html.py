@@ -90,6 +90,11 @@ def page_html(document: Document) -> str:
     )
 
 
+def parts_html(parts: Sequence[Part]) -> str:
+    """Return parts of a document as HTML to stand in another page."""
+    return f"<div>{''.join(map(_part, parts))}</div>"
+
+
 def _anchor(place: int, parts: Sequence[Part]) -> str:
     """Target of a link to a section; empty for what stands before the first heading."""
     text = parts[0].text if place and isinstance(parts[0], Text) else ""

@@ -1,10 +1,12 @@
-"""Every example runs as it stands and prints figures."""
+"""Every example and notebook runs as it stands and prints figures."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib as mpl
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,3 +31,32 @@ def test_example_runs(example, tmp_path):
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_example_is_on_the_site(example):
     assert f"examples/python/{example.name}" in (ROOT / "src/doc/examples.md").read_text()
+
+
+NOTEBOOKS = sorted((ROOT / "src/examples/notebooks").glob("*.ipynb"))
+
+
+def test_there_are_four_notebooks():
+    assert len(NOTEBOOKS) == 4
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(notebook, monkeypatch, capsys):
+    from matplotlib import pyplot
+
+    mpl.use("Agg")
+    monkeypatch.chdir(ROOT)
+    cells = json.loads(notebook.read_text())["cells"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"], "kept without outputs"
+            exec(compile("".join(cell["source"]), notebook.name, "exec"), names)
+    assert pyplot.get_fignums()
+    pyplot.close("all")
+    assert "%" in capsys.readouterr().out or "kJ" in notebook.read_text()
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_on_the_site(notebook):
+    assert f"examples/notebooks/{notebook.name}" in (ROOT / "src/doc/examples.md").read_text()

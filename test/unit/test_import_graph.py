@@ -42,8 +42,8 @@ MODULES = {
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        config_file errors extras kinds process_memory schema_errors shown_text stopping
-        time_zone units
+        config_file errors extras kinds process_memory schema_errors shown shown_text signature
+        stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder output_streams placement private_file
@@ -193,8 +193,8 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout model optimization
-        parameters prediction prediction_figure printing recordings repeats replay
+        held_out html identification identify_all jobs kinds layout model notebook
+        optimization parameters prediction prediction_figure printing recordings repeats replay
         replay_figures series
     """,
     "robot_energy_report.layouts": """

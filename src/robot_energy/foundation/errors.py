@@ -167,6 +167,10 @@ class ImplausibleIdentificationError(RobotEnergyError, ValueError):
     """What was identified contradicts physics or the URDF grossly, so that it is not written."""
 
 
+class ColumnError(RobotEnergyError, KeyError):
+    """A table has no column of that name."""
+
+
 class MissingExtraError(RobotEnergyError, ImportError):
     """A library is not installed that only some parts need; an extra of the distribution has it."""
 

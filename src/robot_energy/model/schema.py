@@ -20,6 +20,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from robot_energy.foundation.shown import Shown
 from robot_energy.model.auxiliary import MAX_LOADS, AuxiliaryLoad
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import (
@@ -221,7 +222,7 @@ def _known_drive(name: str) -> str:
     return name
 
 
-class RobotModel(ModelEntry):
+class RobotModel(ModelEntry, Shown):
     """One robot's model file, validated.
 
     Attributes:

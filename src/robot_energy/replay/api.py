@@ -14,6 +14,8 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.condition.learner import ConditionRecord, Learning
 from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.shown import Shown
+from robot_energy.foundation.signature import lists
 from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
@@ -112,7 +114,7 @@ class ReplayOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class ReplayResult:
+class ReplayResult(Shown):
     """Where the energy of a bag went.
 
     Attributes:
@@ -145,11 +147,19 @@ class ReplayResult:
     report: ReplayReport = field(repr=False)
     replay: Replay = field(repr=False)
 
+    def __repr__(self) -> str:
+        compared, span = self.comparison, self.report.time.observed_time
+        text = f"{self.bag.name}, {self.model.robot.type}: {self.energy.net:.0f} J in {span:.1f} s"
+        if compared.predicted_minus_measured_relative is not None:
+            text += f", {compared.predicted_minus_measured_relative:+.1%} against the meter"
+        return f"ReplayResult({text})"
+
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy replay``."""
         return self.report.to_dict()
 
 
+@lists(ReplayOptions)
 def replay(
     bag: str | Path,
     model: ModelName,

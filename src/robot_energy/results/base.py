@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from robot_energy import __version__
+from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 
 SCHEMA_VERSION = 3  # rises when a key goes, is renamed, or changes its meaning
@@ -35,7 +36,7 @@ def known(value: float) -> Number:
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 @dataclass(frozen=True)
-class Result:
+class Result(Shown):
     """Base of the results, which are frozen dataclasses without being decorated.
 
     A number that is not finite becomes None: it is not known.
@@ -58,12 +59,18 @@ class Result:
             cls.__doc__ += f"\n\nAttributes:{described}"
         cls.NAME = name
         dataclass(frozen=True)(cls)
+        if name:  # all figures of a document fill a page
+            cls.__repr__ = Result.__repr__
 
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
             if isinstance(value, float):
                 object.__setattr__(self, entry.name, known(value))
+
+    def __repr__(self) -> str:
+        names = ", ".join(entry.name for entry in fields(self) if entry.repr)
+        return f"{type(self).__name__}({names})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of the command."""

@@ -10,21 +10,23 @@ import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.errors import ShapeError
+from robot_energy.foundation.errors import ColumnError, ShapeError
 from robot_energy.foundation.files.output_files import GENERATOR
+from robot_energy.foundation.shown import Shown
 from robot_energy.foundation.units import SECOND_NS
 
 Column = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class TimeSeries:
+class TimeSeries(Shown):
     """Columns over one axis of time.
 
     Attributes:
@@ -64,9 +66,16 @@ class TimeSeries:
         """Return a column, shape (W,) or (W, n).
 
         Raises:
-            KeyError: If there is none of that name.
+            ColumnError: If there is none of that name.
         """
-        return self.columns[name] if name in self.columns else self.joint_columns[name]
+        every = {**self.joint_columns, **self.columns}
+        if name not in every:
+            near = get_close_matches(name, every, n=1)
+            raise ColumnError(
+                f"the table has no column '{name}'",
+                f"'{near[0]}'?" if near else f"one of {', '.join(every)}",
+            )
+        return every[name]
 
     @property
     def time(self) -> NDArray[np.float64]:

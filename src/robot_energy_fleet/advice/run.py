@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from robot_energy.foundation.errors import ParameterError, RobotEnergyError
+from robot_energy.foundation.shown import Shown
+from robot_energy.foundation.signature import lists
 from robot_energy.foundation.units import DAY, JOULE_PER_KWH
 from robot_energy.model import RobotModel
 from robot_energy.replay.api import ReplayOptions, run_replay
@@ -53,7 +55,7 @@ ABSENT = {
 
 
 @dataclass(frozen=True)
-class AdviceResult:
+class AdviceResult(Shown):
     """What would save how much.
 
     Attributes:
@@ -67,6 +69,7 @@ class AdviceResult:
         return self.report.to_dict()
 
 
+@lists(ReplayOptions)
 def advise(
     recordings: str | Path | Sequence[str | Path],
     model: ModelName,

@@ -12,6 +12,7 @@ import numpy as np
 
 from robot_energy.certainty.prediction_errors import TorqueErrorSums
 from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.signature import lists
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output
 from robot_energy.replay.api import FALLBACK, ReplayOptions, fixed_friction, run_replay
@@ -30,6 +31,7 @@ from robot_energy_identify.results.evaluation import (
 )
 
 
+@lists(ReplayOptions)
 def evaluate(
     bags: str | Path | Sequence[str | Path],
     model: ModelName,

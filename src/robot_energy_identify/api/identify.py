@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel, save
 from robot_energy.replay.inputs import ModelName, Stages, model_of, silent
 from robot_energy.results.base import Result
@@ -50,7 +51,7 @@ Names = str | Path | Sequence[str | Path]
 
 
 @dataclass(frozen=True)
-class IdentificationResult(Generic[Found]):
+class IdentificationResult(Shown, Generic[Found]):
     """What recordings say about a robot.
 
     Attributes:

@@ -11,6 +11,7 @@ import numpy as np
 
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.physics.collision import SelfCollision, touching_moves
 from robot_energy.replay.inputs import ModelName, model_of
@@ -40,7 +41,7 @@ REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
 
 
 @dataclass(frozen=True)
-class OptimizationResult:
+class OptimizationResult(Shown):
     """A program that needs less energy for the same work.
 
     Attributes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.rigid_body import Robot
@@ -23,7 +24,7 @@ from robot_energy_plan.results.prediction import PredictionReport, prediction_re
 
 
 @dataclass(frozen=True)
-class PredictionResult:
+class PredictionResult(Shown):
     """The energy of a motion that has not been made.
 
     Attributes:
@@ -52,6 +53,12 @@ class PredictionResult:
     problems: tuple[str, ...]
     report: PredictionReport = field(repr=False)
     prediction: Prediction = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"PredictionResult({self.program}, {self.model.robot.type}, {self.duration:.1f} s: "
+            f"{self.energy.net:.0f} J)"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: a run in the JSON of ``robot-energy predict``."""

@@ -1,0 +1,264 @@
+"""Results and models in a notebook: as HTML, and drawn on axes of matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+
+from robot_energy.certainty.band import Z90
+from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.extras import require
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.results.base import Result
+from robot_energy.results.energy import EnergyBreakdown, JointEnergy
+from robot_energy.results.model import model_report
+from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.time_series import TimeSeries
+from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
+from robot_energy_report.canvas import COLOURS, PART_COLOURS, SERIES, Axes
+from robot_energy_report.document import Document
+from robot_energy_report.energy import scale_of
+from robot_energy_report.formats import number, typeset
+from robot_energy_report.html import parts_html
+
+# What writes the document of a result, by the name of its JSON.
+DOCUMENTS = {
+    "replay": "robot_energy_report.replay:replay_document",
+    "prediction": "robot_energy_report.prediction:prediction_document",
+    "optimization": "robot_energy_report.optimization:optimization_document",
+    "identification": "robot_energy_report.identify_all:identification_document",
+    "model": "robot_energy_report.model:model_document",
+    "friction": "robot_energy_report.identification:friction_document",
+    "friction_study": "robot_energy_report.identification:study_document",
+    "cabinet": "robot_energy_report.identification:cabinet_document",
+    "thermal": "robot_energy_report.identification:thermal_document",
+    "auxiliary": "robot_energy_report.identification:states_document",
+    "drives": "robot_energy_report.drives:drives_document",
+    "dynamics": "robot_energy_report.dynamics:dynamics_document",
+    "test": "robot_energy_report.evaluation:evaluation_document",
+    "advice": "robot_energy_fleet.documents.advice:advice_document",
+    "fleet_report": "robot_energy_fleet.documents.fleet:fleet_document",
+    "fleet_friction": "robot_energy_fleet.documents.fleet:fleet_friction_document",
+}
+ENDS = 3  # rows of a table that are shown at either end
+MARGIN = 5.0  # drawn beyond the fitted temperatures of a friction law [K]
+
+
+def html(shown: Any) -> str:
+    """Return a result, a model or a table as HTML: what the terminal shows, and figures.
+
+    Args:
+        shown: A result of a verb or its report; a model; a table over time.
+    """
+    page = Document()
+    match shown:
+        case TimeSeries():
+            _table(shown, page)
+        case _:
+            report = _report(shown)
+            if isinstance(report, PredictionReport):
+                report = PredictionsReport((report,))
+            if not isinstance(report, Result) or report.NAME not in DOCUMENTS:
+                return f"<pre>{typeset(repr(shown))}</pre>"
+            resolve_name(DOCUMENTS[report.NAME])(report, page)
+    return parts_html(page.shown("terminal"))
+
+
+def _report(shown: Any) -> Any:
+    if isinstance(shown, RobotModel):
+        return model_report(shown, Robot.from_model(shown))
+    for name in ("report", "found"):
+        shown = getattr(shown, name, shown)
+    return shown
+
+
+def _table(table: TimeSeries, page: Document) -> None:
+    columns = table.to_dict()
+    rows = range(len(table))
+    kept = rows if len(rows) <= 2 * ENDS else (*rows[:ENDS], *rows[-ENDS:])
+    names = ("time [s]", *(_named(name, table.units) for name in columns if name != "stamp_ns"))
+    values = [table.time, *(column for name, column in columns.items() if name != "stamp_ns")]
+    page.table(
+        f"{len(rows)} rows",
+        names,
+        [[number(float(each[row]), 3) for each in values] for row in kept],
+    )
+
+
+def _named(name: str, units: Mapping[str, str]) -> str:
+    unit = units.get(name.rpartition(".")[2], "")
+    return f"{name} [{unit}]" if unit else name
+
+
+def plot(shown: Any, what: str | None = None, axes: Axes = None) -> Axes:
+    """Draw one aspect of a result, a model or a table: see ``Shown.plot``.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ReportError: If this cannot be drawn of it.
+        MissingExtraError: If matplotlib is not installed.
+    """
+    power = shown if isinstance(shown, TimeSeries) else getattr(shown, "power", None)
+    energy, joints = getattr(shown, "energy", None), getattr(shown, "joints", None)
+    model = shown if isinstance(shown, RobotModel) else getattr(shown, "model", None)
+    found: dict[str, Callable[[Axes], None]] = {}
+    if isinstance(power, TimeSeries) and "predicted_grid_power" in power:
+        found["power"] = lambda on: _power(power, on)
+        found["energy"] = lambda on: _energy(power, on)
+    if isinstance(energy, EnergyBreakdown):
+        found["parts"] = lambda on: _parts(energy, on)
+        found["joints"] = lambda on: _joints(energy, joints or (), on)
+    if isinstance(power, TimeSeries) and "motor_temperature_degc" in power:
+        found["temperatures"] = lambda on: _temperatures(power, on)
+    if isinstance(model, RobotModel):
+        found["friction"] = lambda on: _friction(model, on)
+    if what is None and found:
+        what = next(iter(found))
+    if what not in found:
+        raise ReportError(
+            f"{type(shown).__name__} has no figure of '{what}'",
+            ", ".join(found) or "a result, a model or a table of power",
+        )
+    if axes is None:
+        require("matplotlib", "a figure")
+        from matplotlib import pyplot
+
+        axes = pyplot.subplots(layout="constrained")[1]
+    found[what](axes)
+    return axes
+
+
+def _curves(power: TimeSeries) -> dict[str, tuple[str, Float]]:
+    """Columns of power by label, with their role: two where a meter was read, at the same times."""
+    if "measured_power" in power and np.isfinite(power["measured_power"]).any():
+        measured, predicted = power["measured_power"], power["predicted_power_at_meter"]
+        known = np.isfinite(measured) & np.isfinite(predicted)
+        return {
+            "measured": ("measured", np.where(known, measured, np.nan)),
+            "predicted, as the meter shows it": ("predicted", np.where(known, predicted, np.nan)),
+        }
+    return {"predicted": ("predicted", power["predicted_grid_power"])}
+
+
+def _power(power: TimeSeries, axes: Axes) -> None:
+    for label, (role, watts) in _curves(power).items():
+        known = np.isfinite(watts)
+        axes.plot(power.time[known], watts[known], color=COLOURS[role], label=label)
+        if role == "predicted" and "predicted_power_std" in power:
+            half = Z90 * power["predicted_power_std"]
+            _band(axes, power.time, watts, half, COLOURS[role], "90 % band")
+    _over_time(axes, "power [W]")
+
+
+def _band(axes: Axes, x: Float, middle: Float, half: Float, colour: str, label: str = "") -> None:
+    known = np.isfinite(middle + half)
+    low, high = (middle - half)[known], (middle + half)[known]
+    axes.fill_between(x[known], low, high, color=colour, alpha=0.15, linewidth=0.0, label=label)
+
+
+def _energy(power: TimeSeries, axes: Axes) -> None:
+    """Energy since the start; time without power, or without a reading, adds nothing."""
+    for label, (role, watts) in _curves(power).items():
+        steps = 0.5 * (watts[1:] + watts[:-1]) * np.diff(power.time)
+        joule = np.append(0.0, np.cumsum(np.nan_to_num(steps)))
+        axes.plot(power.time, joule / 1e3, color=COLOURS[role], label=label)
+    _over_time(axes, "energy [kJ]")
+
+
+def _over_time(axes: Axes, quantity: str) -> None:
+    axes.set_xlabel("time since the start [s]")
+    axes.set_ylabel(quantity)
+    axes.legend()
+
+
+def _parts(energy: EnergyBreakdown, axes: Axes) -> None:
+    scale = scale_of([energy])
+    parts = (
+        ("lifting, accelerating", energy.rigid, "motion"),
+        ("friction", energy.friction, "friction"),
+        ("drive losses", energy.drive_loss, "drives"),
+        ("constant losses, DC", energy.loss_dc, "cabinet"),
+        ("losses, grid side", energy.loss_grid, "cabinet"),
+        ("brake resistor", energy.brake, "brake"),
+        ("capacitor", energy.capacitor, "motion"),
+    )
+    known = [(name, value, part) for name, value, part in parts if value is not None]
+    places = range(len(known))
+    axes.barh(
+        places, [value / scale.factor for _, value, _ in known],
+        color=[PART_COLOURS[part] for _, _, part in known],
+    )  # fmt: skip
+    axes.set_yticks(places, [name for name, _, _ in known])
+    axes.invert_yaxis()
+    axes.set_xlabel(f"energy [{scale.unit}]")
+
+
+def _joints(energy: EnergyBreakdown, joints: tuple[JointEnergy, ...], axes: Axes) -> None:
+    scale = scale_of([energy])
+    places = np.arange(len(joints))
+    parts = (
+        ("lifting, accelerating", "rigid_energy", "motion"),
+        ("friction", "friction_energy", "friction"),
+        ("drive losses", "drive_loss_energy", "drives"),
+    )
+    above, below = np.zeros(len(joints)), np.zeros(len(joints))
+    for label, name, part in parts:
+        if all(getattr(joint, name) is None for joint in joints):
+            continue
+        values = np.array([getattr(joint, name) or 0.0 for joint in joints]) / scale.factor
+        axes.bar(
+            places,
+            values,
+            bottom=np.where(values < 0, below, above),
+            label=label,
+            color=PART_COLOURS[part],
+        )
+        above, below = above + np.maximum(values, 0.0), below + np.minimum(values, 0.0)
+    axes.use_sticky_edges = False
+    axes.margins(y=0.05)
+    axes.set_xticks(places, [joint.name for joint in joints], rotation=30, ha="right")
+    axes.set_ylabel(f"energy [{scale.unit}]")
+    axes.legend()
+
+
+def _temperatures(power: TimeSeries, axes: Axes) -> None:
+    for joint, name in enumerate(power.joint_names):
+        values = power["motor_temperature_degc"][:, joint]
+        axes.plot(power.time, values, color=SERIES[joint % len(SERIES)], label=name)
+    _over_time(axes, "motor temperature [degC]")
+
+
+def _friction(model: RobotModel, axes: Axes) -> None:
+    """Viscous coefficients over motor temperature, with 90 % bands (paper A, fig. 6)."""
+    friction = FrictionModel.from_model(model)
+    low, high = _fitted(model)
+    degc = np.linspace(low - MARGIN, high + MARGIN, 100)
+    every = np.repeat(degc[:, None], len(model.joints), axis=1)
+    viscous, (std, _) = friction.viscous(every), FrictionCertainty(model).std(every)
+    for joint, name in enumerate(model.joint_names):
+        colour = SERIES[joint % len(SERIES)]
+        axes.plot(degc, 1e3 * viscous[:, joint], color=colour, label=name)
+        _band(axes, degc, 1e3 * viscous[:, joint], 1e3 * Z90 * std[:, joint], colour)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("temperature [degC]")
+    axes.set_ylabel("viscous friction, motor side [1e-3 N m s/rad]")
+    axes.legend()
+
+
+def _fitted(model: RobotModel) -> tuple[float, float]:
+    ranges = [
+        fitted
+        for joint in model.joints
+        if (fitted := getattr(joint.friction.viscous, "fitted_degc", None)) is not None
+    ]
+    if not ranges:
+        return 20.0, 60.0
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
