@@ -88,8 +88,8 @@ def _run(args: Namespace) -> int:
         fits, refused = fit_axes(axes)
         if args.share_shape:
             fits = share_shape(fits, axes)
-        check_friction(fits)
-        report = FrictionReport("log", tuple(fits), tuple(refused))
+        fits, implausible = check_friction(fits)
+        report = FrictionReport("log", tuple(fits), (*refused, *implausible))
     else:
         from robot_energy_identify.api.identify import identify_friction
 

@@ -80,7 +80,8 @@ def identify_fleet(
             "at least one joint that moves, with measured torque",
             "run the bags with --effort",
         )
-    check_friction(fits)
+    fits, implausible = check_friction(fits)
+    refused += implausible
     written = with_friction(model, fits, source)
     done = f"Friction identified from {span}."
     provenance = identified_from(model.provenance, done, [f"dataset {dataset}: {span}"])

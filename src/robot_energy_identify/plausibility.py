@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.timeline.blocks import EffortMeaning, Float, TorqueBlock
 from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.data.recordings import Recording, still_joints
@@ -22,7 +23,11 @@ from robot_energy_identify.drives.drives import DrivesFit
 from robot_energy_identify.drives.total_sums import Sums
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.dynamics.validation import TorqueError
-from robot_energy_identify.friction.friction import FrictionFit
+from robot_energy_identify.friction.friction import (
+    MIN_NEGATIVE_SHARE,
+    MIN_NEGATIVE_STD,
+    FrictionFit,
+)
 from robot_energy_identify.stats.cross_validation import EnergyScore, rms_of
 from robot_energy_identify.stats.regression import qr_r
 
@@ -34,8 +39,6 @@ Usable = NDArray[np.bool_]
 MIN_OPPOSITE_SHARE = 0.3
 MIN_SAMPLES = 100  # moving samples of a joint, below which nothing is said of its sign
 MAX_HELD_OUT = 1.0  # error over what was measured: a prediction of zero is off by 1
-MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
-MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
 # Torque of the identified bodies over that of the URDF's in the same motion, either way. URDFs
 # of makers are within tens of per cent; rough ones, of links as solid boxes, within a factor
 # of two; a wrong unit or a gear ratio left out is off by far more.
@@ -167,49 +170,64 @@ def check_dynamics(result: Dynamics, held_out: TorqueError) -> None:
         share = abs(values[place]) * rms_of(part) / rms_of(rows.joint_torque[used, owner])
         if _negative(float(values[place]), float(std[place])) and share > MIN_NEGATIVE_SHARE:
             bad.append(f"{name} {values[place]:.3g} +- {std[place]:.1g} {column.unit}")
-    _refuse_negative(bad)
+    if bad:
+        raise _negative_friction(bad)
     _refuse_mass(result, robot.link_parameters.ravel())
 
 
-def check_friction(fits: Sequence[FrictionFit]) -> None:
-    """Refuse friction that drives instead of braking, or that predicts nothing.
+def check_friction(fits: Sequence[FrictionFit]) -> tuple[list[FrictionFit], list[str]]:
+    """Leave out axes whose friction drives instead of braking; refuse what predicts nothing.
+
+    A viscous law over temperature is >= 0 by its fit, so only a constant is judged.
 
     Args:
         fits: One per identified axis.
 
+    Returns:
+        The axes that brake, and why the others do not, one sentence each.
+
     Raises:
-        ImplausibleIdentificationError: Naming the axes.
+        ImplausibleIdentificationError: If no axis is left, or none predicts its torque.
     """
-    bad: list[str] = []
+    kept: list[FrictionFit] = []
+    refused: list[ImplausibleIdentificationError] = []
     for fit in fits:
-        for name, value, std, size in (
-            ("Coulomb", fit.coulomb, fit.coulomb_std, abs(fit.coulomb)),
-            ("viscous", fit.viscous, fit.viscous_std, abs(fit.viscous) * fit.speed),
-        ):
-            if _negative(value, std) and size > MIN_NEGATIVE_SHARE * fit.torque:
-                bad.append(f"{name} friction of {fit.name} {value:.3g} +- {std:.1g}")
-    _refuse_negative(bad)
-    lost = [fit.name for fit in fits if not fit.errors[fit.chosen].rms < MAX_HELD_OUT * fit.torque]
-    if lost and len(lost) == len(fits):
+        figures = [("Coulomb", fit.coulomb, fit.coulomb_std, abs(fit.coulomb))]
+        if not FRICTION_LAWS[fit.chosen].follows_temperature:
+            size = abs(fit.viscous) * fit.speed
+            figures.append(("viscous", fit.viscous, fit.viscous_std, size))
+        bad = [
+            f"{name} friction of {fit.name} {value:.3g} +- {std:.1g}"
+            for name, value, std, size in figures
+            if _negative(value, std) and size > MIN_NEGATIVE_SHARE * fit.torque
+        ]
+        if bad:
+            refused.append(_negative_friction(bad))
+        else:
+            kept.append(fit)
+    if refused and not kept:
+        raise refused[0]
+    lost = [fit.name for fit in kept if not fit.errors[fit.chosen].rms < MAX_HELD_OUT * fit.torque]
+    if lost and len(lost) == len(kept):
         raise ImplausibleIdentificationError(
             f"the identified friction of {', '.join(lost)} predicts torque that its fit has not "
             "seen no better than zero",
             "friction torque that follows speed and temperature",
             "check the meaning of the effort, the gear ratios, and the bodies of the URDF",
         )
+    return kept, [str(error) for error in refused]
 
 
 def _negative(value: float, std: float) -> bool:
     return value < 0.0 and -value > MIN_NEGATIVE_STD * std
 
 
-def _refuse_negative(bad: Sequence[str]) -> None:
-    if bad:
-        raise ImplausibleIdentificationError(
-            f"friction comes out negative: {'; '.join(bad)}",
-            "friction that takes power at every speed",
-            "check the sign of the measured torque, the gear ratios, and the bodies of the URDF",
-        )
+def _negative_friction(bad: Sequence[str]) -> ImplausibleIdentificationError:
+    return ImplausibleIdentificationError(
+        f"friction comes out negative: {'; '.join(bad)}",
+        "friction that takes power at every speed",
+        "check the sign of the measured torque, the gear ratios, and the bodies of the URDF",
+    )
 
 
 def _refuse_mass(result: Dynamics, given: Float) -> None:

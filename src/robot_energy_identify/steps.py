@@ -129,9 +129,9 @@ def find_friction(
     fits, refused = fit_axes(axes, source)
     if share:
         fits = share_shape(fits, axes, source)
-    check_friction(fits)
+    fits, implausible = check_friction(fits)
     hold = fit_hold(recordings, with_friction(model, fits, source))
-    return FrictionFound(tuple(fits), tuple(refused), gears, hold)
+    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold)
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,11 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
             Column("axis", "name"),
             Column("Coulomb", _coulomb, unit=unit),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
+            *(
+                [Column("Stribeck", _stribeck, unit=unit)]
+                if any(f.stribeck for f in report.axes)
+                else []
+            ),
             Column("fitted at", _fitted_at),
         ],
         report.axes,
@@ -141,6 +146,13 @@ def _uncertain(figure: tuple[float, float], unit: float = 1.0) -> str:
 
 def _coulomb(fit: FrictionFit) -> str:
     return uncertain(fit.coulomb, fit.coulomb_std) if fit.coulomb > 0.0 else AT_BOUND
+
+
+def _stribeck(fit: FrictionFit) -> str | None:
+    term = fit.stribeck
+    if term is None:
+        return None
+    return f"{uncertain(term.torque.value, term.torque.std)}, at {term.velocity.value:.3g} rad/s"
 
 
 def _fitted_at(fit: FrictionFit) -> str | None:

@@ -19,16 +19,18 @@ import numpy as np
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
-from robot_energy.model.joint import JointFriction
+from robot_energy.model.joint import JointFriction, Stribeck
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.friction.laws import (
     MIN_RANGE,
+    fit_falling,
     fit_law,
     fitted_laws,
     nuisance,
     one_speed,
+    stribeck,
 )
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.stats.cross_validation import (
@@ -43,6 +45,8 @@ from robot_energy_identify.stats.cross_validation import (
 from robot_energy_identify.stats.regression import Fit, one_thread
 
 MIN_SAMPLES = 200
+MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
+MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
 HeldOutPart = Literal["temperatures", "blocks"]
 
@@ -85,6 +89,7 @@ class FrictionFit:
         parts: Of the deviations of ``coulomb`` and ``viscous``, by cause. [of the figure]
         held_out: What that was: ``temperatures``, or contiguous ``blocks`` in time at one
             temperature.
+        stribeck: The term of friction that falls with speed, where it does.
     """
 
     name: str
@@ -104,6 +109,7 @@ class FrictionFit:
     torque: float
     parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
     held_out: HeldOutPart = "temperatures"
+    stribeck: Stribeck | None = None
 
     @property
     def law(self) -> LawEntry:
@@ -118,7 +124,10 @@ class FrictionFit:
             source: Where the data come from.
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
-        return before.model_copy(update={"coulomb": coulomb, "viscous": self.law})
+        found = {"coulomb": coulomb, "viscous": self.law}
+        if self.stribeck is not None:
+            found["stribeck"] = self.stribeck
+        return before.model_copy(update=found)
 
 
 @one_thread
@@ -137,8 +146,10 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     span = (float(degc.min()), float(degc.max()))
     warnings: list[str] = []
     names = fitted_laws()
-    if not span[1] - span[0] >= MIN_RANGE:
+    lumped = one_speed(moving)
+    if lumped or not span[1] - span[0] >= MIN_RANGE:
         names = tuple(name for name in names if not FRICTION_LAWS[name].follows_temperature)
+    if not span[1] - span[0] >= MIN_RANGE:
         warnings.append(
             f"{moving.name}: no motor temperature is known, so its friction is a constant, that of "
             "the temperatures at which it was recorded; name their topic with --inputs"
@@ -160,12 +171,24 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
                 raise
             warnings.append(f"{moving.name}: no {name} law, because {error.found}")
     chosen = simplest({name: error.rms for name, error in errors.items()})
+    term = None
+    if falls(fits["constant"], moving):
+        try:
+            laws["constant"], fits["constant"], term = fit_falling(moving, source)
+            errors["constant"], chosen = _held_out_falling(moving, fold), "constant"
+            warnings.append(
+                f"{moving.name}: its friction falls with speed, so it has a Stribeck term and "
+                "does not follow temperature; record faster motions as well"
+            )
+        except NotIdentifiableError as error:
+            warnings.append(f"{moving.name}: no Stribeck term, because {error.found}")
     regression = fits[chosen]
     coulomb = float(regression.values[0])
-    if one_speed(moving):
+    if lumped:
         warnings.append(
             f"{moving.name}: it moves at one speed, so that Coulomb and viscous friction cannot be "
-            "separated: their sum holds at that speed alone; record slow and fast motions"
+            "separated: their sum is written as Coulomb torque, and holds at that speed alone; "
+            "record slow and fast motions"
         )
     if coulomb < 0:
         warnings.append(
@@ -190,7 +213,33 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         torque=rms_of(moving.friction_torque),
         parts={"coulomb": regression.parts_of(0), "viscous": fits["constant"].parts_of(1)},
         held_out=part,
+        stribeck=term,
     )
+
+
+def falls(constant: Fit, data: FrictionData) -> bool:
+    """Return whether friction falls with speed: a viscous coefficient that is surely negative.
+
+    Args:
+        constant: Fit of the constant law.
+    """
+    viscous, std = float(constant.values[1]), float(constant.std[1])
+    share = -viscous * rms_of(data.motor_velocity) / rms_of(data.friction_torque)
+    return -viscous > MIN_NEGATIVE_STD * std and share > MIN_NEGATIVE_SHARE
+
+
+def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
+    def predict(train: Mask, test: Mask) -> Float:
+        law, found, term = fit_falling(data.rows(train), "")
+        seen = data.rows(test)
+        return (
+            found.values[0] * seen.sign
+            + law.viscous.value * seen.motor_velocity
+            + term.torque.value * stribeck(seen, term.velocity.value)
+            + nuisance(found, seen)
+        )
+
+    return held_out(data.friction_torque, fold, predict)
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:

@@ -20,6 +20,7 @@ from robot_energy.model.friction_laws import (
     LawEntry,
     TableLaw,
 )
+from robot_energy.model.joint import Stribeck
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.bounds import AT_BOUND, identified
@@ -32,6 +33,8 @@ MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a 
 MIN_SHARE = 0.02  # of the excitation w^2 that a node must see
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
 MIN_SPEED_RATIO = 1.5  # of fast to slow motion, that separates viscous from Coulomb friction
+FALLING_SPEEDS = (0.02, 0.9)  # quantiles of the speed between which ws is looked for
+FALLING_STEPS = 16  # of ws
 GRID = 25  # temperatures at which the deviation of a law is looked for
 IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
 
@@ -133,9 +136,89 @@ def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
     Raises:
         NotIdentifiableError: If the motion does not tell its parameters.
     """
+    if one_speed(data):
+        fit = _without_viscous(regress_friction(data, np.empty((len(data), 0)), []))
+        return ConstantLaw(law="constant", viscous=_in_coulomb(data, source)), fit
     fit = regress_friction(data, np.ones((len(data), 1)), ["viscous"])
     value, std = float(fit.values[1]), float(fit.std[1])
     return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit
+
+
+def _in_coulomb(data: FrictionData, source: str) -> PositiveFigure:
+    low, high = np.quantile(np.abs(data.motor_velocity), (0.1, 0.9))
+    text = f"in the Coulomb torque, which holds at {low:.3g} to {high:.3g} rad/s"
+    return PositiveFigure(value=0.0, tag="assumed", source=f"{text}: {source}" if source else text)
+
+
+def _without_viscous(fit: Fit) -> Fit:
+    """A fit that had no viscous column, with one that is 0 behind Coulomb."""
+    return replace(
+        fit,
+        names=(*fit.names[:1], "viscous", *fit.names[1:]),
+        values=np.insert(fit.values, 1, 0.0),
+        covariance=np.insert(np.insert(fit.covariance, 1, 0.0, axis=0), 1, 0.0, axis=1),
+        parts={cause: np.insert(part, 1, 0.0) for cause, part in fit.parts.items()},
+        moves={cause: np.insert(moves, 1, 0.0, axis=0) for cause, moves in fit.moves.items()},
+    )
+
+
+def fit_falling(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit, Stribeck]:
+    """Return friction that falls with speed: Coulomb, viscous and a Stribeck term.
+
+    ``torque = (fc + fs exp(-(|w|/ws)^2)) s(w) + fv w + offset + nuisances``; ws is searched among
+    the speeds of the motion.
+
+    Args:
+        source: Where they come from, for the model file.
+
+    Returns:
+        The viscous coefficient, which is 0 where it would be negative; the regression: fc, fv, fs,
+        offset, nuisances; the term.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell them apart, or friction does not fall.
+    """
+    speed = np.abs(data.motor_velocity)
+    tried: list[tuple[float, float, bool]] = []
+    for velocity in np.geomspace(*np.quantile(speed, FALLING_SPEEDS), FALLING_STEPS).tolist():
+        for viscous in (True, False):
+            columns = _columns(data, _falling_shape(data, velocity, viscous))
+            values, *_ = np.linalg.lstsq(columns, data.friction_torque)
+            if (values[: 2 + viscous] >= 0.0).all():
+                error = data.friction_torque - columns @ values
+                tried.append((float(error @ error), velocity, viscous))
+                break
+    if not tried:
+        raise NotIdentifiableError(
+            f"the friction of {data.name} falls with speed otherwise than a Stribeck term does",
+            "a fall towards a Coulomb torque >= 0",
+        )
+    _, velocity, viscous = min(tried)
+    names = ["viscous", "Stribeck"] if viscous else ["Stribeck"]
+    fit = regress_friction(data, _falling_shape(data, velocity, viscous), names)
+    fit = fit if viscous else _without_viscous(fit)
+    (value, torque), (std, torque_std) = fit.values[1:3].tolist(), fit.std[1:3].tolist()
+    term = Stribeck(
+        torque=identified(torque, torque_std, source),
+        velocity=PositiveFigure(value=velocity, tag="identified", source=source),
+    )
+    return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit, term
+
+
+def _falling_shape(data: FrictionData, velocity: float, viscous: bool) -> Float:
+    """What is multiplied by w: 1 for the viscous term, and the Stribeck term over w."""
+    speed = data.motor_velocity
+    falling = stribeck(data, velocity) / np.where(speed == 0.0, 1.0, speed)
+    return np.column_stack([np.ones(len(data)), falling] if viscous else [falling])
+
+
+def stribeck(data: FrictionData, velocity: float) -> Float:
+    """Return the Stribeck term for a torque of 1 N m, shape (N,). [-]
+
+    Args:
+        velocity: ws, motor side. [rad/s]
+    """
+    return data.sign * np.exp(-((data.motor_velocity / velocity) ** 2))
 
 
 def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:

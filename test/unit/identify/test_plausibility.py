@@ -127,6 +127,23 @@ def test_negative_friction_is_refused_where_it_is_sure_and_matters(coulomb, visc
         check_friction([fit])
 
 
+def test_an_axis_whose_friction_is_negative_leaves_the_others():
+    good, bad = fit_friction(axis(0.5, 1e-2)), fit_friction(axis(-0.5, 2e-2))
+    kept, refused = check_friction([bad, good])
+    assert kept == [good]
+    assert len(refused) == 1
+    assert "Coulomb friction of axis" in refused[0]
+
+
+def test_a_law_that_was_not_chosen_is_not_judged():
+    """Slow motion was cold and fast motion warm: the constant is negative, the law is not."""
+    fit = replace(fit_friction(axis(0.5, 1e-2)), viscous=-1e-2, viscous_std=1e-4)
+    with pytest.raises(ImplausibleIdentificationError, match="viscous"):
+        check_friction([fit])
+    chosen = replace(fit, chosen="exponential", errors={"exponential": fit.errors["constant"]})
+    assert check_friction([chosen]) == ([chosen], [])
+
+
 def test_friction_that_predicts_nothing_is_refused():
     random = np.random.default_rng(4)
     noise = replace(axis(0.0, 0.0), friction_torque=random.normal(0.0, 1.0, 4000))

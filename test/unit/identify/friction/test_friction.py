@@ -1,14 +1,17 @@
 """Friction over temperature: recovered from torque that was made another way."""
 
 import io
+import statistics
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.optimize import curve_fit
 
 from logbook import mapping, write_csv
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
+from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
@@ -233,6 +236,57 @@ def test_one_speed_is_the_reason_where_laws_fail_and_the_constant_row_stays():
         assert "Coulomb and viscous friction cannot be separated" in refused[0]
     warnings = " ".join(fit_friction(one_speed_measurement()).warnings)
     assert "moves at one speed" in warnings
+
+
+def test_at_one_speed_the_sum_is_written_as_coulomb_torque():
+    """Another library's mean of the torque along the motion is the sum: fc + fv w."""
+    data = one_speed_measurement()
+    fit = fit_friction(data, "bag")
+    along = statistics.fmean((data.friction_torque * np.sign(data.motor_velocity)).tolist())
+    assert fit.coulomb == pytest.approx(along, abs=2e-3)
+    assert fit.coulomb == pytest.approx(COULOMB + 4e-3 * 100.0, abs=4 * fit.coulomb_std)
+    assert (fit.law.viscous.value, fit.law.viscous.tag) == (0.0, "assumed")
+    assert "holds at 99.4 to 101 rad/s: bag" in fit.law.viscous.source
+    assert fit.errors["constant"].rms == pytest.approx(0.05, rel=0.05)  # the noise
+    assert check_friction([fit]) == ([fit], [])
+
+
+def falling_measurement():
+    """Friction of a wrist below its Stribeck speed, at one temperature."""
+    data = measurement(degc=(30.0, 32.0))
+    w, random = data.motor_velocity, np.random.default_rng(1)
+    torque = np.sign(w) * (0.3 + 0.5 * np.exp(-((w / 150.0) ** 2)))
+    return replace(data, friction_torque=torque + random.normal(scale=0.03, size=len(w)))
+
+
+def test_friction_that_falls_with_speed_has_a_stribeck_term():
+    """The curve is that of a fit by scipy, and of the truth."""
+    data = falling_measurement()
+    fit = fit_friction(data)
+    term = fit.stribeck
+    w = np.linspace(20.0, 280.0, 30)
+
+    def curve(w, fc, fs, ws):
+        return fc + fs * np.exp(-((w / ws) ** 2))
+
+    speed = np.abs(data.motor_velocity)
+    fast = speed > 9.0
+    along = (data.friction_torque * np.sign(data.motor_velocity))[fast]
+    plain, _ = curve_fit(curve, speed[fast], along, p0=(0.5, 0.5, 100.0))
+    found = fit.coulomb + fit.law.viscous.value * w
+    found += term.torque.value * np.exp(-((w / term.velocity.value) ** 2))
+    assert found == pytest.approx(curve(w, *plain), abs=0.02)
+    assert found == pytest.approx(curve(w, 0.3, 0.5, 150.0), abs=0.02)
+    assert fit.errors["constant"].rms == pytest.approx(0.03, rel=0.05)
+    assert "falls with speed" in " ".join(fit.warnings)
+    assert check_friction([fit]) == ([fit], [])
+
+
+def test_the_stribeck_term_goes_into_the_model_file():
+    before = load("kr16").joints[0].friction
+    fit = fit_friction(falling_measurement(), "bag")
+    assert fit.entry(before, "bag").stribeck == fit.stribeck
+    assert fit_friction(measurement(), "bag").entry(before, "bag").stribeck is before.stribeck
 
 
 def test_a_law_that_cannot_be_fitted_leaves_the_other_rows():
