@@ -59,6 +59,7 @@ def friction_document(report: FrictionReport, page: Document) -> None:
 def friction_tables(report: FrictionReport, page: Document) -> None:
     """Add the friction of every axis; arguments as in `friction_document`."""
     unit = report.torque_unit
+    falling = [fit for fit in report.axes if fit.stribeck is not None][:1]
     page.rows(
         "Friction over motor temperature, "
         + ("as logged" if report.effort == "log" else "motor side"),
@@ -66,11 +67,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
             Column("axis", "name"),
             Column("Coulomb", _coulomb, unit=unit),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
-            *(
-                [Column("Stribeck", _stribeck, unit=unit)]
-                if any(f.stribeck for f in report.axes)
-                else []
-            ),
+            *(Column("Stribeck", _stribeck, unit=unit) for _ in falling),
             Column("fitted at", _fitted_at),
         ],
         report.axes,
@@ -152,7 +149,7 @@ def _stribeck(fit: FrictionFit) -> str | None:
     term = fit.stribeck
     if term is None:
         return None
-    return f"{uncertain(term.torque.value, term.torque.std)}, at {term.velocity.value:.3g} rad/s"
+    return f"{uncertain(term.torque.value, term.torque.std or 0.0)}, at {term.velocity.value:.3g} rad/s"
 
 
 def _fitted_at(fit: FrictionFit) -> str | None:

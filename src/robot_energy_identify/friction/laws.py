@@ -180,7 +180,8 @@ def fit_falling(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit, Stri
     """
     speed = np.abs(data.motor_velocity)
     tried: list[tuple[float, float, bool]] = []
-    for velocity in np.geomspace(*np.quantile(speed, FALLING_SPEEDS), FALLING_STEPS).tolist():
+    slow, fast = (float(np.quantile(speed, share)) for share in FALLING_SPEEDS)
+    for velocity in map(float, np.geomspace(slow, fast, FALLING_STEPS)):
         for viscous in (True, False):
             columns = _columns(data, _falling_shape(data, velocity, viscous))
             values, *_ = np.linalg.lstsq(columns, data.friction_torque)
