@@ -146,8 +146,7 @@ def _write(bag: BagWriter, waiting: list[Message], before_ns: int | None) -> lis
     ready = len(waiting)
     if before_ns is not None:
         ready = bisect_left(waiting, before_ns, key=itemgetter(0))
-    for time, topic, data in waiting[:ready]:
-        bag.write(topic, [time], [data])
+    bag.write_in_order(waiting[:ready])
     return waiting[ready:]
 
 

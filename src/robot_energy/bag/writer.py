@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
+from itertools import repeat
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -139,18 +140,30 @@ class BagWriter(AbstractContextManager["BagWriter"]):
                 f"{len(rows)} messages of {topic} came with times of shape {times.shape}",
                 "one time per message, none negative",
             )
-        if not len(times):
-            return
-        low, high = int(times.min()), int(times.max())
-        channel, add = self._channels[topic], self._writer.add_message
+        self.write_in_order(zip(times.tolist(), repeat(topic), _rows(rows), strict=False))
+
+    def write_in_order(self, messages: Iterable[tuple[int, str, bytes]]) -> None:
+        """Append messages of several topics, one after the other.
+
+        Args:
+            messages: Log time, not negative [ns]; topic that was added; complete serialized
+                message.
+
+        Raises:
+            BagError: As `write`.
+        """
+        self._check_open()
+        channels, counts, add = self._channels, self._counts, self._writer.add_message
+        first, last = self._first, self._last
         try:
-            for time, row in zip(times.tolist(), _rows(rows), strict=True):
-                add(channel, time, row, time)
+            for time, topic, row in messages:
+                add(channels[topic], time, row, time)
+                counts[topic] += 1
+                first = time if first is None or time < first else first
+                last = time if last is None or time > last else last
         except OSError as error:
             raise self._failed(error) from error
-        self._counts[topic] += len(times)
-        self._first = low if self._first is None else min(self._first, low)
-        self._last = high if self._last is None else max(self._last, high)
+        self._first, self._last = first, last
 
     def close(self) -> None:
         """Write index and metadata and put the bag in place; a second call does nothing.
