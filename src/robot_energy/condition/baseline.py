@@ -83,6 +83,7 @@ class Contrasts:
         self.count = 0
         self.levels: Float = np.zeros((LEVELS, 4))
         self._baseline: Baseline | None = None
+        self._payload: float | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
         """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]
@@ -94,7 +95,7 @@ class Contrasts:
         if more > 0:
             self.information = np.pad(self.information, ((0, more), (0, more)))
             self.target = np.pad(self.target, (0, more))
-            self._baseline = None
+            self._baseline = self._payload = None
         found = np.zeros((len(records), len(self.target)))
         found[:, :FEATURES] = [record.features for record in records]
         for row, record in zip(found, records, strict=True):
@@ -130,6 +131,11 @@ class Contrasts:
         with the length, a payload does not until it changes, so pairs of several lengths
         separate the two: least squares over the lengths, errors in proportion to what is expected.
         """
+        if self._payload is None:
+            self._payload = self._fitted_payload()
+        return self._payload
+
+    def _fitted_payload(self) -> float:
         found = np.array([1.0, PAYLOAD**2])
         weight, square, own, share = self.levels.T
         rows = np.stack([own, share])
@@ -156,6 +162,7 @@ class Contrasts:
         length = (before.time + after.time) / 2.0 / RECORD_TIME
         level = min(max(round(np.log2(length)), 0), LEVELS - 1)
         self.levels[level] += weight * np.array([1.0, square, own, share])
+        self._payload = None
 
     def forget(self, number: int) -> Float:
         """Return coefficients of a program, shape (OWN,), and forget them, not the others. [-]

@@ -1,5 +1,7 @@
 """Records whose law, load and wear are known: found, sized, and no other effect taken for it."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -48,13 +50,27 @@ def outcome(records) -> tuple[DriftTest, list[float]]:
     return test, found
 
 
+def step(size, count=700):
+    return series(count, lambda hours: size * (hours >= 40.0))
+
+
+@cache
+def outcome_of_step(size) -> tuple[DriftTest, list[float]]:
+    return outcome(step(size))
+
+
 def test_a_wrong_law_and_a_swing_of_temperature_are_no_wear():
-    assert outcome(series(1000))[1] == []
+    """And the records stay few and lose no time."""
+    test, found = outcome(series(1000))
+    assert found == []
+    assert len(test.records) <= MAX_RECORDS
+    assert sum(each.time for each in test.records) == pytest.approx(1000 * RECORD_TIME)
+    assert [each.hours for each in test.records] == sorted(each.hours for each in test.records)
 
 
 @pytest.mark.parametrize("size", [0.15, -0.2])
 def test_a_step_is_found_within_an_hour_of_motion_with_its_size_and_time(size):
-    test, found = outcome(series(700, lambda hours: size * (hours >= 40.0)))
+    test, found = outcome_of_step(size)
     assert 40.0 <= found[0] < 41.0
     assert test.drift.size == pytest.approx(size, abs=0.02)
     assert test.drift.std < 0.02
@@ -112,7 +128,7 @@ def test_what_lasts_half_an_hour_is_no_wear():
     """A payload that is like no other moves friction by 1.2 % for six records, once in 20 h."""
     records = [
         each._replace(excess=each.excess + 0.012 * (number % 240 >= 234))
-        for number, each in enumerate(series(1000))
+        for number, each in enumerate(series(740))
     ]
     assert outcome(records)[1] == []
 
@@ -121,7 +137,7 @@ def test_after_re_greasing_friction_has_fallen():
     def wear(hours):
         return 0.15 if 30.0 <= hours < 50.0 else 0.0
 
-    test, found = outcome(series(900, wear))
+    test, found = outcome(series(740, wear))
     assert 30.0 < found[0] < 31.0
     assert any(50.0 < hours < 51.0 for hours in found)
     assert test.drift.fell
@@ -149,23 +165,14 @@ def test_records_that_are_no_numbers_are_counted():
     assert sum(each.time for each in test.records) == 30 * RECORD_TIME
 
 
-def test_records_stay_few_and_lose_no_time():
-    test, _ = outcome(series(1000))
-    assert len(test.records) <= MAX_RECORDS
-    assert sum(each.time for each in test.records) == pytest.approx(1000 * RECORD_TIME)
-    assert [each.hours for each in test.records] == sorted(each.hours for each in test.records)
-
-
 def test_it_continues_as_if_nothing_had_happened():
-    whole, _ = outcome(series(700, lambda hours: 0.15 * (hours >= 40.0)))
-    before, _ = outcome(series(500, lambda hours: 0.15 * (hours >= 40.0)))
+    whole, _ = outcome_of_step(0.15)
+    before, _ = outcome(step(0.15, 500))
     again = DriftTest()
     contrasts = Contrasts.restored(before.contrasts.state())
     again.restore(before.records, before.changes, contrasts, before.programs)
     assert again.drift == before.drift
-    rng = np.random.default_rng(0)
-    rng.standard_normal(500)
-    for each in list(series(700, lambda hours: 0.15 * (hours >= 40.0)))[500:]:
+    for each in list(step(0.15))[500:]:
         again.step(each)
     assert again.records == whole.records
     assert again.drift == whole.drift
