@@ -28,6 +28,7 @@ from robot_energy_rig.record import RigRecording, outputs, record
 
 MOVES = 20  # paper A, section IV
 WARM_UP = 60.0  # s, paper A, section IV
+RATE = 250.0  # Hz, of the joint states
 TOOL, MIN_HEIGHT = "tool0", 0.2  # m: programs stay above the floor
 # Shares of the joint ranges that let all axes run fast and none overheat.
 TRAIN_WARM_UP_ZONE = (0.9, 0.65, 0.75, 0.6, 1.0, 1.0)
@@ -205,6 +206,7 @@ def soaked(
     name: str,
     seed: int,
     config: RigConfig | None = None,
+    rate: float = RATE,
 ) -> list[MotionSet]:
     """Return the set recorded from several temperatures, each with all parts and the hall at it.
 
@@ -213,10 +215,11 @@ def soaked(
         start_degc: [degC]
         seed: Seed of every rig: they have the same meter and the same noise.
         config: Effects of the rig; all by default.
+        rate: Of the joint states. [Hz]
     """
     sets: list[MotionSet] = []
     for degc in start_degc:
-        rig = VirtualRig(profile, motion_set, config, seed, degc, degc)
+        rig = VirtualRig(profile, motion_set, config, seed, degc, degc, rate_hz=rate)
         path = folder / f"{name}_{degc:.0f}degc"
         made = record(rig, motion_set.period, path, overwrite=True)
         sets.append(MotionSet(made, 0.0, "soaked"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,19 @@ def wall_motion(
     )
 
 
+@cache
+def layer(key: str) -> tuple[tuple[Float, Trajectory], ...]:
+    """Return the motion of one layer at the bottom of the wall, which is planned once.
+
+    Args:
+        key: Of `MACHINES`.
+
+    Returns:
+        Blocks as of `ToolMotion.blocks`.
+    """
+    return tuple(wall_motion(MACHINES[key]).blocks())
+
+
 @dataclass(frozen=True)
 class Energies:
     """Energy of one machine for one motion, motor side unless stated. [J]
@@ -207,9 +221,15 @@ def predicted(
     return _found(time, float(time[-1]), shaft, electrical, parts, constant, position)
 
 
-def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, Curve]:
-    """Return energies and power of a motion on the machine's virtual rig: its truth."""
-    smooth = Smooth(motion)
+def played(
+    machine: Machine, blocks: Iterable[tuple[Float, Trajectory]], seed: int
+) -> tuple[Energies, Curve]:
+    """Return energies and power of a motion on the machine's virtual rig: its truth.
+
+    Args:
+        blocks: Times, shape (N,) [s], and joints of the motion, as of `ToolMotion.blocks`.
+    """
+    smooth = Smooth(blocks)
     profile = load_profile(machine.model)
     rig = VirtualRig(profile, smooth, None, seed, MOTOR_DEGC, MOTOR_DEGC)
     truth = RigOutput.concatenate(list(outputs(rig, smooth.duration))).truth

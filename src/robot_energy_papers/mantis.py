@@ -6,7 +6,7 @@ read back by the stages of the monitor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -30,7 +30,6 @@ from robot_energy_plan.motion import (
     JointMotion,
     Trajectory,
 )
-from robot_energy_plan.motion.tool_motion import ToolMotion
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_rig.record import DRIVE_POWER, record
 
@@ -118,12 +117,16 @@ class AfterRest:
 
 
 class Smooth:
-    """A planned motion of a tool as a motion that can be sampled anywhere."""
+    """A planned motion of a tool as a motion that can be sampled anywhere.
 
-    def __init__(self, motion: ToolMotion) -> None:
+    Args:
+        blocks: Times, shape (N,) [s], and joints of the planned motion, as of `ToolMotion.blocks`.
+    """
+
+    def __init__(self, blocks: Iterable[tuple[Float, Trajectory]]) -> None:
         from scipy.interpolate import make_interp_spline
 
-        parts = list(motion.blocks())
+        parts = list(blocks)
         time = np.concatenate([part[0] for part in parts])
         position = np.concatenate([part[1].joint_position for part in parts])
         spline = make_interp_spline(time, position, k=5)
@@ -175,15 +178,17 @@ def recorded(
     path: Path,
     seed: int,
     config: RigConfig | None = None,
+    rate: float = RATE,
 ) -> Path:
     """Return the bag of a motion between two rests on the rig.
 
     Args:
         duration: Duration of the motion. [s]
         config: Effects of the rig; the default ones by default.
+        rate: Of the joint states. [Hz]
     """
     rig = VirtualRig(
-        profile, AfterRest(motion, duration), config, seed, START_DEGC, START_DEGC, rate_hz=RATE
+        profile, AfterRest(motion, duration), config, seed, START_DEGC, START_DEGC, rate_hz=rate
     )
     record(rig, duration + 2.0 * LEAD, path, drive_power=True, overwrite=True)
     return path

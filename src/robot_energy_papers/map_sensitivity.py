@@ -11,7 +11,7 @@ from robot_energy.model import RobotModel, load
 from robot_energy_identify.drives.efficiency import CUTOFF, POINTS
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.drive_study import PAPER, identify_drives, tested
-from robot_energy_papers.machines import MACHINES, wall_motion
+from robot_energy_papers.machines import layer
 from robot_energy_papers.mantis import (
     PrintRun,
     Smooth,
@@ -58,25 +58,30 @@ FIGURES = (HELD, *open_figures(
 Runs = tuple[list[PrintRun], RobotModel]
 
 
-def map_tables(train: FourierMotion, seed: int, quick: bool) -> dict[str, SensitivityTable]:
+def map_tables(
+    train: FourierMotion, seed: int, quick: bool, rate: float
+) -> dict[str, SensitivityTable]:
     """Return what the accuracy of electrical energy with maps owes to open figures.
 
     By stage of the method; identified from both excitation runs, print path of all joints.
 
     Args:
         quick: Only the figures that need no other excitation.
+        rate: Of the joint states. [Hz]
     """
     goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["map_processed"])
     only = IN_BOTH_FORMS if quick else None
     with TemporaryDirectory() as folder:
-        return sensitivity(_Maps(Path(folder), train, seed).accuracy, FIGURES, goals, ROUGH, only)
+        return sensitivity(
+            _Maps(Path(folder), train, seed, rate).accuracy, FIGURES, goals, ROUGH, only
+        )
 
 
 class _Maps:
     """Both stages on the print path, with open figures; what does not change is kept."""
 
-    def __init__(self, folder: Path, train: FourierMotion, seed: int) -> None:
-        self._folder, self._seed = folder, seed
+    def __init__(self, folder: Path, train: FourierMotion, seed: int, rate: float) -> None:
+        self._folder, self._seed, self._rate = folder, seed, rate
         self._start, self._profile = load("mantis"), load_profile("mantis")
         self._train = train
         self._known: dict[object, Runs] = {}
@@ -96,7 +101,7 @@ class _Maps:
         runs, model = self._known[identified]
         printed = *identified, given["held"]
         if printed not in self._walls:
-            wall = Smooth(wall_motion(MACHINES["mantis_held" if given["held"] else "mantis_all"]))
+            wall = Smooth(layer("mantis_held" if given["held"] else "mantis_all"))
             self._walls[printed] = self._read(wall, wall.duration, plant, model)
         drives = identify_drives(runs, given["cutoff"], round(given["points"]))
         ways = tested({RUN: self._walls[printed]}, drives)[RUN].ways
@@ -116,4 +121,6 @@ class _Maps:
         config = replace(config, sensors=replace(config.sensors, torque_noise=noise))
         self._bags += 1
         path = self._folder / f"{self._bags}"
-        return read_run(recorded(profile, motion, duration, path, self._seed, config), model)
+        return read_run(
+            recorded(profile, motion, duration, path, self._seed, config, self._rate), model
+        )

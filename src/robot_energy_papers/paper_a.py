@@ -84,9 +84,9 @@ QUICK = PaperAStudySize(
     train_degc=(20.0, 40.0, 60.0, 80.0),
     test_degc=(22.0, 40.0, 60.0, 78.0),
     effects=("copper", "capacitor"),
-    plants=2,
-    rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 14),
-    programs=2,
+    plants=1,
+    rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 14, 100.0),
+    programs=1,
 )
 
 
@@ -246,8 +246,11 @@ def _record_training(
     profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[0]
     if scale.train is None:
-        sets = soaked(profile, programs.train, scale.train_degc, folder, "train", rig)
-        rest = soaked(profile, programs.hold, scale.train_degc[:1], folder, "train_rest", rig)
+        rate = scale.rigs.rate
+        sets = soaked(profile, programs.train, scale.train_degc, folder, "train", rig, rate=rate)
+        rest = soaked(
+            profile, programs.hold, scale.train_degc[:1], folder, "train_rest", rig, rate=rate
+        )
         return sets, rest[0].recording
     sets, rest = by_motion(
         profile, programs.train, programs.train_warm_up, scale.train, folder, "train", rig,
@@ -263,7 +266,9 @@ def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionS
     profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[1]
     if scale.test is None:
-        return soaked(profile, programs.test, scale.test_degc, folder, "test", rig)
+        return soaked(
+            profile, programs.test, scale.test_degc, folder, "test", rig, rate=scale.rigs.rate
+        )
     sets, _ = by_motion(
         profile, programs.test, programs.test_warm_up, scale.test, folder, "test", rig
     )

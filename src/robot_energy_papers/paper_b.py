@@ -17,11 +17,13 @@ from robot_energy_papers.machines import (
     MACHINES,
     Curve,
     Energies,
+    layer,
     played,
     predicted,
     wall_motion,
 )
 from robot_energy_papers.mantis import (
+    RATE,
     PrintRun,
     Smooth,
     excitation,
@@ -53,16 +55,18 @@ class PaperBStudySize:
         plants: Plants drawn at random for the contest of maps and losses.
         layers: Simulated layers of the wall, all of it; 0: single layers at `heights` instead.
         heights: Heights of single layers. [m]
+        rate: Of the joint states of the Mantis. [Hz]
     """
 
     iterations: int
     plants: int
     layers: int
     heights: tuple[float, ...]
+    rate: float = RATE
 
 
 FULL = PaperBStudySize(100, 10, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
-QUICK = PaperBStudySize(25, 2, 0, (0.0, 0.5, 0.99))
+QUICK = PaperBStudySize(25, 1, 0, (0.0, 0.99), 200.0)
 
 
 @dataclass(frozen=True)
@@ -185,12 +189,15 @@ def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
         VALIDATION: (other, other.period),
     }
     for name, key in ((WALL, "mantis_all"), (WALL_HELD, "mantis_held")):
-        motion = Smooth(wall_motion(MACHINES[key]))
+        motion = Smooth(layer(key))
         motions[name] = motion, motion.duration
     paths = {
-        name: recorded(profile, motion, duration, folder / f"mantis_{number}", first + 3 + number)
+        name: recorded(
+            profile, motion, duration, folder / f"mantis_{number}", first + 3 + number,
+            rate=scale.rate,
+        )
         for number, (name, (motion, duration)) in enumerate(motions.items())
-    }
+    }  # fmt: skip
     step()
     fitted = {name: read_run(paths[name], start) for name in (FAST, SLOWED)}
     trained: dict[str, Trained] = {}
@@ -205,12 +212,12 @@ def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
         step()
     plants: dict[int, DriveTest] = {}
     for plant_seed in range(1, scale.plants + 1):
-        plants[plant_seed] = _drawn(plant_seed, start, motions, folder, first)
+        plants[plant_seed] = _drawn(plant_seed, start, motions, folder, first, scale.rate)
         step()
     quick = scale.layers == 0
     gantry = wall_tables(quick)
     step()
-    maps = map_tables(train, first + 3, quick)
+    maps = map_tables(train, first + 3, quick, scale.rate)
     step()
     return PaperB(seed, scale, trained, _accuracy(check), machines, plants, gantry, maps)
 
@@ -221,13 +228,14 @@ def _drawn(
     motions: Mapping[str, tuple[JointMotion, float]],
     folder: Path,
     first: int,
+    rate: float,
 ) -> DriveTest:
     """Identify the drives of a drawn plant with every effect of the rig, and print the wall."""
     profile = random_profile("mantis", plant_seed)
     paths = {
         name: recorded(
             profile, *motions[name], folder / f"plant_{plant_seed}_{number}", first + number,
-            RigConfig.hard(),
+            RigConfig.hard(), rate,
         )
         for number, name in enumerate((FAST, SLOWED, WALL))
     }  # fmt: skip
@@ -252,17 +260,16 @@ def _accuracy(run: PrintRun) -> dict[Definition, Accuracy]:
 def _machine(key: str, scale: PaperBStudySize, seed: int) -> MachineResult:
     machine = MACHINES[key]
     model = load(machine.model)
-    single = wall_motion(machine)
-    layer, curve = predicted(model, single.blocks())
-    rig, _ = played(machine, single, seed)
-    heights = (layer,) * len(scale.heights)
+    bottom, curve = predicted(model, layer(key))
+    rig, _ = played(machine, layer(key), seed)
+    heights = (bottom,) * len(scale.heights)
     if scale.layers or key == ARM:  # heights matter to the arm only (full form)
         heights = tuple(
-            predicted(model, wall_motion(machine, height=height).blocks())[0]
+            predicted(model, wall_motion(machine, height=height).blocks())[0] if height else bottom
             for height in scale.heights
         )
     if scale.layers:
         wall, _ = predicted(model, wall_motion(machine, scale.layers).blocks())
     else:
         wall = sum(heights[1:], heights[0])
-    return MachineResult(layer, curve, rig, heights, wall)
+    return MachineResult(bottom, curve, rig, heights, wall)

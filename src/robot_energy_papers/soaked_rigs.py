@@ -22,7 +22,7 @@ import numpy as np
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
-from robot_energy_papers.experiment import MotionSet, make_programs, soaked
+from robot_energy_papers.experiment import RATE, MotionSet, make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
 from robot_energy_rig import PlantProfile, RigConfig, load_profile, random_profile
@@ -68,11 +68,13 @@ class Rigs:
     Attributes:
         train_degc: Temperatures of the sets for identification.
         test_degc: Temperatures of the held-out sets.
+        rate: Of the joint states. [Hz]
     """
 
     train_degc: tuple[float, ...]
     test_degc: tuple[float, ...]
     moves: int
+    rate: float = RATE
 
 
 def soaked_errors(
@@ -90,7 +92,7 @@ def soaked_errors(
 
         def sets(what: str, degc: tuple[float, ...], rig_seed: int) -> list[MotionSet]:
             program = getattr(programs, what)
-            return soaked(profile, program, degc, place.path, what, rig_seed, config)
+            return soaked(profile, program, degc, place.path, what, rig_seed, config, rigs.rate)
 
         train = sets("train", rigs.train_degc, train_seed)
         rest = sets("hold", (HOLD_DEGC,), train_seed)

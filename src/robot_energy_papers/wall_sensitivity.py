@@ -12,7 +12,7 @@ from robot_energy.model.figure import Figure
 from robot_energy.model.friction_laws import ExponentialLaw
 from robot_energy.model.joint import Joint
 from robot_energy.timeline.blocks import Float
-from robot_energy_papers.machines import ARM, MACHINES, Energies, predicted, wall_motion
+from robot_energy_papers.machines import ARM, MACHINES, Energies, layer, predicted, wall_motion
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 from robot_energy_plan.motion import Trajectory
 from robot_energy_plan.motion.tool_timing import ToolLimits
@@ -61,6 +61,7 @@ MOTION_FIGURES = open_figures(
     ("infill", "all: passes of a zigzag inside the outline", "", 0.0, 0.0, 1.0,
      f"not stated; a truss of {TRUSS} strokes along the wall and back"),
 )  # fmt: skip
+IN_BOTH_FORMS = ("force_x", "ram", "head", "arm_copper")
 
 
 def wall_tables(quick: bool) -> dict[str, SensitivityTable]:
@@ -69,11 +70,11 @@ def wall_tables(quick: bool) -> dict[str, SensitivityTable]:
     By measure of energy; one layer at the bottom of the wall, shipped models.
 
     Args:
-        quick: Without the figures that change a motion.
+        quick: Only figures that change no motion, those with the largest effect.
     """
     share = 1.0 + float(MACHINES[GANTRY].paper or 0.0)
     published: dict[str, float] = dict.fromkeys(QUANTITIES, share)
-    only = [figure.key for figure in MACHINE_FIGURES] if quick else None
+    only = IN_BOTH_FORMS if quick else None
     return sensitivity(_over_arm, MACHINE_FIGURES + MOTION_FIGURES, published, only=only)
 
 
@@ -105,14 +106,16 @@ def _energy(
 @cache
 def _motion(
     key: str, distance: float, height: float, acceleration: float, strokes: int
-) -> list[tuple[Float, Trajectory]]:
+) -> tuple[tuple[Float, Trajectory], ...]:
     """The blocks of a motion, which is planned once."""
     machine = MACHINES[key]
+    place, limits = machine.placement, ToolLimits(acceleration=acceleration)
     if key == ARM:
-        place = replace(machine.placement, y=-distance, z=-height)
-        machine = replace(machine, placement=place)
-    limits = ToolLimits(acceleration=acceleration)
-    return list(wall_motion(machine, infill=strokes, limits=limits).blocks())
+        place = replace(place, y=-distance, z=-height)
+    if (place, limits, strokes) == (machine.placement, ToolLimits(), 0):
+        return layer(key)
+    machine = replace(machine, placement=place)
+    return tuple(wall_motion(machine, infill=strokes, limits=limits).blocks())
 
 
 def _gantry(values: Values) -> RobotModel:

@@ -68,7 +68,10 @@ TRAINING = (
     Recorded("train_60", 60.0, 60.0, 0.5),
 )
 WARM_UP = Recorded("warm_up", AMBIENT, 3600.0, 2.0, rate=50.0)
-SHORT_TRAINING = (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5))
+SHORT_TRAINING = (
+    Recorded("train_25", 25.0, 30.0, 0.5, rate=100.0),
+    Recorded("train_55", 55.0, 30.0, 0.5, rate=100.0),
+)
 RUNS = (
     Recorded("cold", 28.0, 60.0, 0.2),
     Recorded("warm", 45.0, 60.0, 0.5),

@@ -42,7 +42,7 @@ SENSORS = Sensors(meter_class=0.01, torque_constant_error=0.02, temperature_offs
 LIMITS = SensorLimits(meter=0.01, torque=0.02 * ROOT3, thermometer=ROOT3, drive_power=0.01)
 """What the data sheets of `SENSORS` say: thermometers and torque constants have normal errors."""
 DEGC = (25.0, 40.0, 55.0, 70.0)  # of one recording each
-SECONDS = 30.0  # of each recording
+SECONDS, RATE = 30.0, 250.0  # s of each recording; Hz of its joint states
 MOVES, REST_EVERY, REST, DWELL = 20, 5, 1.5, 0.1  # motions of a program; s of rest
 MIN_HEIGHT = 0.2  # m of the tool above the floor
 WRONG_BODIES, WRONG_ROTORS = 0.08, 0.15  # standard deviations of the given figures' errors
@@ -174,7 +174,14 @@ class DrawnPlant:
             own = len(DEGC) * self.seed + number
             program = program_of(self.profile, own)
             rig = VirtualRig(
-                self.profile, program, self.config, own, degc, degc, device_seed=self.seed
+                self.profile,
+                program,
+                self.config,
+                own,
+                degc,
+                degc,
+                rate_hz=RATE,
+                device_seed=self.seed,
             )
             path = record(rig, SECONDS, folder / f"{degc:.0f}degc", drive_power=drive_power).path
             powers = None

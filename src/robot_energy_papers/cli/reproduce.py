@@ -180,7 +180,7 @@ STUDIES = (
     ),
     _study(
         "paper-b", "energy of printing robots", PAPER_B,
-        "layers at three heights instead of all 100", workers=False,
+        "layers at two heights instead of all 100", workers=False,
     ),
 )  # fmt: skip
 add_parser = Group(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robot_energy_cli.main import main
+from robot_energy_studies import certainty, interval_coverage, savings
 from robot_energy_studies.certainty import NOMINAL, reliability_of
 from robot_energy_studies.interval_coverage import Judged
 
@@ -27,7 +28,12 @@ def test_reliability_of_figures_whose_errors_are_normal():
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("certainty") / "out"
-    assert main(["reproduce", "certainty", "--quick", "--out", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(certainty, "FRESH", savings.FRESH)  # the same plant: identified once
+        patch.setattr(interval_coverage, "SECONDS", 15.0)
+        patch.setattr(interval_coverage, "RATE", 100.0)
+        patch.setattr(interval_coverage, "DEGC", (25.0, 45.0, 65.0))
+        assert main(["reproduce", "certainty", "--quick", "--out", str(folder)]) == 0
     return json.loads((folder / "figures.json").read_text()), folder
 
 

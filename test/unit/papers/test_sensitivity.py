@@ -7,7 +7,7 @@ import pytest
 from robot_energy.model import load
 from robot_energy_papers.calibration import HOLDING_DEGC, Holding, holding_power, random_poses
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE, holding_table, rise_table
-from robot_energy_papers.machines import MACHINES, predicted, wall_motion
+from robot_energy_papers.machines import layer, predicted
 from robot_energy_papers.sensitivity import OpenFigure, sensitivity
 from robot_energy_papers.wall import Wall
 from robot_energy_papers.wall_sensitivity import GANTRY, wall_tables
@@ -75,7 +75,7 @@ def test_friction_of_the_long_axis_by_hand(walls):
     """Force times way: 2.4 m of every layer are along the long axis."""
     table = walls["mechanical, magnitude"]
     row = next(row for row in table.rows if row.figure.key == "force_x")
-    arm = predicted(load("irb4600"), wall_motion(MACHINES["irb4600"]).blocks())[0].figures
+    arm = predicted(load("irb4600"), layer("irb4600"))[0].figures
     arm_energy = arm["mechanical, magnitude"]
     by_hand = (450.0 - 120.0) * 2.4 / arm_energy
     assert row.at_high - row.at_low == pytest.approx(by_hand, rel=0.02)  # corners are rounded
@@ -86,7 +86,7 @@ def test_weight_of_the_ram_by_hand(walls):
     """Copper loss of holding goes with the square of the weight, mechanical energy not at all."""
     rows = {row.figure.key: row for row in walls["electrical, drives"].rows}
     ram, nominal = rows["ram"], walls["electrical, drives"].nominal
-    gantry = predicted(load("testbed"), wall_motion(MACHINES[GANTRY]).blocks())[0]
+    gantry = predicted(load("testbed"), layer(GANTRY))[0]
     held = gantry.parts["holding"] / float(gantry.electrical.sum())
     assert ram.at_low / nominal == pytest.approx(1.0 - held, rel=1e-3)
     assert ram.at_high / nominal == pytest.approx(1.0 + (1.5**2 - 1.0) * held, rel=1e-3)
