@@ -1,14 +1,17 @@
 """Small generated fleets, as tables and as datasets."""
 
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
 import polars as pl
+import pytest
 
 from robot_energy_fleet.dataset import Dataset, RowKey, row_bytes
 from robot_energy_fleet.dataset_columns import TABLES
 from robot_energy_fleet.tables import FleetTables
+from robot_energy_studies import generated_fleet
 from robot_energy_studies.fleet_study import fleet_tables
 from robot_energy_studies.generated_fleet import FleetPlan
 
@@ -25,19 +28,29 @@ EXACT = {
 }
 
 
-def fleet(robots, faults=True) -> FleetTables:
+def fleet(robots, faults=True, days=5, cycles=3) -> FleetTables:
     """A week of some robots; with faults one has another payload, one stands by at night."""
-    return _fleet(robots, faults)
+    return _fleet(robots, faults, days, cycles)
 
 
 @cache
-def _fleet(robots, faults) -> FleetTables:
-    return fleet_tables(FleetPlan(robots=robots, weeks=1, seed=3, faults=faults))
+def _fleet(robots, faults, days, cycles) -> FleetTables:
+    with short_bags(days, cycles):
+        return fleet_tables(FleetPlan(robots=robots, weeks=1, seed=3, faults=faults))
 
 
-def dataset(folder, robots, faults=True) -> Path:
+@contextmanager
+def short_bags(days, cycles=3):
+    """Bags of so many cycles while this lasts, on so many days of a week."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generated_fleet, "CYCLES", cycles)
+        patch.setattr(generated_fleet, "WORKDAYS", days)
+        yield
+
+
+def dataset(folder, robots, faults=True, days=5) -> Path:
     """The same as the dataset of `fleet run`."""
-    return written(folder, fleet(robots, faults))
+    return written(folder, fleet(robots, faults, days))
 
 
 def written(folder, tables) -> Path:

@@ -25,7 +25,7 @@ def days(model_of_day, wear, more=None):
         wear: More friction from `WORN_FROM` on. [-]
         more: Other values of the rows of joints.
     """
-    whole, random = fleet(6), np.random.default_rng(0)
+    whole, random = fleet(1, faults=False, days=1, cycles=6), np.random.default_rng(0)
     key = whole.runs.filter(pl.col("robot") == "robot-01").sort("start_ns")["key"][0]
     run, *_ = whole.runs.filter(pl.col("key") == key).to_dicts()
     rows = {name: getattr(whole, name).filter(pl.col("key") == key).to_dicts() for name in SCHEMAS}

@@ -138,7 +138,7 @@ def test_a_command_fits_the_schema_and_the_terminal(name, tmp_path, monkeypatch,
     wheel_model(tmp_path)
     runs(tmp_path)
     if name.startswith("fleet"):
-        dataset(tmp_path / "fleet", 2, faults=False)
+        dataset(tmp_path / "fleet", 2, faults=False, days=1)
     if name == "auxiliary":
         simulate = ["simulate", "--robot", "mantis", "--auxiliary", "--duration", "40"]
         assert main([*simulate, "--out", "cell"]) == 0
