@@ -13,6 +13,11 @@ from robot_energy_cli.main import build_parser
 DOCUMENTS = ("README.md", *sorted(p.name for p in (ROOT / "src/doc").glob("*.md")))
 
 
+@pytest.fixture(scope="module")
+def parser():
+    return build_parser()
+
+
 def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
     """A parser and all below it."""
     yield parser
@@ -62,13 +67,13 @@ def commands(name: str) -> list[tuple[str, bool]]:
     ("document", "command", "whole"),
     [(name, *command) for name in DOCUMENTS for command in commands(name)],
 )
-def test_the_parser_understands(document, command, whole, capsys):
+def test_the_parser_understands(document, command, whole, parser, capsys):
     """In prose a command may lack what it requires; `...` stands for further options."""
     line = re.sub(r"\$\w+", "1", re.sub(r"\s(>|&&|\||;).*$", "", command))
     words = [word for word in shlex.split(line, comments=True)[1:] if word != "..."]
     code = 0
     try:
-        build_parser().parse_args(words)
+        parser.parse_args(words)
     except SystemExit as end:
         code = end.code
     text = capsys.readouterr().err
@@ -87,9 +92,9 @@ EXAMPLES = sorted(
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_the_parser_understands_the_examples_of_the_help(example):
+def test_the_parser_understands_the_examples_of_the_help(example, parser):
     words = shlex.split(example.partition("|")[0])
-    assert build_parser().parse_args(words[1:]).run is not None
+    assert parser.parse_args(words[1:]).run is not None
 
 
 def test_a_wrong_command_is_found(capsys):

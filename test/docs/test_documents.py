@@ -37,8 +37,15 @@ def test_commands_are_found():
     assert len(listed_commands()) >= 8
 
 
+@pytest.fixture(scope="module")
+def build(tmp_path_factory):
+    """A folder in place of build, and the commands that have run in it."""
+    return tmp_path_factory.mktemp("build"), []
+
+
 @pytest.mark.parametrize("command", listed_commands())
-def test_listed_command_runs(command, tmp_path, monkeypatch, capsys):
+def test_listed_command_runs(command, build, monkeypatch, capsys):
+    folder, done = build
     monkeypatch.chdir(ROOT)
     words = shlex.split(command)[1:]
     if any(name in command for name in OWN_FILES):
@@ -53,9 +60,11 @@ def test_listed_command_runs(command, tmp_path, monkeypatch, capsys):
         begin = f"robot-energy {maker}"
         steps = [*(shlex.split(c)[1:] for c in listed_commands() if c.startswith(begin)), words]
     for step in steps:
-        places = [str(tmp_path / word[6:]) if word.startswith("build/") else word for word in step]
-        assert main(places) == 0, capsys.readouterr().err
-        assert capsys.readouterr().out
+        if step not in done:
+            places = [str(folder / w[6:]) if w.startswith("build/") else w for w in step]
+            assert main(places) == 0, capsys.readouterr().err
+            assert capsys.readouterr().out
+            done.append(step)
 
 
 @pytest.mark.parametrize(

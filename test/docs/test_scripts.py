@@ -1,11 +1,10 @@
 """Scripts of test/bench and test/soak: none is broken before somebody needs its figures."""
 
+import json
 import os
 import re
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -16,25 +15,45 @@ FILES = sorted(path for folder in FOLDERS for path in folder.glob("*.py"))
 SCRIPTS = [path for path in FILES if "ArgumentParser(" in path.read_text()]
 
 
-def run(path: Path, *words: str) -> subprocess.CompletedProcess[str]:
+# The scripts of a folder in one process, since most of them import the same.
+ASKED = """
+import io, json, runpy, sys, traceback
+from contextlib import redirect_stdout
+from pathlib import Path
+
+sys.path.insert(0, str(Path(sys.argv[1]).parent))
+answers = {}
+for name in sys.argv[1:]:
+    sys.argv, own, code = [name, "--help"], io.StringIO(), None
+    try:
+        with redirect_stdout(own):
+            runpy.run_path(name, run_name="__main__")
+    except SystemExit as end:
+        code = end.code
+    except BaseException:
+        traceback.print_exc()
+    answers[name] = code, own.getvalue()
+print(json.dumps(answers))
+"""
+
+
+def run(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, str(path), *words], env={**os.environ, "COLUMNS": "80"},
+        [sys.executable, *map(str, words)], env={**os.environ, "COLUMNS": "80"},
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def helps():
-    """What every script answers to `--help`; two at a time, since imports take their time."""
-    with ThreadPoolExecutor(2) as pool:
-        return dict(zip(SCRIPTS, pool.map(lambda path: run(path, "--help"), SCRIPTS), strict=True))
-
-
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_a_script_answers_help(script, helps):
-    done = helps[script]
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"usage: {script.name}")
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_every_script_answers_help(folder):
+    scripts = [path for path in SCRIPTS if path.parent == folder]
+    done = run("-c", ASKED, *scripts)
+    answers = json.loads(done.stdout.splitlines()[-1])
+    assert len(answers) == len(scripts) >= 5
+    for script in scripts:
+        code, text = answers[str(script)]
+        assert code == 0, done.stderr
+        assert text.startswith(f"usage: {script.name}")
 
 
 @pytest.mark.parametrize(
