@@ -107,9 +107,7 @@ def test_bad_candidates_say_what_is_wrong_and_the_others_are_compared(ask):
     assert "lacks" in answer.candidates[1].message
     assert "speed limit" in answer.candidates[2].message
     assert math.isnan(answer.candidates[0].predicted_energy)
-
-
-def test_an_impossible_motion_is_said_alike_by_both_services(ask):
+    # both services say alike of a motion that it is impossible
     fast = ask(trajectories=[move(0.05)], **WARM).candidates[0]
     alone = ask(PredictTrajectory, trajectory=move(0.05), motor_temperature_degc=[40.0] * 6)
     assert alone.success
@@ -118,7 +116,7 @@ def test_an_impossible_motion_is_said_alike_by_both_services(ask):
     assert alone.message == fast.message
 
 
-def test_over_the_same_time_waiting_counts(ask):
+def test_over_the_same_time_waiting_counts_and_a_peak_limit_excludes(ask):
     motions = [move(3.0), move(6.0)]
     bare = ask(trajectories=motions, **WARM)
     same = ask(trajectories=motions, cycle_time=6.0, **WARM)
@@ -128,9 +126,6 @@ def test_over_the_same_time_waiting_counts(ask):
     short = ask(trajectories=motions, cycle_time=5.0, **WARM)
     assert not short.candidates[1].feasible
     assert "cycle time" in short.candidates[1].message
-
-
-def test_a_peak_limit_excludes(ask):
     free = ask(trajectories=[move(2.0), move(8.0)], **WARM)
     limit = 0.5 * sum(one.predicted_peak_power for one in free.candidates)
     answer = ask(trajectories=[move(2.0), move(8.0)], peak_limit=limit, **WARM)
@@ -138,20 +133,20 @@ def test_a_peak_limit_excludes(ask):
     assert "peak power" in answer.candidates[0].message
 
 
-@pytest.mark.parametrize(
-    "request_",
-    [
-        {"trajectories": []},
-        {"trajectories": [move(2.0)] * 101},
-        {"trajectories": [move(2.0)], "joint_names": ["stranger"],
-         "motor_temperature_degc": [20.0]},
-        {"trajectories": [move(2.0)], "joint_names": JOINTS},
-        {"trajectories": [move(2.0)], "cycle_time": math.nan},
-        {"trajectories": [JointTrajectory()]},
-    ],
-)  # fmt: skip
-def test_what_cannot_be_compared_is_refused(ask, request_):
-    answer = ask(**request_)
-    assert not answer.success
-    assert answer.cheapest in (-1, 0)
-    assert "expected" in answer.message
+REFUSED = [
+    {"trajectories": []},
+    {"trajectories": [move(2.0)] * 101},
+    {"trajectories": [move(2.0)], "joint_names": ["stranger"],
+     "motor_temperature_degc": [20.0]},
+    {"trajectories": [move(2.0)], "joint_names": JOINTS},
+    {"trajectories": [move(2.0)], "cycle_time": math.nan},
+    {"trajectories": [JointTrajectory()]},
+]  # fmt: skip
+
+
+def test_what_cannot_be_compared_is_refused(ask):
+    for request in REFUSED:
+        answer = ask(**request)
+        assert not answer.success
+        assert answer.cheapest in (-1, 0)
+        assert "expected" in answer.message

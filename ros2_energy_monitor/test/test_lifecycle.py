@@ -289,12 +289,12 @@ def test_a_hundred_lives_leave_nothing_behind(bench, messages):
     assert node.ingest.rejections.accepted == 100
 
 
-def test_totals_survive_a_hundred_pauses(bench, messages):
+def test_totals_survive_many_pauses(bench, messages):
     node = bench.add(EnergyMonitor, model="kr16")
     publisher = bench.publisher(JointState, "joint_states")
     rows = messages["/joint_states"]
     last = 0.0
-    for number in range(50):
+    for number in range(15):
         feed(bench, node, publisher, rows[number * 10 : number * 10 + 5])
         node.trigger_deactivate()
         total = node.account.registers.cabinet("grid_import")
@@ -303,7 +303,7 @@ def test_totals_survive_a_hundred_pauses(bench, messages):
         feed(bench, node, publisher, rows[number * 10 + 5 : number * 10 + 10])
         node.trigger_activate()
     account, time = node.ingest.rejections, node.account.registers.time
-    assert (account.received, account.accepted, account.rejected["inactive"]) == (500, 250, 250)
-    assert time.observed_ns == sum(span(rows[start : start + 5]) for start in range(0, 500, 10))
-    assert time.gap_count == 49
+    assert (account.received, account.accepted, account.rejected["inactive"]) == (150, 75, 75)
+    assert time.observed_ns == sum(span(rows[start : start + 5]) for start in range(0, 150, 10))
+    assert time.gap_count == 14
     assert time.end_ns - time.start_ns == time.observed_ns + time.gap_ns

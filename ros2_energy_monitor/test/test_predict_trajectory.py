@@ -133,10 +133,17 @@ def compare(answer, run) -> None:
 
 
 def test_the_service_equals_the_command(client, tmp_path):
+    """Temperatures follow the names, and the fallback fills those that are missing."""
     trajectory = swing()
     run = by_command(tmp_path, trajectory, "--temperature", "40", "--repeat", "3")
     answer = client.ask(trajectory=trajectory, repeat=3, motor_temperature_degc=[40.0] * 6)
     compare(answer, run)
+    trajectory = swing(JOINTS[::-1])
+    given = [30.0, 31.0, math.nan, 33.0, 34.0, 35.0]
+    fallback = MODEL.temperature.fallback_degc
+    used = [fallback if math.isnan(value) else value for value in given[::-1]]
+    run = by_command(tmp_path, trajectory, "--temperature", ",".join(map(str, used)))
+    compare(client.ask(trajectory=trajectory, motor_temperature_degc=given), run)
 
 
 def test_what_the_meter_has_shown_sets_the_band(node, client):
@@ -157,15 +164,6 @@ def test_what_the_meter_has_shown_sets_the_band(node, client):
     assert 0.0 < answer.predicted_energy_band < 0.5 * bare.predicted_energy_band
 
 
-def test_temperatures_follow_the_names_and_the_fallback_fills(client, tmp_path):
-    trajectory = swing(JOINTS[::-1])
-    given = [30.0, 31.0, math.nan, 33.0, 34.0, 35.0]
-    fallback = MODEL.temperature.fallback_degc
-    used = [fallback if math.isnan(value) else value for value in given[::-1]]
-    run = by_command(tmp_path, trajectory, "--temperature", ",".join(map(str, used)))
-    compare(client.ask(trajectory=trajectory, motor_temperature_degc=given), run)
-
-
 def test_the_payload_that_is_carried_counts(bench, client, tmp_path):
     request = bench.payload("tool0", 8.0)
     setter = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
@@ -173,31 +171,35 @@ def test_the_payload_that_is_carried_counts(bench, client, tmp_path):
     future = setter.call_async(request)
     bench.spin_until(future.done, "the payload")
     assert future.result().success
+    said = "15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all"  # beside that of the model
+    assert said in future.result().message
     trajectory = swing()
     run = by_command(tmp_path, trajectory, "--temperature", "40", "--payload", "8")
-    compare(client.ask(trajectory=trajectory, motor_temperature_degc=[40.0] * 6), run)
+    answer = client.ask(trajectory=trajectory, motor_temperature_degc=[40.0] * 6)
+    compare(answer, run)
+    assert said in answer.message
     bare = by_command(tmp_path, trajectory, "--temperature", "40")
     assert bare["energy"]["grid_import"] != run["energy"]["grid_import"]
 
 
-@pytest.mark.parametrize(
-    "request_",
-    [
-        {"trajectory": JointTrajectory()},
-        {"trajectory": swing(JOINTS[:-1])},
-        {"trajectory": swing((*JOINTS[:-1], "stranger"))},
-        {"trajectory": swing(seconds=1_000_000)},
-        {"trajectory": swing(), "repeat": 2**32 - 1},
-        {"trajectory": swing(), "motor_temperature_degc": [20.0]},
-        {"trajectory": swing(), "motor_temperature_degc": [math.inf] * 6},
-        {"trajectory": swing(), "motor_temperature_degc": [900.0] * 6},
-    ],
-)
-def test_what_cannot_be_predicted_is_refused(client, request_):
-    answer = client.ask(**request_)
-    assert not answer.success
-    assert "expected" in answer.message
-    assert client.ask(trajectory=swing()).success
+REFUSED = [
+    {"trajectory": JointTrajectory()},
+    {"trajectory": swing(JOINTS[:-1])},
+    {"trajectory": swing((*JOINTS[:-1], "stranger"))},
+    {"trajectory": swing(seconds=1_000_000)},
+    {"trajectory": swing(), "repeat": 2**32 - 1},
+    {"trajectory": swing(), "motor_temperature_degc": [20.0]},
+    {"trajectory": swing(), "motor_temperature_degc": [math.inf] * 6},
+    {"trajectory": swing(), "motor_temperature_degc": [900.0] * 6},
+]
+
+
+def test_what_cannot_be_predicted_is_refused(client):
+    for request in REFUSED:
+        answer = client.ask(**request)
+        assert not answer.success
+        assert "expected" in answer.message
+        assert client.ask(trajectory=swing()).success
 
 
 class Held:
@@ -324,16 +326,6 @@ def test_the_process_is_there_as_long_as_there_is_a_client(bench, client, held, 
     monkeypatch.setattr(trajectory_services, "KEPT", 0.0)
     client.close()
     bench.spin_until(lambda: process.returncode is not None, "the end of the process")
-
-
-def test_a_payload_beside_that_of_the_model_is_said(bench, client):
-    setter = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
-    bench.spin_until(setter.service_is_ready, "the service")
-    future = setter.call_async(bench.payload("tool0", 8.0))
-    bench.spin_until(future.done, "the payload")
-    said = "15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all"
-    assert said in future.result().message
-    assert said in client.ask(trajectory=swing()).message
 
 
 def test_memory_of_a_request_is_read_as_rclpy_converts_it():

@@ -488,17 +488,17 @@ def test_files_of_an_earlier_release_are_adopted_with_a_word(bench, messages, tm
 def test_kills_while_services_are_called_and_the_clock_steps(child_environment):
     """See test/soak/service_kills.py."""
     done = subprocess.run(
-        [sys.executable, str(KILLS.with_name("service_kills.py")), "--kills=20"],
+        [sys.executable, str(KILLS.with_name("service_kills.py")), "--kills=8"],
         env=child_environment, capture_output=True, text=True, timeout=1800, check=False,
     )  # fmt: skip
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_fifty_kills_in_motion(child_environment):
-    """See test/soak/kills.py: what a thousand kills must not do, fifty must not do either."""
+def test_kills_in_motion(child_environment):
+    """See test/soak/kills.py: what a thousand kills must not do, fifteen must not do either."""
     done = subprocess.run(
-        [sys.executable, str(KILLS), "--kills=50"],
+        [sys.executable, str(KILLS), "--kills=15"],
         env=child_environment, capture_output=True, text=True, timeout=1800, check=False,
     )  # fmt: skip
     print(done.stdout)
