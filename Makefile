@@ -39,7 +39,7 @@ docs: prepare  ## the documentation site in build/site; warnings are errors
 DIST ?= build/dist
 wheel:  ## wheel and source distribution of the library in build/dist
 	@rm -rf src/build src/*.egg-info
-	@$(in_environment) pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir "$(abspath $(DIST))" ./src
+	@$(in_environment) pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir "$(abspath $(DIST))" ./src
 	@$(in_environment) cd src && python setup.py --quiet sdist --dist-dir "$(abspath $(DIST))" 2>/dev/null
 	@rm -rf src/build src/*.egg-info && ls "$(abspath $(DIST))"
 
