@@ -22,13 +22,17 @@ PEAK = 300.0  # W
 
 
 def run(
-    seed: int, duration: float = 40.0, degc: float = 40.0, config: RigConfig | None = None
+    seed: int,
+    duration: float = 40.0,
+    degc: float = 40.0,
+    config: RigConfig | None = None,
+    rate: float = 250.0,
 ) -> tuple[VirtualRig, RigOutput]:
     """Play the KR 16 class rig."""
     profile = load_profile("kr16")
     limits = profile.motion_limits(profile.mechanics()[0])
     program = random_program(limits, seed, dwell=0.3)
-    rig = VirtualRig(profile, program, config or RigConfig(), seed, degc)
+    rig = VirtualRig(profile, program, config or RigConfig(), seed, degc, rate_hz=rate)
     return rig, RigOutput.concatenate(list(outputs(rig, duration)))
 
 

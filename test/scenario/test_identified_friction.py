@@ -26,7 +26,9 @@ TRAINED = (20.0, 40.0, 60.0, 80.0)
 def run(folder, degc, seed, duration=30.0):
     profile = load_profile("kr16")
     limits = profile.motion_limits(profile.mechanics()[0])
-    rig = VirtualRig(profile, random_program(limits, seed), seed=seed, start_temperature_degc=degc)
+    rig = VirtualRig(
+        profile, random_program(limits, seed), seed=seed, start_temperature_degc=degc, rate_hz=100
+    )
     record(rig, duration, folder)
     return folder
 

@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("campaign")
     profile = two_link_profile(where)
     for number, degc in enumerate((*TEMPERATURES, UNSEEN)):
-        rig = VirtualRig(profile, PROGRAM, RigConfig(), number, float(degc))
+        rig = VirtualRig(profile, PROGRAM, RigConfig(), number, float(degc), rate_hz=100.0)
         record(rig, 20.0, where / f"at_{degc}")
     return where
 

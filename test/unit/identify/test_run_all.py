@@ -275,8 +275,8 @@ def test_what_is_tested_is_never_fitted(folder: Path, model: RobotModel) -> None
         kind, folds = folds_of(bags, [], [])
         assert kind == "recordings"
         fitted = identify_everything(bags, model, skip)
-        test = held_out_energy(kind, folds, fitted, skip)
-        assert [entry.name for entry in test.tested] == ["at_25", "at_40", "at_55"]
+        test = held_out_energy(kind, folds[:2], fitted, skip)
+        assert [entry.name for entry in test.tested] == ["at_25", "at_40"]
         predicted.append([entry.predictions["drives"].energy for entry in test.tested])
     assert predicted[0][1] == predicted[1][1]
     assert predicted[0][0] != predicted[1][0]

@@ -204,7 +204,7 @@ def bags(tmp_path_factory):
     limits, high = profile.motion_limits(robot), tool_above(robot, "tool0", 0.2)
     for seed, degc in enumerate((30.0, 45.0, 30.0, 36.0), 1):
         program = random_program(limits, seed, dwell=1.2, accept=high)
-        rig = VirtualRig(profile, program, RigConfig(thermal_speedup=8.0), seed, degc)
+        rig = VirtualRig(profile, program, RigConfig(thermal_speedup=8.0), seed, degc, rate_hz=100)
         record(rig, 30.0, folder / f"run_{seed}")
     return [Bag(path, EffortMeaning.MOTOR_TORQUE) for path in sorted(folder.iterdir())]
 

@@ -31,7 +31,7 @@ def recording(tmp_path_factory, request):
     folder = tmp_path_factory.mktemp("meter")
     profile = two_link_profile(folder)
     config = RigConfig(sensors=Sensors(meter_meaning=request.param, meter_rate=20.0))
-    record(VirtualRig(profile, PROGRAM, config, 1, 40.0), 40.0, folder / "bag")
+    record(VirtualRig(profile, PROGRAM, config, 1, 40.0, rate_hz=100.0), 40.0, folder / "bag")
     model = load(folder / "two_link.yaml")
     return read_recording(folder / "bag", model, EffortMeaning.MOTOR_TORQUE)
 
@@ -107,7 +107,7 @@ def filtered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("filtered")
     profile = two_link_profile(folder)
     config = RigConfig(sensors=Sensors(meter_rate=20.0, meter_filter=0.25)).having("meter_filter")
-    record(VirtualRig(profile, PROGRAM, config, 1, 40.0), 40.0, folder / "bag")
+    record(VirtualRig(profile, PROGRAM, config, 1, 40.0, rate_hz=100.0), 40.0, folder / "bag")
     model = load(folder / "two_link.yaml")
     return read_recording(folder / "bag", model, EffortMeaning.MOTOR_TORQUE)
 

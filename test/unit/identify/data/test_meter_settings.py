@@ -37,7 +37,9 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("meter_settings")
     profile = load_profile("kr16")
     program = random_program(profile.motion_limits(profile.mechanics()[0]), 3, dwell=DWELL)
-    record(VirtualRig(profile, program, RigConfig(), 3, 40.0), SECONDS, folder / "rig")
+    record(
+        VirtualRig(profile, program, RigConfig(), 3, 40.0, rate_hz=100.0), SECONDS, folder / "rig"
+    )
     reader = BagReader(folder / "rig")
     ingest = MeterIngest()
     readings = [ingest.step([part[POWER_METER]]) for part in reader.parts([POWER_METER])]

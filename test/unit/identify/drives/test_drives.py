@@ -128,7 +128,7 @@ def test_a_log_of_currents_is_refused():
 @pytest.fixture(scope="module")
 def rig():
     """Two runs of the rig with every effect on, drives that report with noise and peaks."""
-    return drive_reports.drive_data([1, 2], duration=30.0)
+    return drive_reports.drive_data([1, 2], duration=30.0, rate=100.0)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_the_rig_s_copper_loss_is_recovered_within_its_stated_confidence():
     true = 3.0 * profile.resistance / profile.torque_constant**2
     inside = 0
     for seeds in ((5, 6), (7, 8)):
-        fit = fit_drives(drive_reports.drive_data(list(seeds), config, duration=30.0))
+        fit = fit_drives(drive_reports.drive_data(list(seeds), config, duration=30.0, rate=100.0))
         for axis, copper in zip(fit.axes, true, strict=True):
             error = abs(axis.losses.values["copper"] - copper)
             inside += error <= axis.losses.confidence["copper"]
