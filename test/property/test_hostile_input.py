@@ -42,7 +42,7 @@ def test_valid_samples_are_taken(name):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@profile(30)
+@profile(12)
 @given(st.data())
 def test_damage_is_counted_or_refused(name, data):
     seed = data.draw(st.sampled_from(TARGETS[name].seeds()))
@@ -50,7 +50,7 @@ def test_damage_is_counted_or_refused(name, data):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@profile(10)
+@profile(5)
 @given(data=st.binary(max_size=400))
 def test_any_bytes_are_counted_or_refused(name, data):
     TARGETS[name].run(data)

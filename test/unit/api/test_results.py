@@ -169,9 +169,8 @@ def test_a_wrong_option_is_refused():
 
 
 def test_identify_cabinet_gives_the_json_and_the_model_of_the_command(tmp_path, capsys):
-    other = str(ROOT / "bags/kr16_warm")
-    result = re.identify_cabinet([BAG, other], "kr16")
-    words = ("identify", "cabinet", BAG, other, "--model", "kr16")
+    result = re.identify_cabinet([BAG], "kr16")
+    words = ("identify", "cabinet", BAG, "--model", "kr16")
     found = command_json(tmp_path, *words, "--out", str(tmp_path / "command.yaml"))
     assert json.loads(json.dumps(result.to_dict())) == found
     result.save(tmp_path / "api.yaml")

@@ -47,8 +47,10 @@ def run(learning, with_torque, cuts, seconds=150, rate=50.0) -> EnergyPipeline:
     return pipeline
 
 
-@pytest.mark.parametrize("learning", [Learning.OBSERVE, Learning.APPLY])
-@pytest.mark.parametrize("with_torque", [True, False])
+@pytest.mark.parametrize(
+    ("learning", "with_torque"),
+    [(Learning.OBSERVE, True), (Learning.APPLY, True), (Learning.APPLY, False)],
+)
 def test_any_cutting_teaches_the_same(learning, with_torque):
     rng = np.random.default_rng(7)
     many = np.cumsum(rng.integers(1, 90, 200))
