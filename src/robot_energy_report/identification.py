@@ -149,7 +149,8 @@ def _stribeck(fit: FrictionFit) -> str | None:
     term = fit.stribeck
     if term is None:
         return None
-    return f"{uncertain(term.torque.value, term.torque.std or 0.0)}, at {term.velocity.value:.3g} rad/s"
+    torque = uncertain(term.torque.value, term.torque.std or 0.0)
+    return f"{torque}, at {term.velocity.value:.3g} rad/s"
 
 
 def _fitted_at(fit: FrictionFit) -> str | None:
