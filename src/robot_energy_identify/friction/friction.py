@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -124,7 +124,7 @@ class FrictionFit:
             source: Where the data come from.
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
-        found = {"coulomb": coulomb, "viscous": self.law}
+        found: dict[str, Any] = {"coulomb": coulomb, "viscous": self.law}
         if self.stribeck is not None:
             found["stribeck"] = self.stribeck
         return before.model_copy(update=found)
