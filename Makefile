@@ -25,8 +25,8 @@ test: prepare build/robots/pins  ## format, lint, types, all tests
 coverage: prepare build/robots/pins  ## the share of the whole library that its tests run; as long as the tests twice
 	@$(in_environment) python .ci/check.py --coverage
 
-lint: prepare  ## format, lint and types only; the lines of each package
-	@$(in_environment) python .ci/check.py --lint && python .ci/lines.py
+lint: prepare  ## format, lint and types only; the lines of each package, the way of each message
+	@$(in_environment) python .ci/check.py --lint && python .ci/lines.py && python .ci/ways.py
 
 format: prepare  ## format the sources and mend what ruff can mend
 	@$(in_environment) ruff format src test ros2_energy_monitor .ci && ruff check --fix src test ros2_energy_monitor .ci
