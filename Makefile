@@ -19,16 +19,16 @@ setup:  ## Python environment with ROS 2 Jazzy, and the three packages built
 demo: prepare  ## a virtual robot with its energy monitor
 	@$(in_environment) python -m ros2_energy_monitor demo
 
-test: prepare build/robots/pins  ## format, lint, types, all tests
+test: prepare .venv/tests build/robots/pins  ## format, lint, types, all tests
 	@$(in_environment) python .ci/check.py
 
-coverage: prepare build/robots/pins  ## the share of the whole library that its tests run; as long as the tests twice
+coverage: prepare .venv/tests build/robots/pins  ## the share of the whole library that its tests run; as long as the tests twice
 	@$(in_environment) python .ci/check.py --coverage
 
-lint: prepare  ## format, lint and types only; the lines of each package, the way of each message
+lint: prepare .venv/tests  ## format, lint and types only; the lines of each package, the way of each message
 	@$(in_environment) python .ci/check.py --lint && python .ci/lines.py && python .ci/ways.py
 
-format: prepare  ## format the sources and mend what ruff can mend
+format: prepare .venv/tests  ## format the sources and mend what ruff can mend
 	@$(in_environment) ruff format src test ros2_energy_monitor .ci && ruff check --fix src test ros2_energy_monitor .ci
 
 docs: prepare  ## the documentation site in build/site; warnings are errors
@@ -43,14 +43,19 @@ wheel:  ## wheel and source distribution of the library in build/dist
 	@$(in_environment) cd src && python setup.py --quiet sdist --dist-dir "$(abspath $(DIST))" 2>/dev/null
 	@rm -rf src/build src/*.egg-info && ls "$(abspath $(DIST))"
 
-bench: prepare  ## measure speed
+bench: prepare .venv/tests  ## measure speed
 	@$(in_environment) python test/bench/run.py
 
-soak: prepare build/urdfs/pins  ## runs that take long: a simulated month, load, fuzzing, bit rot
+soak: prepare .venv/tests build/urdfs/pins  ## runs that take long: a simulated month, load, fuzzing, bit rot
 	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes -r .ci/requirements-soak.txt && python test/soak/run.py
 
 clean:  ## remove all that set-up and tests made
 	rm -rf .venv build install log
+
+# What only tests and checks need; the stamp goes with an environment that is made anew.
+.venv/tests: .ci/requirements-test.txt | prepare
+	@echo "set-up: tools of tests and checks ..."
+	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-compile --no-deps --require-hashes -r $< && cp $< $@
 
 # URDFs of robots, for one test and for one long run; made again when their pins change.
 build/robots/pins build/urdfs/pins: build/%/pins: .ci/requirements-%.txt | prepare
