@@ -19,11 +19,15 @@ from mistakes import Change, rewrite
 from places import ROOT
 from robot_energy.bag import BagWriter
 from robot_energy.bag.cdr import Encoder, stamp_columns
-from robot_energy.model import RobotModel, load, save, validate
+from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import RobotModel, load, parse_yaml, save, validate
 from robot_energy.timeline.blocks import EffortMeaning, Float, MeterMeaning
+from robot_energy_identify.check.finding import MODEL, PARAMETERS, Finding
 from robot_energy_identify.data.log_channels import model_of, read_channels
 from robot_energy_identify.dynamics.dynamics import identify_dynamics
 from robot_energy_identify.dynamics.dynamics_model import to_model
+from robot_energy_identify.starter import RobotText, read_arm, starter_text
 from robot_energy_logs.log_import import import_log
 from robot_energy_logs.mapping import load_mapping
 from robot_energy_logs.ur_rtde import import_ur_rtde
@@ -174,6 +178,31 @@ def plain(model: RobotModel) -> dict[str, Any]:
     return data
 
 
+def mended(remedy: str, model: RobotModel) -> RobotModel:
+    """The model with a line of YAML of a remedy."""
+    data, line = plain(model), yaml.safe_load(remedy)
+    for entry in line.pop("joints", []):
+        next(one for one in data["joints"] if one["name"] == entry["name"]).update(entry)
+    return validate({**data, **line}, "mended")
+
+
+def read_with(remedy: str, path: Path) -> Inputs:
+    """The inputs of a file with the line of YAML of a remedy."""
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": yaml.safe_load(remedy)}}))
+    return read_inputs(path)[0]
+
+
+def with_remedy(
+    finding: Finding, model: RobotModel, folder: Path
+) -> tuple[RobotModel, Inputs | None]:
+    """Model and inputs with the remedy of a finding applied as a user would."""
+    if finding.remedy_in == MODEL:
+        return mended(finding.remedy, model), None
+    if finding.remedy_in == PARAMETERS:
+        return model, read_with(finding.remedy, folder / "remedy.yaml")
+    return model, None
+
+
 def renamed(model: RobotModel, names: list[str]) -> RobotModel:
     """A model with other joint names."""
     data = plain(model)
@@ -229,6 +258,118 @@ def on_the_rig(robot: str, seed: int, folder: Path) -> Sound:
     return Sound(name, bag, model, EffortMeaning.MOTOR_CURRENT, rated)
 
 
+PROGRAMS = {  # moves, share of the joint ranges, share of full speed, coldest and warmest start
+    "random": (12, 0.8, (0.4, 1.0), (10.0, 55.0)),
+    "pick": (4, 0.35, (0.5, 1.0), (15.0, 45.0)),
+    "slow": (8, 0.8, (0.12, 0.25), (15.0, 45.0)),
+    "one_axis": (6, 0.8, (0.4, 1.0), (15.0, 45.0)),
+    "cold": (12, 0.8, (0.4, 1.0), (2.0, 10.0)),
+}
+
+
+def foreign(
+    robot: str,
+    seed: int,
+    program: str,
+    folder: Path,
+    carried: float = 0.0,
+    end: float = RIG_SECONDS,
+) -> Sound:
+    """A recording of a robot of which there is no more than a URDF, whose bodies are off.
+
+    Its model is what ``model init`` makes; the plant has bodies off by 8 % of their masses and
+    12 mm of their centres, one standard deviation. The driver sends joint torque: with an even
+    seed computed from the motor current, with an odd one measured behind the gear.
+
+    Args:
+        robot: Name of a shipped model, whose URDF is taken, or ``armN`` for a drawn arm of N axes.
+        seed: The same seed gives the same recording.
+        program: One of `PROGRAMS`.
+        folder: Of the recording.
+        carried: Mass that the robot carries, of which the model does not know. [kg]
+    """
+    rng = np.random.default_rng([seed, *robot.encode(), *program.encode()])
+    xml = drawn_arm(int(robot[3:]), rng) if robot.startswith("arm") else load(robot).urdf_xml
+    name = f"foreign_{robot}_{seed}_{program}"
+    text = starter_text(read_arm(xml), RobotText(xml, "URDF"), ".")
+    model = validate(parse_yaml(text, name), name)
+    data = plain(model)
+    data["urdf"]["xml"] = other_bodies(xml, rng, 0.08, 0.012)
+    for entry in data["joints"]:
+        entry["rotor_inertia"]["value"] *= rng.uniform(0.5, 1.5)
+    if carried:
+        link = xml.split("<link")[-1].split('"')[1]
+        place = [0.0, 0.02, 0.08]
+        body = {"link": link, "mass": carried, "centre_of_mass": place, "tag": "assumed"}
+        data["payload"] = [body]
+    save(validate(data, "plant"), folder / f"{name}.yaml")
+    profile = random_profile(str(folder / f"{name}.yaml"), seed)
+    bodies, _ = profile.mechanics()
+    moves, zone, override, start = PROGRAMS[program]
+    zones = np.full(bodies.n_joints, zone)
+    if program == "one_axis":
+        zones[np.arange(bodies.n_joints) != rng.integers(min(3, bodies.n_joints))] = 1e-3
+    motion = random_program(
+        profile.motion_limits(bodies), seed, moves, zones, 0.4, rng.uniform(*override)
+    )
+    ratio = np.array([abs(joint.gear_ratio.value) for joint in model.joints])
+    quiet = float(np.min(ratio * [joint.standstill_velocity for joint in model.joints]))
+    sensors = Sensors(
+        velocity_noise=quiet * rng.uniform(0.05, 0.4),
+        torque_noise=0.1 * float(np.median(profile.coulomb)) * rng.uniform(0.5, 3.0),
+        torque_constant_error=0.03,
+    )
+    config = RigConfig.hard().without("meter_filter") if seed % 4 > 1 else RigConfig()
+    rig = VirtualRig(profile, motion, replace(config, sensors=sensors), seed, rng.uniform(*start))
+    made, bag = folder / f"{name}_motor", folder / name
+    record(rig, RIG_SECONDS, made)
+    rewrite(made, bag, as_joint_torque(model, profile.mechanics()[1].rotor_inertia, seed % 2 == 1))
+    return Sound(name, bag, model, EffortMeaning.JOINT_TORQUE)
+
+
+def as_joint_torque(model: RobotModel, rotor_inertia: Float, behind: bool) -> Change:
+    """Motor torque as joint torque, with what the rotors take, or without it."""
+    ratio = np.array([joint.gear_ratio.value for joint in model.joints])
+    last: list[tuple[float, Float]] = []
+
+    def change(message: Any) -> None:
+        stamp = message.header.stamp
+        now = stamp.sec + 1e-9 * stamp.nanosec
+        effort = message.effort * ratio
+        if behind and last and now > last[0][0]:
+            acceleration = (message.velocity - last[0][1]) / (now - last[0][0])
+            effort = effort - ratio**2 * rotor_inertia * acceleration
+        last[:0] = [(now, message.velocity.copy())]
+        del last[10:]
+        message.effort = effort
+
+    return change
+
+
+def drawn_arm(axes: int, rng: np.random.Generator) -> str:
+    """A URDF of an arm drawn at random, of one to two metres."""
+    size = rng.uniform(0.6, 1.6)
+    lines = ['<robot name="drawn_arm"><link name="l0"/>']
+    for k in range(1, axes + 1):
+        left = 1.0 - (k - 1) / axes  # bodies become lighter towards the tool
+        mass, length = 12.0 * size**2 * left**2 + 0.5, size * 1.3 / axes
+        radius = 0.05 + 0.05 * left
+        across, along = mass * (length**2 / 12 + radius**2 / 4), 0.5 * mass * radius**2
+        x, y, z = (*rng.normal(0.0, 0.02, 2).tolist(), length * rng.uniform(0.3, 0.7))
+        axis = "0 0 1" if k in (1, 4, 6) else "0 1 0"
+        effort = 9.81 * (25.0 * size**3) * left**2 + 12.0
+        lines.append(
+            f'<link name="l{k}"><inertial><origin xyz="{x:.4f} {y:.4f} {z:.4f}"/>'
+            f'<mass value="{mass:.4f}"/><inertia ixx="{across:.5f}" iyy="{across:.5f}" '
+            f'izz="{along:.5f}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="0 0 {0.2 if k == 1 else length:.4f}"/><axis xyz="{axis}"/>'
+            f'<limit lower="-2.6" upper="2.6" effort="{effort:.1f}" velocity="{2.0 + k / 4}"/>'
+            "</joint>"
+        )
+    return "".join(lines) + "</robot>"
+
+
 def as_current(model: RobotModel) -> Change:
     """Motor torque as the current of a driver."""
     constant = np.array([joint.torque_constant.value for joint in model.joints])  # type: ignore
@@ -249,11 +390,20 @@ def drawn_plant(model: RobotModel, rng: np.random.Generator, path: Path, seed: i
     return random_profile(str(path), seed)
 
 
-def other_bodies(xml: str, rng: np.random.Generator) -> str:
-    """A URDF with other masses, and centres of mass off by some millimetres."""
+def other_bodies(
+    xml: str, rng: np.random.Generator, mass_std: float = 0.0, centre_std: float = 0.0
+) -> str:
+    """A URDF with other masses, and centres of mass off by some millimetres.
+
+    Args:
+        xml: A URDF.
+        rng: Draws.
+        mass_std: Standard deviation of masses [-]; 0: within 8 %.
+        centre_std: Standard deviation along each axis [m]; 0: within 5 % of each coordinate.
+    """
     root = ElementTree.fromstring(xml)
     for inertial in root.iter("inertial"):
-        factor = rng.uniform(0.92, 1.08)
+        factor = float(np.exp(rng.normal(0.0, mass_std)) if mass_std else rng.uniform(0.92, 1.08))
         mass, tensor, origin = (inertial.find(key) for key in ("mass", "inertia", "origin"))
         assert mass is not None
         mass.set("value", repr(float(mass.get("value", "0")) * factor))
@@ -262,7 +412,10 @@ def other_bodies(xml: str, rng: np.random.Generator) -> str:
                 tensor.set(key, repr(float(value) * factor))
         if origin is not None:
             centre = np.array(origin.get("xyz", "0 0 0").split(), dtype=float)
-            centre = centre * rng.uniform(0.95, 1.05, 3)
+            if centre_std:
+                centre = centre + rng.normal(0.0, centre_std, 3)
+            else:
+                centre = centre * rng.uniform(0.95, 1.05, 3)
             origin.set("xyz", " ".join(map(repr, centre.tolist())))
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -282,12 +435,15 @@ def sound(name: str, data: Path | None, folder: Path) -> Sound:
     """Make a recording.
 
     Args:
-        name: ``kr16_cold``, one of `REAL`, or ``ROBOT:SEED`` of the rig.
+        name: ``kr16_cold``, one of `REAL`, ``ROBOT:SEED`` of the rig, or ``ROBOT:SEED:PROGRAM``
+            for a foreign robot.
         data: Folder of the real recordings.
         folder: Where the bag is made.
     """
     if ":" in name:
-        robot, seed = name.split(":")
+        robot, seed, *program = name.split(":")
+        if program:
+            return foreign(robot, int(seed), program[0], folder)
         return on_the_rig(robot, int(seed), folder)
     if name not in REAL:
         return bundled(name)

@@ -17,7 +17,7 @@ from robot_energy_cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from robot_energy_identify.check import CheckResult, Finding
+    from robot_energy_identify.check import CheckResult
 
 MISTAKES = 2  # exit code: a recording does not fit
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
@@ -25,7 +25,9 @@ STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 DESCRIPTION = """\
 Check recordings against a model: units, order, sign and zero of every joint, scale and meaning of
 the torque, gear ratios, payload, meter, temperatures, noise at rest, and what could be
-identified. Each finding has its evidence, and the setting that mends it.
+identified. Each finding has its size and the setting that mends it, tried on the recording. Causes
+that explain a recording alike are told, and none is blamed. Several recordings of one robot are
+judged together.
 """
 EPILOG = """\
 examples:
@@ -38,19 +40,19 @@ exit codes: 0 no mistake found; 2 a mistake found, or input refused
 
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
-    from robot_energy_identify.check import check
+    from robot_energy_identify.check import check_together
     from robot_energy_identify.results.check import CheckReport
 
     named = model_named(args)
     check_outputs(args, [*args.bags, named, args.inputs])
     effort, inputs = IdentifyInputs(args).bags().meaning()
     model = load(named)
-    results = [check(bag, model, effort, inputs) for bag in args.bags]
+    results = check_together(args.bags, model, effort, inputs)
     if args.json != "-":
         for result in results:
             _show(result)
     if args.json is not None:
-        write_json(args.json, CheckReport(tuple(results)).to_dict())
+        write_json(args.json, CheckReport(results).to_dict())
     if args.json not in (None, "-"):
         wrote(console(), args.json, "all figures as JSON")
     return MISTAKES if any(result.errors for result in results) else 0
@@ -65,19 +67,13 @@ def _show(result: CheckResult) -> None:
     else:
         show(f"no mistake found; checked: {', '.join(result.checked) or 'nothing'}")
     for finding in result.findings:
-        text = f"{finding.severity}: {finding.sentence}{_certainty(finding)}"
-        show(text, style=STYLES[finding.severity])
+        show(f"{finding.severity}: {finding.sentence}", style=STYLES[finding.severity])
         if finding.remedy:
             place = f"   # {finding.remedy_in}" if finding.remedy_in else ""
             show(f"    remedy: {finding.remedy}{place}")
     for name, why in result.skipped.items():
         show(f"not checked: {name} ({why})", style=STYLES["note"])
     show("")
-
-
-def _certainty(finding: Finding) -> str:
-    known = finding.certainty > 0.0 and finding.severity == "error"  # not NaN
-    return f" [explains {100 * finding.certainty:.0f} %]" if known else ""
 
 
 COMMAND = Command(

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,10 +19,11 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check.evidence import (
-    BY_SAMPLE,
     Evidence,
     Remarks,
     evidence_of,
+    joined,
+    moving,
     remarks_of,
 )
 from robot_energy_identify.check.finding import ERROR, Finding
@@ -57,9 +57,7 @@ def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
 
 def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
     """Return the few samples of a recording that the checks of its torque need."""
-    return replace(
-        _evidence_of(recording, effort).thinned(), supply=None, shaft_power=None, meter=None
-    )
+    return _evidence_of(recording, effort).thinned(without_power=True)
 
 
 def evidence_of_rows(result: Dynamics) -> Evidence:
@@ -76,27 +74,27 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
         if column.kind == "rotor_inertia":
             inertia[owner] = max(float(value), 0.0) / squared[owner]
     drivetrain = Drivetrain(result.torque_model.transmission, inertia)
+    stamps = np.round(np.arange(len(rows.segment)) / rows.rate * 1e9).astype(np.int64)
     return Evidence(
         model=model,
         robot=Robot.from_model(model),
         drivetrain=drivetrain,
         effort=EffortMeaning.MOTOR_TORQUE,
-        stamp_ns=np.round(np.arange(len(rows.segment)) / rows.rate * 1e9).astype(np.int64),
+        stamp_ns=stamps,
         segment=rows.segment,
         position=rows.motion.joint_position,
         velocity=rows.motion.joint_velocity,
         acceleration=rows.motion.joint_acceleration,
         motor_torque=drivetrain.motor_torque_from_joint(rows.joint_torque),
         temperature_degc=np.full(rows.joint_torque.shape, np.nan),
+        moving=moving(model, stamps, rows.motion.joint_velocity),
     )
 
 
 def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
     """The causes that make the torque of recordings of one model differ from the model's."""
-    thin = [part.thinned(len(parts)) for part in parts]
-    joined = {name: np.concatenate([getattr(part, name) for part in thin]) for name in BY_SAMPLE}
-    found, _ = check_torque(replace(thin[0], **joined))
-    return tuple(finding for finding in found if finding.severity == ERROR)
+    found, _ = check_torque(joined([part.thinned() for part in parts]))
+    return tuple(one for one in found if one.severity == ERROR or one.alternatives)
 
 
 def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
@@ -117,7 +115,7 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
         return ()
     found = _torque_causes(parts)
     _refuse(
-        [finding for finding in found if finding.cause in MISTAKES],
+        [finding for finding in found if {finding.cause, *finding.alternatives} <= {*MISTAKES}],
         f"torque of the bodies in the model, whose masses are {parts[0].model.urdf.tags['masses']}",
         MASSES_ASSUMED,
     )

@@ -126,7 +126,8 @@ MODULES = {
         cabinet dc_link link_errors link_readings supply
     """,
     "robot_energy_identify.check": """
-        evidence finding hypotheses meter motion payload process remedies run torque
+        evidence finding hypotheses meter motion payload process remedies run search torque
+        torque_fit windows
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings signals

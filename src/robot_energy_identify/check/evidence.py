@@ -31,10 +31,10 @@ from robot_energy.timeline.blocks import (
 
 BY_SAMPLE = (
     "stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
-    "temperature_degc",
+    "temperature_degc", "moving",
 )  # fmt: skip
 HARMLESS = ("duplicate_stamp", "unknown_joint")  # said twice, or of another robot
-MAX_ROWS = 2500  # of the torque checks
+MAX_ROWS = 300  # of the torque checks: many times the samples that count as independent
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,7 @@ class Evidence:
         acceleration: Shape (N, n); NaN without a full derivative window. [rad/s^2] or [m/s^2]
         motor_torque: Measured, shape (N, n); NaN where unknown. [N m]
         temperature_degc: Motor temperatures that were used, shape (N, n). [degC]
+        moving: Which samples of which joint move, shape (N, n).
         supply: Predicted powers of every sample; None without any.
         shaft_power: Measured torque times motor velocity of every sample of ``supply``, shape
             (M, n); NaN where unknown. [W]
@@ -103,6 +104,7 @@ class Evidence:
     acceleration: Float
     motor_torque: Float
     temperature_degc: Float
+    moving: NDArray[np.bool_]
     supply: SupplyBlock | None = None
     shaft_power: Float | None = None
     meter: MeterBlock | None = None
@@ -117,26 +119,19 @@ class Evidence:
         return self.model.joint_names
 
     @property
-    def moving(self) -> NDArray[np.bool_]:
-        """Which samples of which joint move, shape (N, n)."""
-        standstill = np.array([joint.standstill_velocity for joint in self.model.joints])
-        noise = velocity_noise(self.stamp_ns, self.velocity)
-        limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
-        return np.asarray(np.abs(self.velocity) > limit)
-
-    @property
     def durations(self) -> Float:
         """Time that each sample stands for, shape (N,); gaps do not count. [s]"""
         step = np.diff(self.stamp_ns, append=self.stamp_ns[-1:]) * NANOSECOND
         return np.asarray(np.clip(step, 0.0, 5.0 * np.median(step)))
 
-    def thinned(self, parts: int = 1) -> Evidence:
+    def thinned(self, without_power: bool = False) -> Evidence:
         """Return at most `MAX_ROWS` samples, evenly taken.
 
         Args:
-            parts: Of how many recordings it is one, which share the samples.
+            without_power: Whether to leave out what the meter is compared with.
         """
-        return self.rows(slice(None, None, max(1, -(-len(self.stamp_ns) * parts // MAX_ROWS))))
+        few = self.rows(slice(None, None, max(1, -(-len(self.stamp_ns) // MAX_ROWS))))
+        return replace(few, supply=None, shaft_power=None, meter=None) if without_power else few
 
     def rows(self, chosen: slice) -> Evidence:
         """Return some of the samples.
@@ -190,6 +185,7 @@ def evidence_of(
     remarks: Remarks,
     inputs: Inputs | None = None,
     carried: Sequence[Payload] | None = None,
+    beyond_torque: Mapping[str, str] | None = None,
 ) -> Evidence:
     """Return the evidence in what the stages of the monitor gave.
 
@@ -202,7 +198,13 @@ def evidence_of(
         remarks: What the stages noticed.
         inputs: How the recording was read; None: as the types of its topics say.
         carried: Payload in force at the end; None: that of the model.
+        beyond_torque: As in `Evidence`; None: from these samples.
     """
+    robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
+    if beyond_torque is None:
+        limit_watch = TorqueLimitWatch(robot.limits, drivetrain)
+        limit_watch.step(torque)
+        beyond_torque = limit_watch.sentences()
     torque = torque[np.asarray(torque.payload_mass == torque.payload_mass[-1])]
     doubtful = (torque.quality & np.uint32(DOUBTFUL)) != 0
     torque = replace(
@@ -220,9 +222,6 @@ def evidence_of(
         _, ours, theirs = np.intersect1d(torque.stamp_ns, power.stamp_ns, return_indices=True)
         temperature[ours] = power.motor_temperature_degc[theirs]
         supply, shafts = power.supply, power.shaft_power_measured
-    robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
-    limit_watch = TorqueLimitWatch(robot.limits, drivetrain)
-    limit_watch.step(torque)
     return Evidence(
         model=model,
         robot=robot if carried is None else robot.with_payload(carried),
@@ -235,14 +234,40 @@ def evidence_of(
         acceleration=torque.joint_acceleration,
         motor_torque=torque.motor_torque_measured,
         temperature_degc=temperature,
+        moving=moving(model, torque.stamp_ns, torque.joint_velocity),
         supply=supply,
         shaft_power=shafts,
         meter=meter,
-        beyond_torque=limit_watch.sentences(),
+        beyond_torque=beyond_torque,
         remarks=remarks,
         inputs=inputs or Inputs(),
         derived=bool((torque.quality & np.uint32(Quality.VELOCITY_DERIVED)).all()),
     )
+
+
+def joined(parts: Sequence[Evidence]) -> Evidence:
+    """Return recordings of one robot as one, of at most as many samples as three.
+
+    Args:
+        parts: Thinned, with one model and payload; at least one.
+    """
+    parts = [one.rows(slice(None, None, -(-len(parts) // 3))) for one in parts]
+    columns = {name: np.concatenate([getattr(one, name) for one in parts]) for name in BY_SAMPLE}
+    return replace(parts[0], **columns)
+
+
+def moving(model: RobotModel, stamps: Int, velocity: Float) -> NDArray[np.bool_]:
+    """Return which samples of which joint move, shape (N, n).
+
+    Args:
+        model: With what counts as standstill.
+        stamps: Rising, shape (N,). [ns]
+        velocity: Shape (N, n). [rad/s] or [m/s]
+    """
+    standstill = np.array([joint.standstill_velocity for joint in model.joints])
+    noise = velocity_noise(stamps, velocity)
+    limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
+    return np.asarray(np.abs(velocity) > limit)
 
 
 def velocity_noise(stamps: Int, velocity: Float) -> Float:

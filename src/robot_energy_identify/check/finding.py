@@ -28,11 +28,12 @@ class Finding:
         subject: Joint names, ``meter``, ``temperature`` or ``payload``.
         sentence: What was found, with the evidence in numbers.
         evidence: The number behind it, in the unit that the sentence states.
-        certainty: How sure, 0 to 1: the share of the unexplained variance that this cause
-            alone explains. NaN where the evidence is a plain count.
+        certainty: How sure, 0 to 1: the share of the variance that this cause explains. NaN where
+            the evidence is a count, or the size of the cause.
         remedy: The line of YAML that mends it, or the action; may be empty.
         remedy_in: The file that the line of YAML belongs to; empty where ``remedy`` is an action.
-        alternatives: Other causes that explain the recording as well.
+        alternatives: Other causes that explain the recording as well, so that none is blamed;
+            ``bodies`` for masses and centres that are further off than the model says.
     """
 
     cause: str

@@ -1,63 +1,40 @@
-"""Causes that make recorded torque differ from the model's, tried one after the other.
-
-For every cause the recording is corrected as if it were there, the rigid-body torque is computed
-again, and friction of any size but never of the wrong sign is fitted for each joint:
-
-``measured = rigid + rotor + coulomb sign(w) + viscous w + offset``, coulomb, viscous >= 0.
-
-`robot_energy_identify.check.torque` names the cause that lowers the unexplained torque most.
-"""
+"""Causes that make recorded torque differ from the model's, and the recording without each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.check.evidence import Evidence
+from robot_energy_identify.check.payload import carried_payload
+from robot_energy_identify.check.torque_fit import (
+    LARGEST_PAYLOAD,
+    PAYLOAD_CENTRE,
+    TorqueFit,
+    same_motion,
+)
 
-MIN_SAMPLES = 80  # moving samples of a joint, below which nothing is said of its torque
-MIN_MOTION = 6.0  # s of it: 24 independent samples of what a model leaves unexplained
-FLOOR = 1e-3  # share of a joint's torque variance that no model explains
-OFFSETS = np.array([-np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2])  # [rad]
+OTHER_UNIT = "percent or thousandths of another unit"
 SCALES = {
     "RMS instead of peak current, or the reverse": (2.0**0.5, 2.0**-0.5),
     "half or twice the value": (2.0, 0.5),
     "line instead of phase current, or the reverse": (3.0**0.5, 3.0**-0.5),
-    "percent or thousandths of another unit": (10.0, 0.1, 100.0, 0.01, 1000.0, 0.001),
+    OTHER_UNIT: (10.0, 0.1, 100.0, 0.01, 1000.0, 0.001),
 }
 RATIOS = (2.0, 0.5, 3.0, 1 / 3, 4.0, 0.25)
 MIN_MOVE = 0.05  # rad of range, below which a joint does not show its zero
 MAX_FACTOR = 3.0  # of measured over body torque, for a meaning of the effort that fits
+FAR_ZERO = 0.5  # std of a zero that is searched [rad]
+FREE = 4.0  # of cost, that each figure that is free of size must gain
+SURE = 2.0  # standard deviations of a payload, below which it is not tried
+FAR = 150.0  # of the rough cost, beyond which a cause is not fitted
 MOTION = ("position", "velocity", "acceleration")
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A corrected recording, and how much torque it leaves unexplained.
-
-    Attributes:
-        evidence: The corrected recording.
-        unexplained: Share of each joint's torque variance, shape (n,); NaN where unknown.
-        rigid: Motor side with rotors, shape (N, n). [N m]
-        joint: Of the bodies, joint side, shape (N, n). [N m] or [N]
-        moving: Which samples of which joint move, shape (N, n).
-    """
-
-    evidence: Evidence
-    unexplained: Float
-    rigid: Float
-    joint: Float
-    moving: NDArray[np.bool_]
-
-    def cost(self) -> float:
-        """Sum over the joints of the logarithm of the unexplained share."""
-        return float(np.nansum(np.log(self.unexplained + FLOOR)))
 
 
 @dataclass(frozen=True)
@@ -69,99 +46,67 @@ class Cause:
         joints: Whose.
         value: Its size, in the unit of the cause; 1 where it has none.
         correct: Gives the recording without it.
-        least_gain: By which it must lower the cost to be named.
+        free: How many figures of it are free of size.
         std: Standard deviation of ``value``; NaN where it is a choice.
         choice: What it should be instead, in words; empty where ``value`` says it.
-        moment: Of a payload, mass times centre in the frame of the last link, shape (3,). [kg m]
+        payload: What the robot carries instead.
     """
 
     name: str
     joints: tuple[int, ...]
     value: float
     correct: Callable[[Evidence], Evidence]
-    least_gain: float
+    free: int = 0
     std: float = float("nan")
     choice: str = ""
-    moment: Float = field(default_factory=lambda: np.zeros(3))
+    payload: tuple[Payload, ...] = ()
 
 
-def attempt(evidence: Evidence, like: Trial | None = None) -> Trial:
-    """Return how much torque the model leaves unexplained.
+def fit_without(cause: Cause, fit: TorqueFit) -> TorqueFit:
+    """Return the fit of a recording without a cause.
 
     Args:
-        evidence: The recording, thinned.
-        like: A trial whose torque of the bodies is used, if the motion is the same.
+        cause: To be undone.
+        fit: Of the recording with it.
     """
-    if like is not None and all(
-        getattr(evidence, name) is getattr(like.evidence, name) for name in (*MOTION, "robot")
-    ):
-        joint, moving = like.joint, like.moving
-    else:
-        joint = evidence.robot.joint_torque(*evidence.motion)
-        moving = evidence.moving
-    rigid = _rigid_motor_torque(evidence, joint)
-    speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
-    usable = moving & np.isfinite(evidence.motor_torque) & np.isfinite(rigid)
-    enough = evidence.durations @ usable >= MIN_MOTION
-    shares = [
-        _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], usable[:, j])
-        if enough[j]
-        else float("nan")
-        for j in range(rigid.shape[1])
-    ]
-    return Trial(evidence, np.array(shares), rigid, joint, moving)
+    evidence = cause.correct(fit.evidence)
+    return TorqueFit(evidence, fit.bodies if same_motion(evidence, fit.evidence) else None)
 
 
-def _rigid_motor_torque(evidence: Evidence, joint: Float) -> Float:
-    """Rigid-body and rotor torque, motor side; a sensor behind the gear sees no rotor. [N m]"""
-    motor = evidence.drivetrain.motor_torque_from_joint(joint)
-    if evidence.effort is EffortMeaning.JOINT_TORQUE:
-        return motor
-    acceleration = evidence.drivetrain.motor_velocity_from_joint(evidence.acceleration)
-    return motor + evidence.drivetrain.rotor_inertia * acceleration
+def worth_a_fit(cause: Cause, fit: TorqueFit) -> bool:
+    """Whether a cause is not far less likely than the recording as it is.
+
+    Args:
+        cause: To be undone.
+        fit: Of the recording with it.
+    """
+    evidence = cause.correct(fit.evidence)
+    # a joint that is exchanged has other columns; without other motion a fit is cheap
+    if cause.name == "joint_order" or same_motion(evidence, fit.evidence):
+        return True
+    return fit.rough_cost(evidence) < fit.cost + FAR
 
 
-def _unexplained(measured: Float, rigid: Float, speed: Float, rows: NDArray[np.bool_]) -> float:
-    """Share of one joint's variance that neither bodies nor friction explain; NaN if unknown."""
-    if int(rows.sum()) < MIN_SAMPLES:
-        return float("nan")
-    target, speed = measured[rows], speed[rows]
-    total = float(np.var(target))
-    if not total > 0.0:
-        return float("nan")
-    columns = np.stack([np.sign(speed), speed, target - rigid[rows]])
-    columns -= columns.mean(axis=1, keepdims=True)
-    product = columns @ columns.T
-    (cc, cv, ct), (_, vv, vt), left = product[0], product[1], float(product[2, 2])
-    gains = [0.0]  # of coefficients that are not negative: none, one of them, both
-    gains += [float(t * t / own) for own, t in ((cc, ct), (vv, vt)) if own > 0.0 and t > 0.0]
-    det = cc * vv - cv * cv
-    if det > 1e-9 * cc * vv:
-        coulomb, viscous = (vv * ct - cv * vt) / det, (cc * vt - cv * ct) / det
-        if coulomb >= 0.0 and viscous >= 0.0:
-            gains.append(float(coulomb * ct + viscous * vt))
-    return max(left - max(gains), 0.0) / (len(target) * total)
-
-
-def candidates(trial: Trial) -> list[Cause]:
+def candidates(fit: TorqueFit) -> list[Cause]:
     """Return the causes worth a trial with a recording.
 
     Args:
-        trial: The recording as it is now.
+        fit: Of the recording as it is now.
     """
-    evidence = trial.evidence
+    evidence = fit.evidence
     count = len(evidence.names)
-    known = [j for j in range(count) if np.isfinite(trial.unexplained[j])]
-    everything = tuple(range(count))
-    found = [_torque_factor("torque_sign", everything, -1.0, 0.3)]
+    known = np.flatnonzero(fit.known).tolist()
+    everything, meanings = tuple(range(count)), _meanings(evidence)
+    found = [_torque_factor("torque_sign", everything, -1.0)]
     if count > 1:
-        found += [_torque_factor("torque_sign", (j,), -1.0, 0.3) for j in known]
+        found += [_torque_factor("torque_sign", (j,), -1.0) for j in known]
     found += [_joint_sign(j) for j in known]
-    for factors in SCALES.values():
-        least = 0.15 * len(known)
-        found += [_torque_factor("torque_scale", everything, factor, least) for factor in factors]
+    for words, factors in SCALES.items():
+        if words == OTHER_UNIT and meanings:  # which says it better
+            continue
+        found += [_torque_factor("torque_scale", everything, factor) for factor in factors]
     found += [_gear_ratio(j, factor) for j in known for factor in RATIOS]
-    found += [_effort_meaning(evidence, meaning) for meaning in _meanings(evidence)]
+    found += [_effort_meaning(evidence, meaning) for meaning in meanings]
     found += [_joint_order(i, j) for i in known for j in known if i < j]
     prismatic = evidence.robot.limits.prismatic
     found += [  # neighbours that count from a home pose
@@ -172,8 +117,8 @@ def candidates(trial: Trial) -> list[Cause]:
     ]
     for j in everything:
         if not prismatic[j] and np.ptp(evidence.position[:, j]) > MIN_MOVE:
-            found += _best_offset(evidence, j)
-    return found
+            found += _zeros(fit, j)
+    return [*found, *_payloads(fit)]
 
 
 def _meanings(evidence: Evidence) -> list[EffortMeaning]:
@@ -189,7 +134,7 @@ def _meanings(evidence: Evidence) -> list[EffortMeaning]:
     ]
 
 
-def _torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
+def _torque_factor(name: str, joints: tuple[int, ...], factor: float) -> Cause:
     """The recorded torque is ``factor`` times what it should be."""
 
     def correct(evidence: Evidence) -> Evidence:
@@ -197,7 +142,7 @@ def _torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain
         torque[:, list(joints)] /= factor
         return replace(evidence, motor_torque=torque)
 
-    return Cause(name, joints, factor, correct, least_gain)
+    return Cause(name, joints, factor, correct)
 
 
 def _gear_ratio(joint: int, factor: float) -> Cause:
@@ -213,7 +158,7 @@ def _gear_ratio(joint: int, factor: float) -> Cause:
         drivetrain = Drivetrain(transmission, evidence.drivetrain.rotor_inertia)
         return replace(evidence, drivetrain=drivetrain, motor_torque=torque)
 
-    return Cause("gear_ratio", (joint,), factor, correct, 0.85 + 0.1 * abs(np.log(factor)))
+    return Cause("gear_ratio", (joint,), factor, correct)
 
 
 def _effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
@@ -231,7 +176,7 @@ def _effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
         return replace(evidence, motor_torque=torque, effort=meaning)
 
     factor, _ = evidence.remarks.effort_factors.get(stated, (float("nan"), 0.0))
-    return Cause("effort_meaning", tuple(joints), factor, correct, 0.3, choice=str(meaning))
+    return Cause("effort_meaning", tuple(joints), factor, correct, choice=str(meaning))
 
 
 def _joint_sign(joint: int) -> Cause:
@@ -244,7 +189,7 @@ def _joint_sign(joint: int) -> Cause:
             changed[key][:, joint] *= -1.0
         return replace(evidence, **changed)
 
-    return Cause("joint_sign", (joint,), -1.0, correct, 0.4)
+    return Cause("joint_sign", (joint,), -1.0, correct)
 
 
 def _joint_order(first: int, second: int) -> Cause:
@@ -256,11 +201,11 @@ def _joint_order(first: int, second: int) -> Cause:
         unit = _motor_torque_of_effort(evidence)  # each effort was taken for the other joint's
         return replace(
             evidence,
-            **{key: getattr(evidence, key)[:, order] for key in MOTION},
+            **{key: getattr(evidence, key)[:, order] for key in (*MOTION, "moving")},
             motor_torque=evidence.motor_torque[:, order] * (unit / unit[order]),
         )
 
-    return Cause("joint_order", (first, second), 1.0, correct, 1.0)
+    return Cause("joint_order", (first, second), 1.0, correct)
 
 
 def _motor_torque_of_effort(evidence: Evidence) -> Float:
@@ -273,12 +218,13 @@ def _motor_torque_of_effort(evidence: Evidence) -> Float:
     return np.array([constant.value for constant in constants if constant is not None])
 
 
-def zero_offset(joints: tuple[int, ...], value: float) -> Cause:
+def zero_offset(joints: tuple[int, ...], value: float, std: float = float("nan")) -> Cause:
     """The zero of a joint is off by ``value``; that of a second one by ``-value``.
 
     Args:
         joints: Indices in model order, one or two.
         value: Recorded less true position of the first. [rad]
+        std: Of it; NaN where it is a choice. [rad]
     """
 
     def correct(evidence: Evidence) -> Evidence:
@@ -287,27 +233,62 @@ def zero_offset(joints: tuple[int, ...], value: float) -> Cause:
             position[:, joint] -= sign * value
         return replace(evidence, position=position)
 
-    return Cause("zero_offset", joints, value, correct, 0.25 if len(joints) == 1 else 1.0)
+    return Cause("zero_offset", joints, value, correct, 0 if np.isnan(std) else 1, std)
 
 
-def _best_offset(evidence: Evidence, joint: int) -> list[Cause]:
-    """The zero offset of a joint that lowers the cost most; empty if none does."""
-    from scipy.optimize import minimize_scalar
+def _zeros(fit: TorqueFit, joint: int) -> Iterator[Cause]:
+    """Zero offsets of a joint: the most likely one near 0, and near a quarter of a turn."""
+    for start in (0.0, np.pi / 2, -np.pi / 2):
+        value, here = start, fit
+        if start:
+            quarter = zero_offset((joint,), start)
+            if not worth_a_fit(quarter, fit):
+                continue
+            yield quarter
+            here = fit_without(quarter, fit)
+        for _ in range(4):  # Newton's method: the torque is not linear in the zero
+            free = here.freed("zeros", FAR_ZERO, joint)
+            place = here.groups["zeros"].start + joint
+            step, std = float(free.values[place]), float(free.std[place])
+            value += step
+            if free.cost > fit.cost or not abs(value) < np.pi:
+                break
+            if abs(step) < 0.5 * std:
+                yield zero_offset((joint,), value, std)
+                break
+            here = fit_without(zero_offset((joint,), value), fit)
 
-    few = evidence.rows(slice(None, None, max(1, len(evidence.stamp_ns) // 500)))
-    base = attempt(few).cost()
 
-    def cost(value: float) -> float:
-        return attempt(zero_offset((joint,), float(value)).correct(few)).cost()
+def _payloads(fit: TorqueFit) -> Iterator[Cause]:
+    """What the robot may carry more or less than the model says."""
+    mass, std, moment = payload_of(fit)
+    if not abs(mass) > SURE * std:
+        return
+    carried = carried_payload(fit.evidence, mass, std, moment)
+    if carried is None:
+        return
 
-    costs = np.array([cost(value) for value in OFFSETS])
-    place = int(np.argmin(costs))
-    if costs[place] > base - 0.1:
-        return []
-    low = OFFSETS[place] - 0.5 * abs(OFFSETS[place])
-    high = OFFSETS[place] + 0.5 * abs(OFFSETS[place])
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 2e-3})
-    return [zero_offset((joint,), float(found.x))]
+    def correct(evidence: Evidence) -> Evidence:
+        return replace(evidence, robot=evidence.robot.with_payload(carried))
+
+    yield Cause("payload", (), mass, correct, 2, std, payload=carried)
+
+
+def payload_of(fit: TorqueFit) -> tuple[float, float, Float]:
+    """Return the most likely mass beyond the model's payload, its deviation, and its moments.
+
+    Args:
+        fit: Of a recording.
+
+    Returns:
+        [kg], [kg], and shape (3,), in the frame of the last link. [kg m]
+    """
+    robot, own = fit.evidence.robot, fit.groups["payload"]
+    most = LARGEST_PAYLOAD * (robot.moving_mass - robot.payload_mass) + robot.payload_mass
+    free = fit.freed(
+        "payload", most * np.repeat([1.0, PAYLOAD_CENTRE, PAYLOAD_CENTRE**2], (1, 3, 6))
+    )
+    return float(free.values[own][0]), float(free.std[own][0]), free.values[own][1:4]
 
 
 def scale_words(factor: float) -> str:

@@ -21,6 +21,7 @@ MIN_SPAN = 10.0  # s of recording, below which no delay is told from the motion
 MIN_LAG = 0.15  # s, below which a delay is the meter's own averaging
 LEAST_LAG = 0.3  # s: the least delay that is to be found
 LAG_STEP = 0.02  # s
+APART = 5.0  # times the usual step, beyond which samples or readings do not follow each other
 MAX_EXCESS = 2.0  # of the meter over the prediction
 BODIES = ("joint_sign", "zero_offset", "joint_order", "payload", "gear_ratio")  # spoil predictions
 TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
@@ -82,7 +83,7 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
     time = (meter.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
     if meter.meaning is MeterMeaning.CUMULATIVE:
         step = np.diff(time)
-        good = step > 0
+        good = (step > 0) & (step < APART * np.median(step))
         return (0.5 * (time[1:] + time[:-1]))[good], (np.diff(meter.energy)[good] / step[good])
     half = np.where(np.isfinite(meter.interval), 0.5 * meter.interval, 0.0)
     return time - half, meter.power
@@ -105,6 +106,10 @@ def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
     low, high = time - lag - width, time - lag + width
     mean = (np.interp(high, at, energy) - np.interp(low, at, energy)) / (2 * width)
     mean[(low < at[0]) | (high > at[-1])] = np.nan
+    step = np.diff(at, prepend=at[:1])
+    gaps = np.cumsum(step > APART * np.median(step) + width)  # between windows of a recording
+    first, last = (np.searchsorted(at, low, "right") - 1, np.searchsorted(at, high))
+    mean[gaps[np.maximum(first, 0)] != gaps[np.minimum(last, len(at) - 1)]] = np.nan
     return np.asarray(mean)
 
 

@@ -16,7 +16,7 @@ from dataclasses import asdict
 
 from robot_energy_identify.check.evidence import Remarks, evidence_of
 from robot_energy_identify.check.finding import OF_THE_COMMAND
-from robot_energy_identify.check.run import findings_of
+from robot_energy_identify.check.run import checks_of
 
 
 def main() -> None:
@@ -25,8 +25,12 @@ def main() -> None:
         os.nice(int(sys.argv[1]))
     seen = pickle.load(sys.stdin.buffer)
     remarks = Remarks(**seen.pop("remarks"))
-    findings, checked, skipped = findings_of(evidence_of(**seen, remarks=remarks))
-    found = {"findings": [asdict(one) for one in findings], "checked": checked, "skipped": skipped}
+    result = checks_of(evidence_of(**seen, remarks=remarks)).result("", seen["model"])
+    found = {
+        "findings": [asdict(one) for one in result.findings],
+        "checked": result.checked,
+        "skipped": result.skipped,
+    }
     sys.stdout.write(OF_THE_COMMAND.sub("", json.dumps(found)))
 
 

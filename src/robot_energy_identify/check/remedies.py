@@ -6,14 +6,13 @@ What the recording was read with is taken into account: a line replaces the entr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
-import numpy as np
+import yaml
 
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
 from robot_energy.inputs.parameters import POSITIONS
-from robot_energy.timeline.blocks import Float
+from robot_energy.model.payload import Payload
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import MODEL, PARAMETERS
 
@@ -109,35 +108,17 @@ def gear_ratio(evidence: Evidence, joint: int, factor: float) -> Remedy:
     return f"joints: [{{name: {entry.name}, gear_ratio: {ratio}}}]", MODEL
 
 
-def payload(evidence: Evidence, mass: float, moment: Float) -> Remedy:
-    """Return the line that gives the robot its payload, all of it at one link.
+def payload(carried: Sequence[Payload]) -> Remedy:
+    """Return the line that gives the robot its payload.
 
     Args:
-        evidence: The recording.
-        mass: More than in the model. [kg]
-        moment: Its mass times its centre, in the frame of the last link, shape (3,). [kg m]
+        carried: All of it.
     """
-    robot, carried = evidence.robot, evidence.robot.payload
-    root = ElementTree.fromstring(evidence.model.urdf_xml)
-    child = root.find(f"joint[@name='{evidence.names[-1]}']/child")
-    last = "" if child is None else child.get("link", "")
-    link = carried[-1].link if carried else last
-    rest = np.zeros(len(evidence.names))
-    at, turn = robot.link_pose(rest, link)
-    last_at, last_turn = robot.link_pose(rest, last)
-    sum_moment = turn.T @ (last_turn @ moment + (last_at - at) * mass)
-    total = mass
-    if carried:
-        total += carried[-1].mass
-        sum_moment = sum_moment + carried[-1].mass * np.asarray(carried[-1].centre_of_mass)
-    others = [body for body in carried[:-1] if body.link != link]
-    entries = [body.model_dump_json(exclude_none=True) for body in others]
-    if total > 0.0:
-        centre = ", ".join(f"{value:.3f}" for value in sum_moment / total)
-        inertia = f", inertia: {list(carried[-1].inertia)}" if carried else ""
-        body = f"mass: {total:.2f}, centre_of_mass: [{centre}]{inertia}, tag: assumed"
-        entries.append(f"{{link: {link}, {body}}}")
-    return f"payload: [{', '.join(entries)}]", MODEL
+    entries = [body.model_dump(exclude_none=True, mode="json") for body in carried]
+    line = yaml.safe_dump(
+        {"payload": entries}, default_flow_style=True, width=1000, sort_keys=False
+    )
+    return line.strip().removeprefix("{").removesuffix("}"), MODEL
 
 
 def standstill(names: tuple[str, ...], value: float) -> Remedy:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,16 @@ import numpy as np
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
-from robot_energy.pipeline import Output, Settings
+from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
-from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, PowerBlock, TorqueBlock
-from robot_energy_identify.check.evidence import Evidence, Remarks, evidence_of, remarks_of
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.check.evidence import (
+    Evidence,
+    Remarks,
+    evidence_of,
+    joined,
+    remarks_of,
+)
 from robot_energy_identify.check.finding import (
     EFFORT,
     ERROR,
@@ -28,6 +34,7 @@ from robot_energy_identify.check.finding import (
 from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.motion import check_motion
 from robot_energy_identify.check.torque import check_torque
+from robot_energy_identify.check.windows import Windows
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction
@@ -36,14 +43,44 @@ MIN_REST = 1.0  # s of rest, for the constant losses
 MAX_REFUSED = 0.05  # share of the joint states
 
 Check = Callable[[Evidence], tuple[list[Finding], str]]
-MOTION_CAUSES = (
+SPOILING = (
+    "joint_states",
     "degrees",
     "millimetres",
     "velocity_sign",
     "velocity_scale",
     "velocity_zero",
+    "velocity_held",
+    "velocity_unrelated",
+    "joint_states_refused",
 )  # that spoil all torques, and with them the prediction for the meter
-AFTERWARDS = ("torque", "power meter")
+TORQUE, METER = "torque", "power meter"
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the checks of a recording found.
+
+    Attributes:
+        findings: By name of the check, in the order in which their causes act.
+        skipped: Checks that were not made, with what they lack.
+    """
+
+    findings: dict[str, list[Finding]]
+    skipped: dict[str, str]
+
+    def result(self, recording: str, model: RobotModel) -> CheckResult:
+        """Return them with errors first.
+
+        Args:
+            recording: Its path.
+            model: That it was checked with.
+        """
+        named = f"{model.robot.type}, id {model.model_id}"
+        found = [one for group in self.findings.values() for one in group]
+        found.sort(key=lambda entry: SEVERITIES.index(entry.severity))
+        done = [name for name in CHECKS if name not in self.skipped]
+        return CheckResult(recording, named, tuple(found), tuple(done), self.skipped)
 
 
 def check(
@@ -54,6 +91,8 @@ def check(
 ) -> CheckResult:
     """Return whether a recording fits a model, and what is wrong if not, errors first.
 
+    Memory does not grow with the recording.
+
     Args:
         path: MCAP file or rosbag2 folder.
         model: The model.
@@ -63,68 +102,112 @@ def check(
     Raises:
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
-    outputs: list[Output] = []
+    return check_together([path], model, effort, inputs)[0]
+
+
+def check_together(
+    paths: Sequence[str | Path],
+    model: RobotModel,
+    effort: EffortMeaning = EffortMeaning.NONE,
+    inputs: Inputs | None = None,
+) -> tuple[CheckResult, ...]:
+    """Return whether recordings of one robot fit a model; their torque is judged together.
+
+    Args:
+        paths: MCAP files or rosbag2 folders.
+        model: The model.
+        effort: What the effort in the joint states means.
+        inputs: As in `check`.
+
+    Raises:
+        RobotEnergyError: As in `check`.
+    """
+    checks: list[Checks] = []
+    parts: dict[int, Evidence] = {}
+    for place, path in enumerate(paths):
+        evidence = _evidence(path, model, effort, inputs)
+        checks.append(checks_of(evidence))
+        if TORQUE not in checks[-1].skipped:
+            parts[place] = evidence.thinned(without_power=True)
+    first = next(iter(parts.values()), None)
+    alike = {
+        place: part
+        for place, part in parts.items()
+        if first is not None and part.robot.payload == first.robot.payload
+    }
+    if len(alike) > 1:
+        every = list(alike.values())
+        together, _ = check_torque(joined(every), every)
+        for place in alike:
+            own = checks[place].findings
+            own[TORQUE] = [*together, *_contradicted(own[TORQUE], together, len(alike))]
+    return tuple(one.result(str(path), model) for one, path in zip(checks, paths, strict=True))
+
+
+def _contradicted(own: list[Finding], together: list[Finding], count: int) -> list[Finding]:
+    """What one recording shows and all together do not, as warnings without a remedy."""
+    shown = {(one.cause, one.subject) for one in together}
+    return [
+        replace(
+            one, severity=WARNING, remedy="", remedy_in="",
+            sentence=f"{one.sentence}; the {count} recordings together do not show it",
+        )
+        for one in own
+        if one.severity == ERROR and (one.cause, one.subject) not in shown
+    ]  # fmt: skip
+
+
+def _evidence(
+    path: str | Path, model: RobotModel, effort: EffortMeaning, inputs: Inputs | None
+) -> Evidence:
+    """What the checks need of a recording, in bounded memory."""
     # Without a stated meaning the effort is read as well, to say which meaning would fit.
     read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
     settings = Settings(effort=read_as, power_period=None)
     if inputs is not None:
         settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
-    result = replay(path, model, None, settings, inputs=inputs, on_output=outputs.append)
-    power = [part.power for part in outputs if part.power is not None]
-    meter = [part.meter for part in outputs if part.meter is not None]
-    evidence = evidence_of(
-        model,
-        effort,
-        TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None]),
-        PowerBlock.concatenate(power) if power else None,
-        MeterBlock.concatenate(meter) if meter else None,
-        remarks_of(result),
-        inputs,
-        result.pipeline.torque.robot.payload,
-    )
-    findings, done, skipped = findings_of(evidence)
-    return CheckResult(
-        str(path), f"{model.robot.type}, id {model.model_id}", findings, done, skipped
+    windows = Windows(model)
+    result = replay(path, model, None, settings, inputs=inputs, on_output=windows.take)
+    torque, power, meter = windows.blocks()
+    carried = result.pipeline.torque.robot.payload
+    return evidence_of(
+        model, effort, torque, power, meter, remarks_of(result), inputs, carried, windows.beyond
     )
 
 
-def findings_of(
-    evidence: Evidence,
-) -> tuple[tuple[Finding, ...], tuple[str, ...], dict[str, str]]:
-    """Return findings, errors first; the checks made; those not made, with what they lack.
+def checks_of(evidence: Evidence) -> Checks:
+    """Return what is found; data that are spoiled blame nothing else.
 
     Args:
         evidence: What was seen.
     """
-    findings = [
-        Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
-        for text in evidence.remarks.problems
-    ] + _stream(evidence.remarks)
-    done: list[str] = []
-    skipped: dict[str, str] = {}
-    wrong: list[str] = []
-    checks: dict[str, Check] = {
-        "positions and velocities": check_motion,
-        "torque": check_torque,
-        "power meter": lambda evidence: check_meter(evidence, wrong),
-        "temperatures": _temperatures,
-        "excitation": _excitation,
+    remarks = evidence.remarks
+    found: dict[str, list[Finding]] = {
+        "bag": [
+            Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
+            for text in remarks.problems
+        ],
+        "joint states": _stream(remarks),
     }
-    for name, one in checks.items():
-        spoilt = [cause for cause in wrong if cause in MOTION_CAUSES]
-        if spoilt and name in AFTERWARDS:
-            skipped[name] = f"mend {spoilt[0]} first"
+    skipped: dict[str, str] = {}
+    wrong = [one.cause for one in found["joint states"] if one.severity == ERROR]
+    for name, one in CHECKS.items():
+        spoilt = next((cause for cause in wrong if cause in SPOILING), "")
+        if spoilt and name in (TORQUE, METER):
+            skipped[name] = f"mend {spoilt} first"
             continue
-        found, why = one(evidence)
-        findings += found
-        wrong += [entry.cause for entry in found if entry.severity == ERROR]
+        found[name], why = one(evidence) if name != METER else check_meter(evidence, wrong)
+        wrong += [entry.cause for entry in found[name] if _spoils(entry)]
         if why:
             skipped[name] = why
-        else:
-            done.append(name)
-    findings += _refused(evidence.remarks, wrong)
-    findings.sort(key=lambda entry: SEVERITIES.index(entry.severity))
-    return tuple(findings), tuple(done), skipped
+        if name == MOTION:
+            found["joint states"] += _refused(remarks, wrong)
+            wrong += [entry.cause for entry in found["joint states"] if entry.severity == ERROR]
+    return Checks(found, skipped)
+
+
+def _spoils(finding: Finding) -> bool:
+    return finding.severity == ERROR or finding.cause in SPOILING
 
 
 def _stream(remarks: Remarks) -> list[Finding]:
@@ -140,7 +223,7 @@ def _stream(remarks: Remarks) -> list[Finding]:
 def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
     """Say that much was refused, unless a mistake of the velocities found explains it."""
     share, first = sum(remarks.refused.values()), next(iter(remarks.refused), "")
-    if share <= MAX_REFUSED or (first == "impossible_velocity" and set(wrong) & set(MOTION_CAUSES)):
+    if share <= MAX_REFUSED or (first == "impossible_velocity" and set(wrong) & set(SPOILING)):
         return []
     reasons = ", ".join(f"{100 * one:.1f} % {reason}" for reason, one in remarks.refused.items())
     return [
@@ -243,3 +326,13 @@ def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
             "record a few seconds of rest",
         )  # fmt: skip
     return findings, ""
+
+
+MOTION = "positions and velocities"
+CHECKS: dict[str, Check] = {
+    MOTION: check_motion,
+    TORQUE: check_torque,
+    METER: check_meter,
+    "temperatures": _temperatures,
+    "excitation": _excitation,
+}

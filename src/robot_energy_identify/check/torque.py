@@ -1,14 +1,11 @@
 """Does the recorded torque fit the bodies, gears and payload of the model?
 
-The cause that lowers the unexplained torque most is named, if it lowers it far enough. Then the
-search goes on with the corrected recording, so that several causes are found. What would change
-the unexplained torque too little to be named cannot be judged from the recording.
+What a cause must explain to be named: `robot_energy_identify.check.search`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -24,24 +21,17 @@ from robot_energy_identify.check.finding import (
     Finding,
     unjudged,
 )
-from robot_energy_identify.check.hypotheses import (
-    MAX_FACTOR,
-    MIN_MOTION,
-    MIN_SAMPLES,
-    Cause,
-    Trial,
-    attempt,
-    candidates,
-    scale_words,
-    zero_offset,
+from robot_energy_identify.check.hypotheses import MAX_FACTOR, Cause, scale_words
+from robot_energy_identify.check.search import (
+    MAX_SURPRISE,
+    OFFSET,
+    Found,
+    SearchResult,
+    contradicts,
+    search,
 )
-from robot_energy_identify.check.payload import fitted_payload, payload_cause
+from robot_energy_identify.check.torque_fit import MIN_MOTION, MIN_SAMPLES, OWN, TorqueFit
 
-MAX_CAUSES = 4  # found one after the other
-WORTH = 0.05  # share of unexplained torque of a joint, below which it needs no gear ratio
-ALIKE = 0.1  # of cost: two causes that differ by less explain the same
-OFFSET = 0.1  # rad: the least zero error that is to be found
-UNITS = {"gear_ratio": (2.0, 0.5), "torque_scale": (2.0**0.5, 2.0**-0.5)}  # least to be found
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
 MIN_CORRELATION = 0.6  # of measured and body torque, below which a factor means nothing
 LEAST = f"{MIN_MOTION:g} s and {MIN_SAMPLES} samples in motion"
@@ -58,49 +48,33 @@ SIZE = {"zero_offset": f"{OFFSET:g} rad", "gear_ratio": "a factor of 2",
         "torque_scale": "a factor of 1.41"}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class SearchResult:
-    """Causes of a recording, and what it cannot show.
-
-    Attributes:
-        causes: The strongest first; each with the share of unexplained variance that it takes
-            away, and the names of causes that explain it as well.
-        first: The recording as it is.
-        last: The recording without the causes.
-        unseen: Causes that change too little to be named if they were there.
-        payload: The least mass that would be found; infinite for none. [kg]
-    """
-
-    causes: tuple[tuple[Cause, float, tuple[str, ...]], ...]
-    first: Trial
-    last: Trial
-    unseen: tuple[Cause, ...]
-    payload: float
-
-
-def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
+def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[list[Finding], str]:
     """Return findings on the torque against the model, and why there cannot be any.
 
     Args:
-        evidence: The recording.
+        evidence: The recording, or several joined.
+        parts: Each of them, thinned: what makes one of them less likely is not blamed.
     """
     if evidence.effort is EffortMeaning.NONE:
         why = f"the meaning of the effort is not stated: set {EFFORT}"
         return list(_fitting_meanings(evidence)), why
     if not bool(np.isfinite(evidence.motor_torque).any()):
         return [], "the joint states carry no effort"
-    thin = evidence.thinned()
-    if not bool(np.isfinite(attempt(thin).unexplained).any()):
+    fit = TorqueFit(evidence.thinned())
+    if not fit.known.any():
         return [], f"no joint has {LEAST} with an acceleration"
-    result = _search(thin)
+    result = search(fit)
     findings = [
-        _finding(evidence, cause, share, alike, result.first)
-        for cause, share, alike in result.causes
+        _finding(evidence, one, result.last)
+        for one in result.found
+        if not any(contradicts(part, one.cause) for part in parts)
     ]
     findings += _poor(evidence, result.last)
+    findings += _source(evidence, result.last)
     findings += _unseen(evidence, result)
-    unknown = [name for name, share in zip(evidence.names, result.last.unexplained, strict=True)
-               if not np.isfinite(share)]  # fmt: skip
+    unknown = [
+        name for name, known in zip(evidence.names, result.last.known, strict=True) if not known
+    ]
     if unknown:
         why = f"less than {LEAST}"
         findings.append(
@@ -125,81 +99,131 @@ def _fitting_meanings(evidence: Evidence) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _finding(
-    evidence: Evidence, cause: Cause, share: float, alike: tuple[str, ...], first: Trial
-) -> Finding:
-    names = tuple(evidence.names[j] for j in cause.joints) or (cause.name,)
-    which = "all joints" if len(names) == len(evidence.names) > 1 else ", ".join(names)
-    proof = f"as it is, the model explains {_explained(first, cause.joints)} of its torque"
-    value, joints = cause.value, cause.joints
-    words = {
-        "torque_sign": lambda: (
-            f"the torque of {which} has the opposite sign ({proof})",
-            remedies.corrected(evidence, ("effort",), joints, sign=-1.0),
-        ),
-        "joint_sign": lambda: (
-            f"position and velocity of {which} have the opposite sign of the URDF ({proof})",
-            remedies.corrected(evidence, ("position", "velocity"), joints, sign=-1.0),
-        ),
-        "torque_scale": lambda: (
-            f"the torque of {which} is {value:.3g} times what the model expects: "
-            f"{scale_words(value)} ({proof})",
-            remedies.corrected(evidence, ("effort",), joints, scale=1.0 / value),
-        ),
-        "gear_ratio": lambda: (
-            f"the motor torque of {which} is that of a gear ratio {1 / value:.3g} times the "
-            f"model's ({proof})",
-            remedies.gear_ratio(evidence, joints[0], value),
-        ),
-        "effort_meaning": lambda: (
-            f"the effort is no {evidence.effort} but {cause.choice}: taken for the former it "
-            f"is {value:.2g} times the torque that the bodies need, taken for {cause.choice} "
-            f"{evidence.remarks.effort_factors[EffortMeaning(cause.choice)][0]:.2g} times",
-            remedies.effort_meaning(cause.choice),
-        ),
-        "payload": lambda: (
-            f"the robot carries {abs(value):.2f} +- {cause.std:.2f} kg "
-            f"{'more' if value > 0 else 'less'} than the model's payload of "
-            f"{evidence.robot.payload_mass:.2f} kg",
-            remedies.payload(evidence, value, cause.moment),
-        ),
-        "joint_order": lambda: (
-            f"{' and '.join(names)} have each other's values ({proof})",
-            remedies.joint_order(evidence, *joints),
-        ),
-        "zero_offset": lambda: (
-            f"the zero of {names[0]} is off by {value:+.3f} rad"
-            + (f", that of {names[1]} by {-value:+.3f} rad" if len(names) > 1 else "")
-            + f" ({proof})",
-            remedies.zero(evidence, joints, value),
-        ),
-    }
-    sentence, (remedy, place) = words[cause.name]()
-    if alike:
-        sentence += f"; as well explained by {', '.join(alike)}"
+def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
+    cause, joints = found.cause, found.cause.joints
+    names = tuple(evidence.names[j] for j in joints) or (cause.name,)
+    sentence = _words(evidence, cause)
+    if found.rivals or found.links:
+        others = [_words(evidence, one) for one in found.rivals]
+        if found.links:
+            which = ", ".join(evidence.names[link] for link in found.links)
+            others.append(f"the bodies behind {which} are further off than their priors say")
+        alike = tuple(
+            dict.fromkeys([one.name for one in found.rivals] + ["bodies"] * bool(found.links))
+        )
+        also = {evidence.names[j] for one in found.rivals for j in one.joints} - {*names}
+        return Finding(
+            cause.name, WARNING, (*names, *sorted(also)),
+            f"cannot be told apart from this recording: {'; or '.join([sentence, *others])}",
+            cause.value, float("nan"), "record more poses and faster motion, and check again",
+            alternatives=alike,
+        )  # fmt: skip
+    proof = f"as it is, the model explains {_explained(found.fit, joints)} of its torque"
+    if found.fit.errors.surprise > 1.0:
+        proof += (
+            " and needs errors of its bodies of "
+            f"{np.sqrt(found.fit.errors.surprise):.1f} standard deviations"
+        )
+    sentence = f"{sentence} ({proof})"
+    if why := _not_mended(last, joints):
+        return Finding(
+            cause.name, WARNING, names, f"{sentence}; corrected on trial, {why}: more is wrong",
+            cause.value, float("nan"),
+        )  # fmt: skip
     severity = ERROR
-    ratios = [evidence.model.joints[joint].gear_ratio for joint in cause.joints]
+    ratios = [evidence.model.joints[joint].gear_ratio for joint in joints]
     # assumed with a stated, wide deviation, as in first models
     guessed = all(r.tag == "assumed" and (r.std or 0.0) > WIDE * abs(r.value) for r in ratios)
     if cause.name in ("gear_ratio", "torque_scale") and guessed:
         severity = WARNING
         sentence += "; the gear ratio is a prior"
-    certainty = max(share, 0.0)  # one of several causes may explain nothing by itself
-    return Finding(cause.name, severity, names, sentence, value, certainty, remedy, place, alike)
+    remedy, place = _remedy(evidence, cause)
+    return Finding(cause.name, severity, names, sentence, cause.value, float("nan"), remedy, place)
 
 
-def _explained(trial: Trial, joints: tuple[int, ...]) -> str:
+def _words(evidence: Evidence, cause: Cause) -> str:
+    """What is wrong, and by how much."""
+    names, value = [evidence.names[j] for j in cause.joints], cause.value
+    which = "all joints" if len(names) == len(evidence.names) > 1 else ", ".join(names)
+    spread = f" +- {cause.std:.2g}" if np.isfinite(cause.std) else ""
+    factors = evidence.remarks.effort_factors
+    return {
+        "torque_sign": lambda: f"the torque of {which} has the opposite sign",
+        "joint_sign": lambda: (
+            f"position and velocity of {which} have the opposite sign of the URDF"
+        ),
+        "torque_scale": lambda: (
+            f"the torque of {which} is {value:.3g} times what the model expects: "
+            f"{scale_words(value)}"
+        ),
+        "gear_ratio": lambda: (
+            f"the motor torque of {which} is that of a gear ratio {1 / value:.3g} times the model's"
+        ),
+        "effort_meaning": lambda: (
+            f"the effort is no {evidence.effort} but {cause.choice}: taken for the former it "
+            f"is {value:.2g} times the torque that the bodies need, taken for {cause.choice} "
+            f"{factors[EffortMeaning(cause.choice)][0]:.2g} times"
+        ),
+        "payload": lambda: (
+            f"the robot carries {abs(value):.2f}{spread} kg {'more' if value > 0 else 'less'} "
+            f"than the model's payload of {evidence.robot.payload_mass:.2f} kg"
+        ),
+        "joint_order": lambda: f"{' and '.join(names)} have each other's values",
+        "zero_offset": lambda: (
+            f"the zero of {names[0]} is off by {value:+.3f}{spread} rad"
+            + (f", that of {names[1]} by {-value:+.3f} rad" if len(names) > 1 else "")
+        ),
+    }[cause.name]()
+
+
+def _remedy(evidence: Evidence, cause: Cause) -> remedies.Remedy:
+    """The line that mends a cause, which has been applied on trial."""
+    joints, value = cause.joints, cause.value
+    return {
+        "torque_sign": lambda: remedies.corrected(evidence, ("effort",), joints, sign=-1.0),
+        "joint_sign": lambda: remedies.corrected(
+            evidence, ("position", "velocity"), joints, sign=-1.0
+        ),
+        "torque_scale": lambda: remedies.corrected(
+            evidence, ("effort",), joints, scale=1.0 / value
+        ),
+        "gear_ratio": lambda: remedies.gear_ratio(evidence, joints[0], value),
+        "effort_meaning": lambda: remedies.effort_meaning(cause.choice),
+        "payload": lambda: remedies.payload(cause.payload),
+        "joint_order": lambda: remedies.joint_order(evidence, *joints),
+        "zero_offset": lambda: remedies.zero(evidence, joints, value),
+    }[cause.name]()
+
+
+def _not_mended(last: TorqueFit, joints: Sequence[int]) -> str:
+    """What a corrected recording needs beyond what the model leaves open; empty if nothing."""
+    if last.errors.surprise > MAX_SURPRISE:
+        return (
+            "the recording still needs errors of the bodies of "
+            f"{np.sqrt(last.errors.surprise):.1f} standard deviations"
+        )
+    left = last.errors.unexplained[list(joints) or slice(None)]
+    if len(joints) < len(last.known) and np.nanmax(left, initial=0.0) > POOR:
+        return f"{100 * np.nanmax(left):.0f} % of the torque remains unexplained"
+    return ""
+
+
+def _explained(fit: TorqueFit, joints: tuple[int, ...]) -> str:
     """Least share of torque variance that the model explains, of some joints."""
-    shares = [1.0 - trial.unexplained[j] for j in joints if np.isfinite(trial.unexplained[j])]
+    left = fit.errors.unexplained
+    shares = [1.0 - left[j] for j in joints or range(len(left)) if np.isfinite(left[j])]
     return f"{100 * max(min(shares), 0.0):.0f} %" if shares else "nothing"
 
 
-def _poor(evidence: Evidence, trial: Trial) -> Iterator[Finding]:
-    """Joints whose torque no single cause explains."""
+def _poor(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
+    """Joints whose torque no single cause explains, by more than the model's Coulomb friction."""
+    coulomb = [joint.friction.coulomb.value for joint in evidence.model.joints]
     poor = [
         (name, float(share))
-        for name, share in zip(evidence.names, trial.unexplained, strict=True)
-        if share > POOR
+        for name, share, left, least in zip(
+            evidence.names, fit.errors.unexplained, fit.unexplained_rms, coulomb, strict=True
+        )
+        if share > POOR and left > least
     ]
     if poor:
         text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor)
@@ -209,6 +233,26 @@ def _poor(evidence: Evidence, trial: Trial) -> Iterator[Finding]:
             max(share for _, share in poor), float("nan"),
             "check masses, gear ratios, the meaning of the effort, and forces from outside",
         )  # fmt: skip
+
+
+def _source(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
+    """Whether joint torque was computed from motor current, or measured behind the gear."""
+    if evidence.effort is not EffortMeaning.JOINT_TORQUE:
+        return
+    places = [
+        fit.groups[f"joint {j}"].start + OWN.index("rotor") for j in np.flatnonzero(fit.known)
+    ]
+    weight = fit.errors.std[places] ** -2.0
+    share = 0.5 + float(weight @ fit.errors.values[places] / weight.sum())
+    std = float(weight.sum() ** -0.5)
+    told = f"it holds {share:.2f} +- {std:.2f} of the torque that turns the model's rotors"
+    if share - 3.0 * std > 0.2:
+        words = f"the joint torque is computed from the motor current, not measured: {told}"
+    elif share + 3.0 * std < 0.5:
+        words = f"the joint torque is measured behind the gear: {told}"
+    else:
+        words = f"whether joint torque is measured or computed from current is open: {told}"
+    yield Finding("effort_source", NOTE, (), words, share, float("nan"))
 
 
 def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
@@ -221,7 +265,9 @@ def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
         subject = tuple(evidence.names[joint] for joint in joints)
         shown = what.format(", ".join(dict.fromkeys(_named(evidence, one) for one in causes)))
         size = SIZE.get(name, "a mistake")
-        yield unjudged(name, subject, shown, f"{size} changes the unexplained torque too little")
+        yield unjudged(
+            name, subject, shown, f"{size} changes the torque by no more than the model leaves open"
+        )
     if np.isfinite(result.payload):
         sentence = f"a payload that is off by less than {result.payload:.2g} kg would not be found"
     else:
@@ -233,61 +279,3 @@ def _named(evidence: Evidence, cause: Cause) -> str:
     if len(cause.joints) == len(evidence.names) > 2:
         return "all joints"
     return " with ".join(evidence.names[joint] for joint in cause.joints)
-
-
-def _search(evidence: Evidence) -> SearchResult:
-    """The causes, the strongest first, and what cannot be seen."""
-    first = trial = attempt(evidence)
-    found: list[tuple[Cause, float, tuple[str, ...]]] = []
-    while True:
-        fit = fitted_payload(trial)
-        tried = [
-            (cause, attempt(cause.correct(trial.evidence), trial))
-            for cause in (*candidates(trial), *payload_cause(trial, fit))
-        ]
-        gains = [
-            (trial.cost() - corrected.cost() - cause.least_gain, place)
-            for place, (cause, corrected) in enumerate(tried)
-            if _worth(cause, trial)
-        ]
-        gain, place = max(gains, default=(0.0, 0))
-        if gain <= 0.0 or len(found) == MAX_CAUSES:
-            break
-        cause, corrected = tried[place]
-        alike = [
-            other.name
-            for other, result in tried
-            if other.name != cause.name
-            and other.joints == cause.joints
-            and abs(result.cost() - corrected.cost()) < ALIKE
-        ]
-        before, after = np.nansum(trial.unexplained), np.nansum(corrected.unexplained)
-        share = float(1.0 - after / before) if before > 0 else 0.0
-        found.append((cause, share, tuple(dict.fromkeys(alike))))
-        trial = corrected
-    return SearchResult(tuple(found), first, trial, tuple(_unseen_causes(trial, tried)), fit.least)
-
-
-def _worth(cause: Cause, trial: Trial) -> bool:
-    return cause.name != "gear_ratio" or bool(trial.unexplained[cause.joints[0]] > WORTH)
-
-
-def _unseen_causes(trial: Trial, tried: list[tuple[Cause, Trial]]) -> list[Cause]:
-    """Causes that raise the cost by less than they must lower it to be named.
-
-    A recording with the mistake differs from one without it as the two differ here.
-    """
-    unseen = [
-        cause
-        for cause, corrected in tried
-        if cause.name not in ("zero_offset", "effort_meaning", "payload")
-        and not any(abs(cause.value) == skipped for skipped in (10.0, 0.1, 100.0, 0.01))
-        and (cause.name not in UNITS or cause.value in UNITS[cause.name])
-        and (corrected.cost() - trial.cost() < cause.least_gain or not _worth(cause, corrected))
-    ]
-    for j in np.flatnonzero(~np.asarray(trial.evidence.robot.limits.prismatic)).tolist():
-        shifted = [zero_offset((j,), value) for value in (OFFSET, -OFFSET)]
-        rise = min(attempt(one.correct(trial.evidence)).cost() for one in shifted) - trial.cost()
-        if rise < shifted[0].least_gain:
-            unseen.append(shifted[0])
-    return unseen

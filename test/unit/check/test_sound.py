@@ -1,0 +1,132 @@
+"""Sound recordings of foreign robots are not blamed; what is wrong with them is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mistakes import mistakes, rewrite
+from places import ROOT
+from robot_energy.model import load
+from robot_energy.pipeline import Output, Settings
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.check import check, check_together
+from robot_energy_identify.check.windows import MAX_SAMPLES, Windows
+from sound_recordings import foreign, with_remedy, write_states
+
+SOUND, MODEL = ROOT / "bags/kr16_cold", load("kr16")
+MOTOR_TORQUE = EffortMeaning.MOTOR_TORQUE
+SECONDS = 15.0
+
+
+def source(result):
+    (note,) = [one.sentence for one in result.findings if one.cause == "effort_source"]
+    return note
+
+
+@pytest.mark.parametrize(
+    ("robot", "seed", "words"),
+    [("arm6", 202, "computed from the motor current"), ("ur10e", 201, "measured behind the gear")],
+)
+def test_bodies_of_a_urdf_that_are_off_are_not_blamed_on_anything(robot, seed, words, tmp_path):
+    """Masses by 8 %, centres by 12 mm, rotors by half; the driver sends joint torque."""
+    one = foreign(robot, seed, "pick", tmp_path)
+    result = check(one.bag, one.model, one.effort)
+    assert not result.errors
+    assert words in source(result)
+
+
+def test_a_payload_of_two_kilograms_is_named_with_such_bodies(tmp_path):
+    one = foreign("ur5e", 203, "random", tmp_path, carried=2.0)
+    (found,) = check(one.bag, one.model, one.effort).errors
+    assert found.cause == "payload"
+    assert found.evidence == pytest.approx(2.0, abs=0.6)
+    assert " +- " in found.sentence
+    model, _ = with_remedy(found, one.model, tmp_path)
+    assert not check(one.bag, model, one.effort).errors
+
+
+def test_velocities_that_are_held_blame_nothing_else(tmp_path):
+    """At a twentieth of the rate their slope is a staircase, and all torques are wrong."""
+    seen = []
+
+    def held(message):
+        seen.append(message.velocity.copy())
+        message.velocity = seen[(len(seen) - 1) // 20 * 20]
+
+    bag = rewrite(SOUND, tmp_path / "bag", held, None, SECONDS)
+    result = check(bag, MODEL, MOTOR_TORQUE)
+    assert [one.cause for one in result.findings if one.severity != "note"] == ["velocity_held"]
+    assert result.skipped["torque"] == "mend velocity_held first"
+
+
+@pytest.fixture(scope="module")
+def off(tmp_path_factory):
+    """A recording with the zero of a joint off."""
+    mistake = mistakes(2, 4, 6)["zero offset 0.1 rad"]
+    folder = tmp_path_factory.mktemp("off")
+    return rewrite(SOUND, folder / "bag", mistake.states, None, SECONDS)
+
+
+def test_a_cause_that_all_recordings_show_is_blamed_in_all(off):
+    results = check_together([off, off], MODEL, MOTOR_TORQUE)
+    for result in results:
+        (found,) = result.errors
+        assert (found.cause, found.subject) == ("zero_offset", ("joint_a3",))
+        assert found.evidence == pytest.approx(0.1, rel=0.15)
+
+
+def test_a_cause_that_one_recording_shows_against_the_others_is_not_blamed(off):
+    sound, other = check_together([SOUND, off], MODEL, MOTOR_TORQUE)
+    assert not sound.errors
+    assert not other.errors
+    (found,) = [one for one in other.findings if one.cause == "zero_offset"]
+    assert "the 2 recordings together do not show it" in found.sentence
+    assert not found.remedy
+
+
+def test_two_causes_that_explain_the_same_are_told_and_none_is_blamed(tmp_path):
+    """Around a vertical axis alone, the sign of a torque and of the motion are one mistake."""
+    time = np.arange(6000) / 200
+    position = np.zeros((6000, 6))
+    position[:, 0] = 1.2 * np.sin(1.5 * time) + 0.2 * np.sin(4.0 * time)
+    velocity = np.gradient(position, time, axis=0)
+    inertia = 60.0
+    torque = np.gradient(velocity, time, axis=0) * [[inertia / 125.0, 0, 0, 0, 0, 0]]
+    torque[:, 0] += 0.6 * np.sign(velocity[:, 0]) + 0.004 * 125 * velocity[:, 0]
+    torque += np.random.default_rng(1).normal(scale=0.02, size=torque.shape)
+    write_states(tmp_path / "bag", MODEL.joint_names, 200, position, -torque)
+    result = check(tmp_path / "bag", MODEL, MOTOR_TORQUE)
+    assert not result.errors
+    found = next(one for one in result.findings if one.alternatives)
+    assert {found.cause, *found.alternatives} >= {"torque_sign", "joint_sign"}
+    assert found.sentence.startswith("cannot be told apart from this recording: ")
+    assert not found.remedy_in
+
+
+def test_a_long_recording_is_kept_in_windows_that_are_spread_over_it():
+    outputs: list[Output] = []
+    replay(SOUND, MODEL, None, Settings(power_period=None), on_output=outputs.append)
+    length = 45_000_000_000
+    windows, samples, rounds = Windows(MODEL), 0, 0
+    while samples < 4 * MAX_SAMPLES:
+        for output in outputs:
+            later = {
+                name: replace(block, stamp_ns=block.stamp_ns + rounds * length)
+                for name in ("torque", "power", "meter")
+                if (block := getattr(output, name)) is not None
+            }
+            windows.take(Output(**later))
+            samples += len(later.get("torque", ()))
+        rounds += 1
+    torque, power, meter = windows.blocks()
+    assert MAX_SAMPLES / 3 < len(torque) <= MAX_SAMPLES
+    assert torque.joint_torque_rigid.size == 0  # what no check needs is not kept
+    middle = np.searchsorted(torque.stamp_ns, torque.stamp_ns[0] + rounds * length / 2)
+    assert middle / len(torque) == pytest.approx(0.5, abs=0.1)
+    assert len(power) == pytest.approx(len(torque), rel=0.01)
+    gap = np.flatnonzero(np.diff(torque.stamp_ns) > 5e9)
+    assert len(gap) > 3
+    assert (np.diff(torque.segment)[gap] != 0).all()
+    assert (np.diff(meter.stamp_ns) > 5e9).any()
