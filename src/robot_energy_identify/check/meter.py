@@ -22,6 +22,7 @@ MIN_LAG = 0.15  # s, below which a delay is the meter's own averaging
 LEAST_LAG = 0.3  # s: the least delay that is to be found
 LAG_STEP = 0.02  # s
 APART = 5.0  # times the usual step, beyond which samples or readings do not follow each other
+LEAST_RATIO = 0.1  # of meter and prediction, below which one of them is wrong
 MAX_EXCESS = 2.0  # of the meter over the prediction
 BODIES = ("joint_sign", "zero_offset", "joint_order", "payload", "gear_ratio")  # spoil predictions
 TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
@@ -70,6 +71,10 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
             )  # fmt: skip
             measured = measured / factor
             break
+    else:
+        if 0.0 < ratio < LEAST_RATIO:
+            why = f"it reads {ratio:.2g} times the prediction of {predicted_mean:.3g} W"
+            findings.append(unjudged("meter_unit", ("meter",), "the unit of the meter", why))
     findings += _lag(evidence, time, measured, [one for one in wrong if one in BODIES])
     if not any(one in TORQUES for one in wrong):
         findings += _balance(evidence, measured[both], predicted[both])
@@ -141,11 +146,12 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
         return unknown(f"the prediction explains {100 * (1 - left[best]):.0f} % of its readings")
     away = round(LEAST_LAG / LAG_STEP)
     near = [left[place] for place in (best - away, best + away) if 0 <= place < len(lags)]
-    if 1.0 - float(left[best]) / min(near) < MIN_LAG_GAIN:
+    needed = MIN_LAG_GAIN + float(left[best])  # friction and losses that are off look like a lag
+    if 1.0 - float(left[best]) / min(near) < needed:
         return unknown(f"{LEAST_LAG:g} s change too little of what the prediction explains")
     now = float(left[int(np.argmin(np.abs(lags)))])
     lag, gain = float(lags[best]), 1.0 - float(left[best]) / now if now > 0.0 else 0.0
-    if abs(lag) < MIN_LAG or gain < MIN_LAG_GAIN:
+    if abs(lag) < MIN_LAG or gain < needed:
         return []
     return [
         Finding(

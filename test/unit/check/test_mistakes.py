@@ -272,6 +272,9 @@ def test_a_meter_that_reads_far_more_or_less_than_the_robot_takes_is_named(tmp_p
     assert loud(check(more, load("kr16"), MOTOR_TORQUE)) == ["meter_exceeds"]
     less = rewrite(SOUND, tmp_path / "less", None, factor(0.25), SECONDS)
     assert "shafts_exceed_meter" in loud(check(less, load("kr16"), MOTOR_TORQUE))
+    far = rewrite(SOUND, tmp_path / "far", None, factor(0.03), SECONDS)  # of no known unit
+    result = check(far, load("kr16"))
+    assert "unjudged.meter_unit" in {entry.cause for entry in result.findings}
 
 
 def test_temperatures_missing_of_a_joint_are_named(tmp_path):
