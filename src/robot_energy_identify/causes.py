@@ -1,9 +1,10 @@
 """Causes that `robot-energy check` finds, for identification: what is refused before a fit.
 
 A fit takes up a wrong scale or gear ratio in its bodies, so its own errors do not show it. The
-checks compare with the bodies as given. So their causes refuse a recording where the model file
-says where its masses come from; where the masses are assumed, a cause is only named once a gate
-of `robot_energy_identify.plausibility` has refused.
+checks compare with the bodies as given, which may be off as far as their tag says; without a tag,
+as far as those of a public URDF. So their causes refuse a recording. Where the model file says that
+its masses are assumed they are notes, and are named once a gate of
+`robot_energy_identify.plausibility` has refused.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from robot_energy_identify.check.evidence import (
     moving,
     remarks_of,
 )
-from robot_energy_identify.check.finding import ERROR, Finding
+from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter
-from robot_energy_identify.check.torque import check_torque
+from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.provenance import require_some
@@ -43,8 +44,8 @@ MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags:
 
 
 def bodies_known(model: RobotModel) -> bool:
-    """Whether the model file says where its masses come from."""
-    return model.urdf.tags.get("masses", "assumed") != "assumed"
+    """Whether the model file does not say that its masses are but a guess."""
+    return model.urdf.tags.get("masses") != "assumed"
 
 
 def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
@@ -94,7 +95,13 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
 def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
     """The causes that make the torque of recordings of one model differ from the model's."""
     found, _ = check_torque(joined([part.thinned() for part in parts]))
-    return tuple(one for one in found if one.severity == ERROR or one.alternatives)
+    return tuple(one for one in found if one.severity != NOTE and one.cause != UNEXPLAINED)
+
+
+def _is_mistake(finding: Finding) -> bool:
+    """Whether nothing but a mistake explains the torque; a gear that is a prior is none."""
+    certain = finding.severity == ERROR or bool(finding.alternatives)
+    return certain and {finding.cause, *finding.alternatives} <= {*MISTAKES}
 
 
 def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
@@ -115,22 +122,22 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
         return ()
     found = _torque_causes(parts)
     _refuse(
-        [finding for finding in found if {finding.cause, *finding.alternatives} <= {*MISTAKES}],
-        f"torque of the bodies in the model, whose masses are {parts[0].model.urdf.tags['masses']}",
+        [finding for finding in found if _is_mistake(finding)],
+        "torque of the bodies in the model, whose masses "
+        f"are {parts[0].model.urdf.tags.get('masses', 'not said to be assumed')}",
         MASSES_ASSUMED,
     )
     return tuple(_sentence(finding) for finding in found)
 
 
-def notes_of_test(parts: Sequence[Evidence]) -> tuple[str, ...]:
-    """Return what does not fit the model in recordings for the test, one sentence each.
+def notes_on_torque(parts: Sequence[Evidence], where: str = "") -> tuple[str, ...]:
+    """Return what does not fit the model in recordings, one sentence each; nothing is refused.
 
     Args:
         parts: Of one model; empty for none.
+        where: Begins each sentence.
     """
-    if not parts or not bodies_known(parts[0].model):
-        return ()
-    return tuple(f"in the test: {_sentence(finding)}" for finding in _torque_causes(parts))
+    return tuple(where + _sentence(finding) for finding in _torque_causes(parts)) if parts else ()
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,13 @@ import yaml
 import robots
 from places import ROOT
 from plants import LIMITS, two_link_profile
+from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
-from robot_energy_identify.causes import notes_of_test, torque_evidence
+from robot_energy_identify import causes
+from robot_energy_identify.causes import notes_on_torque, refuse_torque, torque_evidence
+from robot_energy_identify.check.finding import Finding
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_plan.motion import Program
 from robot_energy_rig import RigConfig, VirtualRig
@@ -40,7 +45,8 @@ def model(
     masses: str = "published",
 ) -> str:
     data = robots.two_link_data()
-    data["urdf"]["tags"] = {"masses": masses}
+    if masses:
+        data["urdf"]["tags"] = {"masses": masses}
     for joint, constant, gear in zip(data["joints"], constants, gears, strict=True):
         joint["torque_constant"] = robots.figure(constant)
         joint["gear_ratio"]["value"] *= gear
@@ -91,7 +97,11 @@ def test_one_gear_sign_wrong(
     assert "urn the sign of gear_ratio of" in said
 
 
-@pytest.mark.parametrize("subject", ["all", "dynamics", "friction", "drives"])
+@pytest.mark.parametrize(
+    ("subject", "masses"),
+    [("all", "published"), ("dynamics", "published"), ("friction", "published"),
+     ("drives", "published"), ("all", "")],
+)  # fmt: skip
 @pytest.mark.parametrize(
     ("constants", "gears", "cause"),
     [
@@ -104,11 +114,12 @@ def test_what_a_fit_would_take_up_in_its_bodies_is_refused_with_its_cause(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     subject: str,
+    masses: str,
     constants: tuple[float, float],
     gears: tuple[float, float],
     cause: str,
 ) -> None:
-    words = ["--model", model(tmp_path, constants, gears), "--effort", "motor_current"]
+    words = ["--model", model(tmp_path, constants, gears, masses), "--effort", "motor_current"]
     said = run(tmp_path, capsys, subject, str(bag), *words)
     assert cause in said
     assert "masses: assumed" in said
@@ -118,6 +129,44 @@ def test_bodies_that_are_a_guess_refuse_no_scale(bag: Path, tmp_path: Path) -> N
     path = model(tmp_path, (2**0.5, 2**0.5), masses="assumed")
     words = ["identify", "friction", str(bag), "--model", path, "--effort", "motor_current"]
     assert main([*words, "--out", str(tmp_path / "x.yaml")]) == 0
+
+
+def test_bodies_that_are_a_guess_leave_a_note(bag: Path, tmp_path: Path) -> None:
+    path = model(tmp_path, (1, 1), (0.5, 1), masses="assumed")
+    words = ["identify", "all", str(bag), "--model", path, "--effort", "motor_current"]
+    out = tmp_path / "x.json"
+    assert main([*words, "--no-test", "--json", str(out)]) == 0
+    assert "of a gear ratio 2 times the model's" in str(json.loads(out.read_text())["notes"])
+
+
+GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0, float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("finding", "refused"),
+    [
+        (GEAR, True),
+        (replace(GEAR, severity="warning", alternatives=("torque_scale",)), True),
+        (replace(GEAR, severity="warning", alternatives=("torque_scale", "bodies")), False),
+        (replace(GEAR, severity="warning"), False),
+        (replace(GEAR, cause="payload"), False),
+    ],
+)
+def test_what_only_mistakes_explain_is_refused(
+    bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    finding: Finding,
+    refused: bool,
+) -> None:
+    monkeypatch.setattr(causes, "check_torque", lambda _: ([finding], ""))
+    used, effort = load(model(tmp_path, (1.0, 1.0))), EffortMeaning.MOTOR_CURRENT
+    parts = [torque_evidence(read_recording(bag, used, effort), effort)]
+    if refused:
+        with pytest.raises(ImplausibleIdentificationError, match="the gear"):
+            refuse_torque(parts)
+    else:
+        assert refuse_torque(parts) == ("the gear",)
 
 
 def test_a_refusal_behind_a_fit_names_the_cause(
@@ -134,13 +183,14 @@ def test_what_does_not_fit_in_a_test_recording_is_a_note(bag: Path, tmp_path: Pa
     def notes(factor: float, masses: str = "published") -> tuple[str, ...]:
         used = load(model(tmp_path, (factor, factor), masses=masses))
         effort = EffortMeaning.MOTOR_CURRENT
-        return notes_of_test([torque_evidence(read_recording(bag, used, effort), effort)])
+        parts = [torque_evidence(read_recording(bag, used, effort), effort)]
+        return notes_on_torque(parts, "in the test: ")
 
     assert notes(1.0) == ()
     (note,) = notes(2**0.5)
     assert note.startswith("in the test: ")
     assert "the torque of all joints is 1.41 times" in note
-    assert notes(2**0.5, "assumed") == ()
+    assert notes(1.0, "assumed") == ()
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(

@@ -11,8 +11,9 @@ from robot_energy.replay.inputs import ModelName, Stages, model_of, silent
 from robot_energy_identify.api.bag_source import BagSource
 from robot_energy_identify.api.identify import IdentificationResult, Names
 from robot_energy_identify.causes import (
+    bodies_known,
     cause_named,
-    notes_of_test,
+    notes_on_torque,
     refuse_meter,
     refuse_torque,
     torque_evidence,
@@ -99,7 +100,8 @@ def identify_all(
     read = [entry for entry, _ in known[: len(fitted)]]
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):
-        notes = [*refuse_torque(fit_parts), *notes_of_test(test_parts)]
+        compare = refuse_torque if bodies_known(given) else notes_on_torque
+        notes = [*compare(fit_parts), *notes_on_torque(test_parts, "in the test: ")]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
             fitted,

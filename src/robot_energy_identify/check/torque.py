@@ -34,6 +34,7 @@ from robot_energy_identify.check.torque_fit import MIN_MOTION, MIN_SAMPLES, OWN,
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
 MIN_CORRELATION = 0.6  # of measured and body torque, below which a factor means nothing
+UNEXPLAINED = "torque_unexplained"
 LEAST = f"{MIN_MOTION:g} s and {MIN_SAMPLES} samples in motion"
 POOR = 0.5  # share of unexplained torque from which a model does not fit
 WHAT = {
@@ -228,7 +229,7 @@ def _poor(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
     if poor:
         text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor)
         yield Finding(
-            "torque_unexplained", WARNING, tuple(name for name, _ in poor),
+            UNEXPLAINED, WARNING, tuple(name for name, _ in poor),
             f"bodies and friction leave torque unexplained: {text}",
             max(share for _, share in poor), float("nan"),
             "check masses, gear ratios, the meaning of the effort, and forces from outside",
