@@ -271,7 +271,7 @@ class TorqueFit:
 
         Args:
             group: Name of the group.
-            std: Instead of its prior, in its unit.
+            std: Instead of its prior, one per column or of all. [unit of each column]
             place: One column of the group alone.
         """
         prior, own = self.prior.copy(), self.groups[group]
@@ -294,7 +294,7 @@ class TorqueFit:
         """Return the most likely errors.
 
         Args:
-            prior: Standard deviation of each; 0 for one that is not there.
+            prior: Standard deviation of each column, 0 for one that is not there. [its unit]
         """
         n, width = len(self.evidence.names), len(prior)
         scaled, places = dict[int, Float](), dict[int, Int]()
