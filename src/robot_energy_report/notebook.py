@@ -99,6 +99,11 @@ def _named(name: str, units: Mapping[str, str]) -> str:
 def plot(shown: Any, what: str | None = None, axes: Axes = None) -> Axes:
     """Draw one aspect of a result, a model or a table: see ``Shown.plot``.
 
+    Args:
+        shown: What has it.
+        what: Which; None: the first that it has.
+        axes: Where to; None: a new figure.
+
     Returns:
         The axes.
 

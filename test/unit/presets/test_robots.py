@@ -105,7 +105,7 @@ def test_check_takes_the_robot_too(tmp_path, capsys):
     assert main(["check", bag, "--robot", "ur5e", "--json", str(out)]) == 2
     assert "torque" in capsys.readouterr().out
     (checked,) = json.loads(out.read_text())["recordings"]
-    assert checked["findings"][0]["cause"] == "torque_scale"
+    assert checked["findings"][0]["cause"] == "effort_meaning"
     assert main(["check", bag, "--model", "ur5e", "--inputs", "ur5e", "--json", str(out)]) == 2
     assert json.loads(out.read_text())["recordings"] == [checked]
 
