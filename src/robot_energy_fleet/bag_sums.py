@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
+from robot_energy.accounting.standby import MIN_STANDBY
 from robot_energy.foundation.units import HOUR_NS, SECOND_NS
 from robot_energy.model import RobotModel
-from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
 
-MIN_STANDBY = 60.0  # at rest with drives on, from which on it is standby [s]
 SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
 OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(len(SUMS))
 BIN = 5.0  # width of a bin of temperature [K]
@@ -39,7 +38,7 @@ class HourSums:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self._floor = ABOVE_STANDSTILL * motor_standstill(model)
+        self._floor = motor_rest(model)
         self.hours: dict[int, Float] = {}
         self._blocks = ConsecutiveBlocks()
         self._rest: dict[int, Float] = {}  # sums of a rest that is not standby yet

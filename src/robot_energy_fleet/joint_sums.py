@@ -19,11 +19,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from robot_energy.condition.buckets import shares
-from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import payload
-from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
+from robot_energy.physics.drivetrain import Drivetrain, motor_rest
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import (
@@ -68,7 +67,7 @@ class JointSums:
         body = payload(*_carrier(model))
         self._loaded = self._robot.with_payload([body])
         self._bare = self._robot.with_payload([])
-        self._floor = ABOVE_STANDSTILL * motor_standstill(model)
+        self._floor = motor_rest(model)
         self._fallback_degc = model.temperature.fallback_degc
         self._waiting: list[TorqueBlock] = []
         self._before: tuple[int, int] | None = None  # stamp and segment of the newest sample

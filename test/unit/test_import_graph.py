@@ -22,7 +22,7 @@ MODULES = {
         account account_record auxiliary averaging comparison energy_curve exact_sum
         integration job_intervals load_curve meter_checks meter_response plain_text
         power_curve record record_repair registers sample_counts settings shaft_comparison
-        totals
+        standby totals
     """,
     "robot_energy.bag": """
         by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
@@ -47,6 +48,7 @@ class AccountPublisher:
         parameters: AccountParameters,
     ) -> None:
         self._node, self._account, self._model = node, account, model
+        account.on_reading = self._add_reading
         identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
         self._power_writer = PowerStateWriter(*identity)
         self._registers_writer = RegistersWriter(*identity)
@@ -80,7 +82,13 @@ class AccountPublisher:
     def close(self) -> None:
         """End the work on the disk; safe also after an `open` that failed."""
         self.checkpoints.close()
+        self._account.on_reading = None
         self._power = self._registers = None
+
+    def _add_reading(self, minute_ns: int) -> None:
+        encode = partial(self._registers_writer.encode, self._account, minute_ns=minute_ns)
+        if self.checkpoints.running:
+            self.checkpoints.add_reading(encode)
 
     def activate(self) -> None:
         """Keep and publish the registers from now on."""

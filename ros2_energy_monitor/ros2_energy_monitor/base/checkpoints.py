@@ -37,6 +37,7 @@ LATE_PERIODS = 3  # a checkpoint that takes longer than this is in trouble
 ROS_HOME = "$ROS_HOME"
 NO_FOLDER = "none"  # `ros2 launch` cannot give an empty argument
 DURATIONS = 600  # latest ones that the quantiles are taken over
+MAX_READINGS = 60  # of whole minutes and before resets, that wait for the disk
 
 
 def folder_of(parameter: str) -> Path | None:
@@ -87,6 +88,8 @@ class Checkpoints:
         self._begun: float | None = None  # when the checkpoint under way was begun
         self._done: float | None = None  # when the latest one was finished
         self._row: Any = None  # what is published once it is
+        self._readings: deque[tuple[Any, Any]] = deque()  # not persisted, and persisted
+        self._held = 0  # the first of them, which the checkpoint under way holds
         self._waiting: deque[tuple[float, Callable[[bool], None]]] = deque()  # with their limits
         self._covered = 0  # the first of them, whose registers the checkpoint under way holds
         self._warning = ""
@@ -110,6 +113,18 @@ class Checkpoints:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self._node.create_timer(self._period, self._begin, clock=steady)
         self._poller = self._node.create_timer(POLLED_EVERY, self._poll, clock=steady)
+
+    def add_reading(self, encode: Callable[[bool], Any]) -> None:
+        """Publish the registers as they stand now as well, once a checkpoint holds them.
+
+        Args:
+            encode: Gives their message, marked as persisted or not.
+        """
+        self._readings.append((encode(False), encode(True)))
+        if not self.store.keeps:
+            self._publish_readings(len(self._readings), False)
+        elif len(self._readings) > MAX_READINGS:
+            self._publish_readings(1, False)
 
     def change_period(self, period: float) -> None:
         """Change how often the registers are kept.
@@ -144,6 +159,7 @@ class Checkpoints:
         kept = self.store.checkpoint(CLOSING)
         if kept:
             self._begun, self._done = None, time.monotonic()
+        self._publish_readings(len(self._readings), kept)
         self._publish(self._encode(kept))
         self._log_news()
         self._poller.reset()
@@ -200,6 +216,7 @@ class Checkpoints:
         if self.store.busy:
             # Still at the last one. What is shown now must not be followed by less.
             self._row = None
+            self._publish_readings(len(self._readings), False)
             self._publish(self._encode(False))
             return
         self._start()
@@ -210,6 +227,7 @@ class Checkpoints:
         self._begun = time.monotonic()
         self._row = row if self.store.begin() else None
         self._covered = 0 if self._row is None else len(self._waiting)
+        self._held = len(self._readings)
         self._timer.reset()
         self._poller.reset()
 
@@ -224,14 +242,22 @@ class Checkpoints:
         self._begun = None
         if outcome:
             self._done = time.monotonic()
+            self._publish_readings(self._held, True)
             self._publish(self._row)
         elif outcome is not None and self.running:
+            self._publish_readings(len(self._readings), False)
             self._publish(self._encode(False))
         self._row = None
         self._log_news()
         self._answer(len(self._waiting) if outcome is False else self._covered, bool(outcome))
         if self._waiting:
             self._start()
+
+    def _publish_readings(self, count: int, persisted: bool) -> None:
+        """Publish the first readings that wait."""
+        self._held = max(0, self._held - count)
+        for _ in range(min(count, len(self._readings))):
+            self._publish(self._readings.popleft()[persisted])
 
     def _answer(self, count: int, kept: bool) -> None:
         """Answer the first that wait."""

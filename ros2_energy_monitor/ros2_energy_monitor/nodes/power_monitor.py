@@ -21,6 +21,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.messages import FrictionReader, TorqueReader
+from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import PowerStage
 from robot_energy.timeline.blocks import (
     NANOSECOND,
@@ -79,7 +80,10 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
-        self.account = EnergyAccount(len(self.model.joints), settings, MeterResponse.of(self.model))
+        self.account = EnergyAccount(
+            *(len(self.model.joints), settings, MeterResponse.of(self.model)),
+            motor_rest(self.model),
+        )
         self._loads = AuxiliaryLoads(self, self.parameters, self.account)
         self._account_publisher = AccountPublisher(self, self.model, self.account, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)

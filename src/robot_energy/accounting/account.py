@@ -38,7 +38,9 @@ from robot_energy.accounting.totals import Totals
 from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.foundation.errors import RegisterError
+from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.timeline.blocks import (
+    Float,
     Int,
     MeterBlock,
     MeterLocation,
@@ -46,7 +48,7 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     SupplyBlock,
 )
-from robot_energy.timeline.coverage import Coverage
+from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
@@ -59,8 +61,12 @@ class EnergyAccount:
 
     Args:
         response: Delay and low pass of the meter; None: they are found from its readings.
+        floor: As of `SampleCounts`.
 
     Attributes:
+        on_reading: Called when the registers stand as a reading of its own must show them: with
+            the UTC minute up to which all samples are counted, or 0 before they are set to
+            zero or the stamps jump. [ns]
         shaft: Predicted and measured shaft energy of each joint.
         judgement: The residual of the newest minute, and what is wrong with the meter.
         repeated: Samples left out after a restart because their time was counted before it.
@@ -74,13 +80,15 @@ class EnergyAccount:
         n_joints: int,
         settings: AccountSettings | None = None,
         response: MeterResponse | None = None,
+        floor: Float | None = None,
     ) -> None:
-        self._n_joints = n_joints
+        self._n_joints, self._floor = n_joints, floor
         self._response = response
         self._settings = settings or AccountSettings()
         period = self._settings.power_period
         self._averager = None if period is None else Averager(period)
         self.on_compared: Callable[[Compared], None] | None = None
+        self.on_reading: Callable[[int], None] | None = None
         self.judgement = MeterDiagnostics(self._settings.meter_unit)
         self.repeated = 0
         self.auxiliary: AuxiliaryAccount | None = None
@@ -96,7 +104,7 @@ class EnergyAccount:
             response=self._response,
         )
         self.shaft = ShaftEnergySums(self._n_joints)
-        self.counts = SampleCounts()
+        self.counts = SampleCounts(self._floor)
         self.intervals = JobIntervals()
         self.calibration = BandCalibration()
         self.trace = EventLog()
@@ -124,9 +132,34 @@ class EnergyAccount:
             Means of the periods that ended, or None.
 
         Raises:
-            Exception: Whatever a fault of the program raises; nothing of the block is counted
-                then, and its time is a gap.
+            Exception: Whatever a fault of the program raises; nothing of the block, or of its
+                last minute, is counted then, and its time is a gap.
         """
+        cuts = self._minutes(block.stamp_ns) if self.on_reading is not None else []
+        if not cuts:
+            return self._step(block)
+        ended: list[MeanBlock] = []
+        done = 0
+        for place, minute_ns in (*cuts, (len(block), None)):
+            means = self._step(block[slice(done, place)]) if place > done else None
+            done = place
+            if means is not None:
+                ended.append(means)
+            if minute_ns is not None and self.on_reading is not None:
+                self.on_reading(minute_ns)
+        return MeanBlock.concatenate(ended) if ended else None
+
+    def _minutes(self, stamp_ns: Int) -> list[tuple[int, int]]:
+        """Before which samples a minute of UTC ends, or the stamps jump; and that minute."""
+        before = self.registers.time.end_ns
+        first = int(stamp_ns[0]) if before is None else before
+        minute = (np.append(first, stamp_ns) - 1) // MINUTE_NS
+        found = np.flatnonzero(minute[1:] != minute[:-1])
+        step = np.diff(stamp_ns, prepend=first)[found]
+        ends = np.where((step > 0) & (step <= MAX_GAP_NS), minute[1:][found] * MINUTE_NS, 0)
+        return list(zip(found.tolist(), ends.tolist(), strict=True))
+
+    def _step(self, block: PowerBlock) -> MeanBlock | None:
         before = self._counters()
         try:
             means, compared = self._counted(block)
@@ -281,6 +314,8 @@ class EnergyAccount:
         require_plain_text("a reason", reason.strip(), MAX_REASON, RegisterError)
         if self.end_ns is None:
             raise RegisterError("no sample has been counted yet", "registers that have counted")
+        if self.on_reading is not None:
+            self.on_reading(0)
         self.trace.add(
             TraceEntry(
                 kind="reset",

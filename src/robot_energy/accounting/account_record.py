@@ -74,6 +74,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
             measured=int(comparison.remainder[0]),
             predicted_at_meter=int(comparison.remainder[1]),
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
+            standby=int(counts.standby.energy.remainder[0]),
             learned=int(counts.learned_energy_sum.remainder[0]),
             outlet_cabinet=int(loads.together.remainder[0]) if loads else 0,
             auxiliary=_load_remainders(loads) if loads else {},
@@ -82,6 +83,8 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         phase_observed_ns=dict(zip(phases, counts.phase_ns.tolist(), strict=True)),
         peak_power_watt=counts.peak_power if np.isfinite(counts.peak_power) else None,
         samples=counts.samples,
+        standby_energy_microjoule=int(counts.standby.energy.microjoule[0]),
+        standby_ns=counts.standby.ns,
         learned_energy_microjoule=int(counts.learned_energy_sum.microjoule[0]),
         quality_counts={
             str(Quality(bit).name): saturated(count)
@@ -141,6 +144,7 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     account.counts.learned_energy_sum.add_sums(
         _integers(record.learned_energy_microjoule), _integers(rest.learned)
     )
+    account.counts.standby.add(record.standby_ns, record.standby_energy_microjoule, rest.standby)
     if account.auxiliary is not None:
         _carry_loads(account.auxiliary, record)
     account.intervals.restore(

@@ -37,7 +37,7 @@ from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.shown_text import shown
 
 KEPT = 16  # latest trace entries of each kind, so that restarts never push out a reset
-FORMAT_VERSION = 4  # 1 had no node, 2 no calibration, 3 no auxiliary loads
+FORMAT_VERSION = 5  # 1 had no node, 2 no calibration, 3 no auxiliary loads, 4 no standby
 TraceKind = Literal[
     "reset",
     "restart",
@@ -59,6 +59,7 @@ class Remainders(RecordPart):
     predicted_at_meter: Remainder
     phases: dict[str, Remainder]
     learned: Remainder = 0
+    standby: Remainder = 0
     outlet_cabinet: Remainder = 0
     auxiliary: dict[str, tuple[Remainder, Remainder]] = Field(
         default_factory=dict[str, tuple[int, int]]
@@ -218,6 +219,8 @@ class AccountRecord(RecordPart):
         peak_power_watt: Highest grid power since the start. [W]
         samples: Power samples taken.
         learned_energy_microjoule: Drawn from the grid as predicted with learned figures. [uJ]
+        standby_energy_microjoule: Drawn from the grid in standby. [uJ]
+        standby_ns: Time in standby. [ns]
         quality_counts: Samples that carried each quality bit, by its name.
         restarts: How often the registers were taken over from a file.
         next_interval_id: Number of the next interval.
@@ -228,7 +231,7 @@ class AccountRecord(RecordPart):
         auxiliary_states: What was counted in each state of auxiliary loads, by load and state.
     """
 
-    format_version: Literal[1, 2, 3, 4] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4, 5] = FORMAT_VERSION
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
@@ -239,6 +242,8 @@ class AccountRecord(RecordPart):
     peak_power_watt: Power | None
     samples: Count
     learned_energy_microjoule: Integer = 0
+    standby_energy_microjoule: Integer = 0
+    standby_ns: Count = 0
     quality_counts: dict[str, Count]
     restarts: Count
     next_interval_id: Count

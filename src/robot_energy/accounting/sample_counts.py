@@ -13,23 +13,34 @@ from math import isfinite, isnan, nan
 import numpy as np
 
 from robot_energy.accounting.exact_sum import SETTLED, ExactSum, SumMark, add_saturating
+from robot_energy.accounting.standby import Standby, StandbyMark
 from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.timeline.blocks import Float, Int, Phase, PowerBlock, Quality
 
 BITS = tuple(int(bit) for bit in Quality)
-CountMark = tuple[list[SumMark], dict[str, object]]
+CountMark = tuple[list[SumMark], StandbyMark, dict[str, object]]
 """Where the counters stand."""
 
 
 class SampleCounts:
-    """Counts power samples; one that is full stays so."""
+    """Counts power samples; one that is full stays so.
 
-    def __init__(self) -> None:
+    Args:
+        floor: Speed below which a motor rests, shape (n,); None: where it holds. [rad/s]
+    """
+
+    def __init__(self, floor: Float | None = None) -> None:
+        self._floor = floor
         self._phase_energy, self._learned_energy = ExactSum(len(Phase)), ExactSum(1)
-        self.reset()
+        self._standby = Standby()
+        self._begin()
 
     def reset(self) -> None:
         """Begin at zero; the remainders of energies stay."""
+        self._settle()
+        self._begin()
+
+    def _begin(self) -> None:
         self._waiting: tuple[tuple[PowerBlock, Float, Int], ...] = ()
         self._rows = 0
         self._samples = 0
@@ -38,6 +49,7 @@ class SampleCounts:
         self._phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
         self._phase_energy.reset()
         self._learned_energy.reset()
+        self._standby.reset()
 
     @property
     def samples(self) -> int:
@@ -74,6 +86,12 @@ class SampleCounts:
         self._settle()
         return self._learned_energy
 
+    @property
+    def standby(self) -> Standby:
+        """Energy and time in standby."""
+        self._settle()
+        return self._standby
+
     def count(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
         """Count samples.
 
@@ -90,7 +108,8 @@ class SampleCounts:
     def mark(self) -> CountMark:
         """Return where the counters stand, for `go_back`."""
         values = dict(self.__dict__)
-        return [values.pop("_phase_energy").mark(), values.pop("_learned_energy").mark()], values
+        sums = [values.pop("_phase_energy").mark(), values.pop("_learned_energy").mark()]
+        return sums, values.pop("_standby").mark(), values
 
     def go_back(self, mark: CountMark) -> None:
         """Drop what was counted since.
@@ -98,7 +117,8 @@ class SampleCounts:
         Args:
             mark: From `mark`.
         """
-        (phases, learned), values = mark
+        (phases, learned), standby, values = mark
+        self._standby.go_back(standby)
         self._phase_energy.go_back(phases)
         self._learned_energy.go_back(learned)
         self.__dict__.update(values)
@@ -137,6 +157,12 @@ class SampleCounts:
         )
         met = int(np.bitwise_or.reduce(quality))
         found = {bit: int(((quality & np.uint32(bit)) > 0).sum()) for bit in BITS if met & bit}
+        if self._floor is None:
+            resting = phase == Phase.HOLD
+        else:
+            slow = [(np.abs(b.motor_velocity) <= self._floor).all(axis=1) for b, _, _ in waiting]
+            resting = slow[0] if len(slow) == 1 else np.concatenate(slow)
+        self._standby.step(resting, energy, duration_ns)
         split = np.zeros((rows, len(Phase)), order="F")
         split[np.arange(rows), phase] = energy
         self._phase_energy.add(split)

@@ -27,6 +27,7 @@ from robot_energy.condition.buckets import (
     speed_place,
 )
 from robot_energy.condition.record import FrictionRecord, filled, flat
+from robot_energy.physics.drivetrain import ABOVE_STANDSTILL
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -45,7 +46,6 @@ RAW_MEMORY = 60.0  # of the raw multiplier [s]
 MIN_TIME = 20.0  # in each direction, before a joint's multiplier is valid [s]
 MIN_BUCKET_TIME = 2.0  # in each direction, before a bucket counts [s]
 SHRINK_TIME = 10.0  # a bucket with this time lies half way to the joint's mean [s]
-ABOVE_STANDSTILL = 5.0  # slower motion than so many standstill velocities says little [-]
 GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows in a register
 
 

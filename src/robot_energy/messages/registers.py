@@ -17,6 +17,7 @@ from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, known_part
 
@@ -34,6 +35,17 @@ SHAFT_FIELDS = {
     "predicted_positive": "shaft_energy_positive_compared",
     "predicted_negative": "shaft_energy_negative_compared",
 }
+
+
+EXACT_FIELDS = {
+    "grid_import": "predicted_import_microjoule",
+    "grid_return": "predicted_return_microjoule",
+    "brake": "brake_microjoule",
+    "loss_dc": "loss_dc_microjoule",
+    "loss_grid": "loss_grid_microjoule",
+    "capacitor": "capacitor_microjoule",
+}
+EXACT_JOINT_FIELDS = {name: f"{name}_microjoule" for name in JOINT_REGISTERS}
 
 
 class RegistersWriter:
@@ -66,12 +78,15 @@ class RegistersWriter:
             },
         )
 
-    def encode(self, account: EnergyAccount, persisted: bool = False) -> NDArray[np.uint8] | None:
+    def encode(
+        self, account: EnergyAccount, persisted: bool = False, minute_ns: int = 0
+    ) -> NDArray[np.uint8] | None:
         """Return one serialised message, shape (1, size); None before the first sample.
 
         Args:
             account: The energy account.
             persisted: Whether they are on disk as they stand.
+            minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
         """
         registers, comparison = account.registers, account.comparison
         time, start_ns, end_ns = registers.time, account.start_ns, account.end_ns
@@ -112,6 +127,8 @@ class RegistersWriter:
                     for name in SHAFT_REGISTERS
                 },
                 "joints.shaft_compared_time": account.shaft.compared_ns[None, :] * NANOSECOND,
+                **stamp_columns(np.array([minute_ns]), "minute"),
+                **_exact_columns(account),
                 **_load_columns(account),
             },
             1,
@@ -221,10 +238,39 @@ def interval_fields(
                     else nan
                     for register, field in SHAFT_FIELDS.items()
                 },
+                **{
+                    field: counted.joint_energy_microjoule[register][index]
+                    for register, field in EXACT_JOINT_FIELDS.items()
+                },
                 "shaft_compared_time": counted.shaft_compared_ns[index] * NANOSECOND,
             }
             for index, name in enumerate(joint_names)
         ],
+    }
+
+
+def _exact_columns(account: EnergyAccount) -> dict[str, Any]:
+    registers, comparison, counts = account.registers, account.comparison, account.counts
+    cabinet = registers.microjoule[: len(EXACT_FIELDS)].tolist()
+    joints = registers.microjoule[len(EXACT_FIELDS) : registers.deviations.start]
+    by_name = joints.reshape(len(JOINT_REGISTERS), -1)
+    measured, at_meter = comparison.microjoule.tolist()
+    return {
+        **dict(zip(EXACT_FIELDS.values(), cabinet, strict=True)),
+        "measured_microjoule": measured,
+        "predicted_microjoule_at_meter": at_meter,
+        "observed_ns": registers.time.observed_ns,
+        "gap_ns": registers.time.gap_ns,
+        "compared_ns": min(comparison.compared_ns, MAX_COUNTER),
+        "phase_microjoule": counts.phase_energy_sum.microjoule[None, :],
+        "phase_ns": counts.phase_ns[None, :],
+        "standby_microjoule": int(counts.standby.energy.microjoule[0]),
+        "standby_ns": counts.standby.ns,
+        "meter_location": np.uint8(comparison.location),
+        **{
+            f"joints.{field}": row[None, :]
+            for field, row in zip(EXACT_JOINT_FIELDS.values(), by_name, strict=True)
+        },
     }
 
 

@@ -15,6 +15,8 @@ from robot_energy.model.schema import RobotModel
 from robot_energy.physics.transmission import mapped, torque_map
 from robot_energy.timeline.blocks import Float
 
+ABOVE_STANDSTILL = 5.0  # slower motion than so many standstill velocities says little [-]
+
 
 class Drivetrain:
     """Maps between joints and motors of one robot.
@@ -106,6 +108,17 @@ class Drivetrain:
             Motor side, shape (N, n). [N m]
         """
         return mapped(self.transmission, joint_acceleration) * self.rotor_inertia
+
+
+def motor_rest(model: RobotModel) -> Float:
+    """Return the speeds below which motion says nothing of friction, shape (n,). [rad/s]
+
+    Noise of a reported velocity stays below.
+
+    Args:
+        model: The robot's model.
+    """
+    return ABOVE_STANDSTILL * motor_standstill(model)
 
 
 def motor_standstill(model: RobotModel) -> Float:

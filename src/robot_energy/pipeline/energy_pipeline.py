@@ -8,6 +8,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.power_stage import PowerStage
 from robot_energy.pipeline.settings import Settings
@@ -63,7 +64,9 @@ class EnergyPipeline:
         self.torque = TorqueStage(model, settings)
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
-        self.account = EnergyAccount(len(model.joints), settings, MeterResponse.of(model))
+        self.account = EnergyAccount(
+            len(model.joints), settings, MeterResponse.of(model), motor_rest(model)
+        )
         self._waiting: list[JointBlock] = []
         self._done_ns: int | None = None  # newest joint state that did not wait [ns]
 

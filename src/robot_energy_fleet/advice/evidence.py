@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
 from robot_energy.physics.drive import drive_from_model
-from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
@@ -136,7 +135,7 @@ class EvidenceSums:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self._floor = ABOVE_STANDSTILL * motor_standstill(model)
+        self._floor = motor_rest(model)
         self._fallback_degc = model.temperature.fallback_degc
         self._deviations = DeviationSums(model)
         self._waiting: list[TorqueBlock] = []

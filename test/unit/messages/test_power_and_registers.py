@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+import accounts
 import robots
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.bag.cdr.types import typestore
 from robot_energy.messages import PowerStateWriter, RegistersWriter
-from robot_energy.messages.registers import SHAFT_FIELDS
+from robot_energy.messages.registers import EXACT_FIELDS, EXACT_JOINT_FIELDS, SHAFT_FIELDS
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
@@ -104,6 +105,32 @@ def test_energy_registers(run):
     assert shoulder.shaft_energy_positive_compared == shoulder.shaft_energy_positive
     assert all(np.isnan(getattr(elbow, field)) for field in SHAFT_FIELDS.values())
     assert elbow.shaft_compared_time == 0.0
+
+
+def test_exact_registers(run):
+    pipeline, _ = run
+    model, account = pipeline.model, pipeline.account
+    writer = RegistersWriter(model.joint_names, model.model_id)
+    found = decode(writer.encode(account, minute_ns=120 * 10**9), "EnergyRegisters")
+    assert (found.minute.sec, found.minute.nanosec) == (120, 0)
+    record = account.state(accounts.IDENTITY)
+    cabinet = record.totals.cabinet_energy_microjoule
+    assert {name: getattr(found, field) for name, field in EXACT_FIELDS.items()} == {
+        name: cabinet[name] for name in CABINET_REGISTERS
+    }
+    assert found.predicted_import_energy == found.predicted_import_microjoule / 1e6
+    assert found.measured_microjoule == record.totals.measured_energy_microjoule > 0
+    assert found.predicted_microjoule_at_meter == record.totals.predicted_energy_at_meter_microjoule
+    times = record.totals.observed_ns, record.totals.gap_ns, record.totals.compared_ns
+    assert (found.observed_ns, found.gap_ns, found.compared_ns) == times
+    assert found.phase_microjoule.tolist() == [*record.phase_energy_microjoule.values()]
+    assert found.phase_ns.tolist() == [*record.phase_observed_ns.values()]
+    assert found.phase_ns.sum() == found.observed_ns
+    assert found.meter_location == MeterLocation.GRID
+    for index, joint in enumerate(found.joints):
+        for name, field in EXACT_JOINT_FIELDS.items():
+            counted = record.totals.joint_energy_microjoule[name][index]
+            assert getattr(joint, field) == counted
 
 
 def test_a_part_that_is_not_modelled_is_not_a_number(run):
