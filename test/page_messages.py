@@ -28,7 +28,11 @@ def encoder_of(msgtype, names):
 def zeros(encoder, n):
     """All fields at zero, without auxiliary loads."""
     nothing = np.empty((n, 0), dtype=np.uint8)
-    return {name: nothing if name.startswith("auxil") else 0.0 for name in encoder.fields}
+    exact = {name: 0 for name in encoder.fields if "microjoule" in name or name.endswith("_ns")}
+    return {
+        name: nothing if name.startswith("auxil") else exact.get(name, 0.0)
+        for name in encoder.fields
+    }
 
 
 def batch(msgtype, rows):
@@ -69,6 +73,8 @@ def registers(energy, stamp=10.0, start=0.0, names=JOINTS, **values):
     columns |= {
         **stamp_columns(np.array([START_NS + round(stamp * 1e9)])),
         **stamp_columns(np.array([START_NS + round(start * 1e9)]), "energy_start"),
+        **stamp_columns(np.array([0]), "minute"),
+        "meter_location": np.uint8(0),
         "persisted": True,
         "observed_time": stamp - start,
         "band": np.uint8(0),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from robot_energy.foundation.errors import (
         BagError,
         DatasetError,
+        HistoryError,
         ImplausibleIdentificationError,
         LogFormatError,
         MissingTopicError,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
+    from robot_energy.history.api import History, history
     from robot_energy.model import RobotModel
     from robot_energy.model import load as load_model
     from robot_energy.model import save as save_model
@@ -77,11 +79,12 @@ if TYPE_CHECKING:
 _NAMES = {
     "": ("physics",),
     "robot_energy.foundation.errors": (
-        "BagError", "DatasetError", "ImplausibleIdentificationError", "LogFormatError",
-        "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError",
-        "ParameterError", "PayloadError", "ReportError", "RobotDescriptionError",
-        "RobotEnergyError", "ShapeError", "UnknownJointError",
+        "BagError", "DatasetError", "HistoryError", "ImplausibleIdentificationError",
+        "LogFormatError", "MissingTopicError", "ModelFileError", "MotionError",
+        "NotIdentifiableError", "ParameterError", "PayloadError", "ReportError",
+        "RobotDescriptionError", "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
+    "robot_energy.history.api": ("History", "history"),
     "robot_energy.model": ("RobotModel", "load_model:load", "save_model:save"),
     "robot_energy.model.payload": ("Payload",),
     "robot_energy.pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
@@ -120,14 +123,15 @@ _EXPORTS = {
 __all__ = [
     "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBreakdown",
     "EnergyPipeline", "EvaluationReport", "FleetFriction", "FleetReport", "FleetRunReport",
-    "IdentificationResult", "ImplausibleIdentificationError", "JointEnergy", "LogFormatError",
+    "History", "HistoryError", "IdentificationResult", "ImplausibleIdentificationError",
+    "JointEnergy", "LogFormatError",
     "MeterComparison", "MissingTopicError", "ModelFileError", "MotionError",
     "NotIdentifiableError", "OnlineMonitor", "OptimizationReport", "OptimizationResult",
     "ParameterError", "Payload", "PayloadError", "Phase", "PhaseEnergy", "PipelineSettings",
     "PredictionReport", "PredictionResult", "Quality", "ReplayReport", "ReplayResult",
     "ReportError", "RestState", "RobotDescriptionError", "RobotEnergyError", "RobotModel",
     "SensorLimits", "ShapeError", "TimeSeries", "ToolOptions", "UnknownJointError", "advise",
-    "evaluate", "fleet_identify", "fleet_report", "fleet_run", "identify_all",
+    "evaluate", "fleet_identify", "fleet_report", "fleet_run", "history", "identify_all",
     "identify_auxiliary", "identify_cabinet", "identify_dynamics", "identify_friction",
     "identify_thermal", "load_model", "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip
@@ -156,11 +160,11 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """This module, in which `replay` is the verb, not the package that holds it."""
+    """This module, in which `replay` and `history` are verbs, not the packages that hold them."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         # The import of a package sets it in the one above, which would hide the verb.
-        if not (name == "replay" and isinstance(value, ModuleType)):
+        if not (name in ("history", "replay") and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

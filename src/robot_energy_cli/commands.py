@@ -9,6 +9,7 @@ from robot_energy_cli import (
     fleet_identify,
     fleet_report,
     fleet_run,
+    history,
     identify_all,
     identify_drives,
     identify_dynamics,
@@ -53,7 +54,7 @@ FLEET = Group(
 )
 COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
-    test.COMMAND, IDENTIFY, FLEET, predict.COMMAND, optimize.COMMAND, advise.COMMAND,
-    models.LIST, models.MODEL, listings.KINDS, info.COMMAND, simulate.COMMAND,
+    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, predict.COMMAND, optimize.COMMAND,
+    advise.COMMAND, models.LIST, models.MODEL, listings.KINDS, info.COMMAND, simulate.COMMAND,
     listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
 )  # fmt: skip

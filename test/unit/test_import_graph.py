@@ -47,6 +47,9 @@ MODULES = {
         first_bytes output_files output_folder output_streams placement private_file
         regular_file temporary_folder xml_encoding
     """,
+    "robot_energy.history": """
+        api check differences files readings rows schema spans store tariffs
+    """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
     """,
@@ -93,7 +96,7 @@ MODULES = {
         blocks coverage epochs gaps held_rows hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        advise check command commands export fleet_identify fleet_report fleet_run help_text history
         identify_all identify_drives identify_dynamics identify_excitation identify_friction
         identify_inputs identify_metered identify_thermal import_logs info layouts listings
         main models monitoring numbers optimize predict replay replay_options report
@@ -240,6 +243,7 @@ LAYERS = {
         ("accounting.account accounting.account_record",),
         ("pipeline", "store"),
         ("messages",),
+        ("history",),
         ("replay",),
         ("results",),
         ("replay.inputs", "replay.power_table"),
@@ -279,7 +283,7 @@ OFFLINE = (
     "robot_energy_plan", "robot_energy_report", "robot_energy_rig",
 )  # fmt: skip
 ONLINE = (
-    "accounting", "bag.cdr", "certainty", "condition", "inputs", "messages", "pipeline", "store",
+    "accounting", "bag.cdr", "certainty", "condition", "history", "inputs", "messages", "pipeline", "store",
     "timeline",
 )  # fmt: skip
 FOREIGN = {

@@ -61,7 +61,7 @@ class EnergyAccount:
 
     Args:
         response: Delay and low pass of the meter; None: they are found from its readings.
-        floor: As of `SampleCounts`.
+        floor: Speed below which a motor rests, shape (n,); None: where it holds. [rad/s]
 
     Attributes:
         on_reading: Called when the registers stand as a reading of its own must show them: with

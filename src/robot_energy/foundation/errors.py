@@ -155,6 +155,10 @@ class StateFileError(RobotEnergyError, OSError):
     """State files cannot be read, written or locked, or hold something else."""
 
 
+class HistoryError(RobotEnergyError, OSError):
+    """A history cannot be read, written or locked, or a tariff of it not be used."""
+
+
 class ReportError(RobotEnergyError, ValueError):
     """A report or figure cannot be made or written."""
 

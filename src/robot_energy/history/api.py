@@ -1,0 +1,166 @@
+"""`history`: energy of robots over any span, by time and robot, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import date, datetime
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.time_zone import time_zone
+from robot_energy.history.files import open_reader
+from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy.history.spans import (
+    RESOLUTIONS,
+    Resolution,
+    SlotCost,
+    SlotSums,
+    costs,
+    edges,
+    joint_sums,
+    not_resolved,
+    robots_of,
+    sums,
+)
+from robot_energy.history.tariffs import day_begin, stored_tariffs
+from robot_energy.timeline.time_series import Column, TimeSeries
+
+Instant = str | int | date | datetime
+
+
+@dataclass(frozen=True)
+class History(TimeSeries):
+    """Energy over time: one row of each part of the time and robot, or joint.
+
+    Attributes:
+        not_resolved: Spans that lie in no part, as while the recorder was off: what was used in
+            them is known, not when. They are in no row of the table.
+        currency: Of the cost; empty without a tariff.
+    """
+
+    not_resolved: TimeSeries = field(kw_only=True)
+    currency: str = ""
+
+
+def history(
+    folder: str | Path,
+    start: Instant,
+    stop: Instant,
+    resolution: Resolution = "day",
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+    by_joint: bool = False,
+) -> History:
+    """Return what robots used, from the history that `energy_recorder` writes.
+
+    Args:
+        folder: Folder of the history.
+        start: Begin: a date such as ``2026-03-29`` or a time, local to the zone, or in ns since
+            1970.
+        stop: End, likewise; a date is its beginning.
+        resolution: ``minute``, which are kept for some weeks, ``quarter``, ``hour``, ``day``,
+            ``week``, ``month``, ``year`` or ``all`` for one row of each robot.
+        robots: Names of the robots; empty for all.
+        timezone: Where days begin, such as ``Europe/Berlin``.
+        by_joint: Whether each joint has a row; from quarter hours on.
+
+    Returns:
+        Columns ``robot`` (and ``joint``), ``stop_ns`` [ns], times in ns and energies in uJ as
+        integers, ``flags``; with a tariff ``cost`` [currency], ``co2_kg`` and
+        ``priced_microjoule``, the energy from the grid whose price is known.
+
+    Raises:
+        HistoryError: If there is no history, or something that was asked for is not in it.
+    """
+    if resolution not in RESOLUTIONS:
+        raise HistoryError(f"resolution '{resolution}'", ", ".join(RESOLUTIONS))
+    if by_joint and resolution == "minute":
+        raise HistoryError("minutes of joints", "a resolution of quarter or coarser")
+    try:
+        zone = time_zone(timezone)
+    except ValueError as error:
+        raise HistoryError(
+            f"time zone '{timezone}'", str(error).removeprefix("expected ")
+        ) from error
+    begin, end = (_stamp(one, zone) for one in (start, stop))
+    if begin >= end:
+        raise HistoryError(f"a time from {start} to {stop}", "a start before its stop")
+    bounds = edges(begin, end, resolution, zone)
+    with closing(open_reader(folder)) as connection:
+        known = robots_of(connection, robots)
+        if by_joint:
+            return _history(_series(joint_sums(connection, known, bounds), JOINT_COLUMNS))
+        minutes = resolution == "minute"
+        found = sums(connection, known, bounds, minutes=minutes)
+        if minutes:
+            return _history(_series(found, COLUMNS))
+        spans = _series(not_resolved(connection, known, bounds), COLUMNS)
+        tariffs = stored_tariffs(connection)
+        if not tariffs:
+            return _history(_series(found, COLUMNS), spans)
+        cost = costs(connection, known, bounds, tariffs)
+    own = [cost.get((one.start_ns, one.robot), SlotCost()) for one in found]
+    priced: dict[str, Column] = {
+        "cost": np.array([one.amount for one in own], dtype=float),
+        "co2_kg": np.array([one.co2_kg for one in own], dtype=float),
+        "priced_microjoule": np.array([one.priced_microjoule for one in own], dtype=np.int64),
+    }
+    return _history(_series(found, COLUMNS), spans, priced, tariffs[-1].currency)
+
+
+def _history(
+    table: TimeSeries,
+    spans: TimeSeries | None = None,
+    priced: dict[str, Column] | None = None,
+    currency: str = "",
+) -> History:
+    units = {**table.units, "cost": currency, "co2_kg": "kg", "priced_microjoule": "uJ"}
+    columns = {**table.columns, **(priced or {})}
+    return History(
+        table.stamp_ns,
+        columns,
+        units={name: unit for name, unit in units.items() if name in columns},
+        not_resolved=spans or _series([], COLUMNS),
+        currency=currency,
+    )
+
+
+def _stamp(instant: Instant, zone: ZoneInfo) -> int:
+    if isinstance(instant, int):
+        return instant
+    if isinstance(instant, str):
+        try:
+            instant = datetime.fromisoformat(instant)
+        except ValueError:
+            raise HistoryError(
+                f"time '{instant}'", "a date such as 2026-03-29, or 2026-03-29T06:00"
+            ) from None
+    if not isinstance(instant, datetime):
+        return day_begin(instant, zone)
+    local = instant if instant.tzinfo else instant.replace(tzinfo=zone)
+    return round(local.timestamp() * 1e6) * 1000
+
+
+def _series(rows: Sequence[SlotSums], names: Sequence[str]) -> TimeSeries:
+    columns: dict[str, Column] = {
+        "robot": np.array([one.robot for one in rows], dtype=str),
+        "stop_ns": np.array([one.stop_ns for one in rows], dtype=np.int64),
+    }
+    if names is JOINT_COLUMNS:
+        columns["joint"] = np.array([one.joint for one in rows], dtype=str)
+    for place, name in enumerate(names):
+        columns[name] = np.array([one.values[place] for one in rows], dtype=np.int64)
+    if names is COLUMNS:
+        columns["peak_minute_microjoule"] = np.array(
+            [one.peak_microjoule for one in rows], dtype=np.int64
+        )
+        columns["flags"] = np.array([one.flags for one in rows], dtype=np.int64)
+    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in columns if name in names}
+    return TimeSeries(
+        np.array([one.start_ns for one in rows], dtype=np.int64), columns, units=units
+    )

@@ -1,0 +1,201 @@
+"""Checks a history against the registers that it was made from, and repairs it."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.history.differences import REPAIRED, CountedSpan, Event
+from robot_energy.history.files import open_reader, open_writer, take_lock
+from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
+from robot_energy.history.rows import put_events, put_span, reading_from
+from robot_energy.history.schema import FILE, TABLES, VERSION, prepare
+
+MAX_ASIDE = 20
+Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
+"""Number of robot and epoch, name, first and last reading, and what slots and joints lack."""
+
+
+def check(folder: str | Path) -> list[str]:
+    """Return what is wrong with a history; nothing is changed.
+
+    Sums of slots must be the difference of the registers, to the microjoule, of every robot.
+
+    Args:
+        folder: Folder of the history.
+
+    Raises:
+        HistoryError: If there is none, or it cannot be read at all.
+    """
+    with closing(open_reader(folder)) as connection:
+        try:
+            found = [
+                str(row[0])
+                for row in connection.execute("PRAGMA quick_check(10)")
+                if row[0] != "ok"
+            ]
+            return found or [_said(one) for one in _missing(connection)]
+        except sqlite3.DatabaseError as error:
+            return [f"the file is damaged: {error}"]
+
+
+def repair(folder: str | Path, now_ns: int) -> list[str]:
+    """Repair a history: what can be read of a damaged file is kept, and sums are made right.
+
+    What a sum lacks is put in as one span over the whole time of these registers, marked as
+    repaired: it is known how much it was, not when.
+
+    Args:
+        now_ns: Time of this computer. [ns]
+
+    Returns:
+        What was done, a sentence each.
+
+    Raises:
+        HistoryError: If another process writes there, or there is no history.
+    """
+    path = Path(folder).expanduser() / FILE
+    if not path.is_file():
+        raise HistoryError(f"there is no history in {path.parent}", FILE)
+    lock = take_lock(path.parent)
+    try:
+        said = [_rewritten(path)] if check_file(path) else []
+        with closing(open_writer(path.parent)) as connection:
+            prepare(connection, path)
+            connection.execute("BEGIN IMMEDIATE")
+            for one in _missing(connection):
+                robot, epoch, _, first, last, lacking, joints = one
+                span = CountedSpan(first.stamp_ns, last.stamp_ns, lacking, joints, REPAIRED)
+                put_span(connection, robot, epoch, span)
+                put_events(connection, robot, [Event(now_ns + epoch, "repair", _said(one))])
+                said.append(f"{_said(one)}; it is now one span over all of their time")
+            connection.execute("COMMIT")
+        return said
+    except sqlite3.Error as error:
+        raise HistoryError(f"{path} cannot be repaired ({error})", "a disk with space") from error
+    finally:
+        os.close(lock)
+
+
+def check_file(path: Path) -> str:
+    """Return what is wrong with a file as a database; empty if nothing is.
+
+    Raises:
+        HistoryError: If it is of a newer release.
+    """
+    try:
+        with closing(sqlite3.connect(path)) as connection:
+            rows = [str(row[0]) for row in connection.execute("PRAGMA quick_check(1)")]
+            version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    except sqlite3.DatabaseError as error:
+        return str(error)
+    if version > VERSION:
+        raise HistoryError(f"{path} has tables of version {version}", f"version {VERSION}")
+    return "" if rows == ["ok"] else rows[0]
+
+
+def _missing(connection: sqlite3.Connection) -> list[Missing]:
+    """Epochs whose slots do not add up to the difference of their readings."""
+    sums = ", ".join(f"total_{name}" for name in COLUMNS)
+    inner = ", ".join(f"sum({name}) AS total_{name}" for name in COLUMNS)
+    rows = connection.execute(
+        f"SELECT e.id, e.robot, r.name, e.first, e.last, {sums} FROM epoch e JOIN robot r ON "
+        f"r.id = e.robot LEFT JOIN (SELECT epoch, {inner} FROM slot15 GROUP BY epoch) s "
+        "ON s.epoch = e.id"
+    ).fetchall()
+    of_joints: dict[int, dict[str, tuple[int, ...]]] = {}
+    for epoch, joint, *values in connection.execute(
+        f"SELECT epoch, joint, {', '.join(f'sum({name})' for name in JOINT_COLUMNS)} FROM joint15 "
+        "GROUP BY epoch, joint"
+    ):
+        of_joints.setdefault(epoch, {})[joint] = tuple(values)
+    found: list[Missing] = []
+    none = (0,) * len(JOINT_COLUMNS)
+    for epoch, robot, name, first_text, last_text, *held in rows:
+        first, last = reading_from(first_text), reading_from(last_text)
+        lacking = tuple(
+            b - a - (own or 0) for a, b, own in zip(first.values, last.values, held, strict=True)
+        )
+        held_joints = of_joints.get(epoch, {})
+        joints = {
+            joint: tuple(
+                b - a - c
+                for a, b, c in zip(
+                    first.joints.get(joint, none), own, held_joints.get(joint, none), strict=True
+                )
+            )
+            for joint, own in last.joints.items()
+        }
+        if any(lacking) or any(map(any, joints.values())):
+            found.append((robot, epoch, name, first, last, lacking, joints))
+    return found
+
+
+def _said(one: Missing) -> str:
+    _, epoch, name, _, _, lacking, joints = one
+    wrong = [
+        f"{column} {value:+d}" for column, value in zip(COLUMNS, lacking, strict=True) if value
+    ]
+    wrong += [f"{joint} {value:+d} uJ" for joint, own in joints.items() for value in own if value]
+    return f"{name}: slots and registers {epoch} differ: {', '.join(wrong[:3])}" + (
+        f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    )
+
+
+def _rewritten(path: Path) -> str:
+    """Put all rows that can be read into a new file; the damaged one is moved aside."""
+    fresh = path.with_name(f"{path.name}.repaired")
+    fresh.unlink(missing_ok=True)
+    lost = 0
+    with closing(sqlite3.connect(fresh, isolation_level=None)) as target:
+        fresh.chmod(0o600)
+        for statement in TABLES.split(";"):
+            target.execute(statement)
+        target.execute("BEGIN")
+        with closing(sqlite3.connect(path, isolation_level=None)) as source:
+            for (table,) in target.execute(
+                "SELECT name FROM sqlite_master WHERE type = 'table'"
+            ).fetchall():
+                lost += _copied(source, target, table)
+        target.execute("COMMIT")
+        target.execute(f"PRAGMA user_version = {VERSION}")
+    for number in range(1, MAX_ASIDE + 1):
+        aside = path.with_name(f"{path.name}.bad-{number}")
+        if not aside.exists():
+            break
+    else:
+        raise HistoryError(f"{MAX_ASIDE} damaged files lie beside {path}", "fewer", "move them")
+    path.rename(aside)
+    for end in ("-wal", "-shm"):
+        path.with_name(path.name + end).unlink(missing_ok=True)
+    fresh.rename(path)
+    return (
+        f"{path.name} was damaged and is written anew, {lost} of its tables in part; "
+        f"{aside.name} is as before"
+    )
+
+
+def _copied(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> int:
+    """Copy the rows of a table from either end up to where it is damaged; return whether it is."""
+    lost = 0
+    try:
+        columns = [str(row[1]) for row in source.execute(f"PRAGMA table_info({table})")]
+        keys = ", ".join(
+            str(row[1])
+            for row in sorted(source.execute(f"PRAGMA table_info({table})"), key=lambda r: r[5])
+            if row[5]
+        )
+    except sqlite3.DatabaseError:
+        return 1
+    marks = ", ".join("?" * len(columns))
+    for order in ("ASC", "DESC"):
+        try:
+            by = ", ".join(f"{key} {order}" for key in keys.split(", "))
+            for row in source.execute(f"SELECT * FROM {table} ORDER BY {by}"):
+                target.execute(f"INSERT OR IGNORE INTO {table} VALUES ({marks})", row)
+        except sqlite3.DatabaseError:
+            lost = 1
+    return lost

@@ -1,0 +1,111 @@
+"""``EnergyRegisters`` -> readings: what the registers of one robot are at an instant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.messages.registers import ENERGY_REGISTERS, EXACT_FIELDS, EXACT_JOINT_FIELDS
+
+PHASES = ("hold", "motion", "generating")  # from PHASE_HOLD on
+FROM_MESSAGE = (
+    "observed_ns", "gap_ns", "compared_ns", *EXACT_FIELDS.values(), "measured_microjoule",
+    "predicted_microjoule_at_meter", "standby_microjoule", "standby_ns",
+)  # fmt: skip
+OF_PHASES = tuple(f"{phase}_{unit}" for unit in ("microjoule", "ns") for phase in PHASES)
+OF_JOINTS = ("rigid_microjoule", "friction_microjoule", "drive_loss_microjoule")
+COLUMNS = (*FROM_MESSAGE, *OF_PHASES, *OF_JOINTS)
+"""What a slot holds, as its table does: sums of all joints last. [ns], [uJ]"""
+JOINT_COLUMNS = tuple(EXACT_JOINT_FIELDS.values())
+"""What it holds of every joint. [uJ]"""
+IMPORT = COLUMNS.index("predicted_import_microjoule")
+OBSERVED, GAP = COLUMNS.index("observed_ns"), COLUMNS.index("gap_ns")
+_STAMPS = ("header.stamp", "energy_start", "minute")
+_FIELDS = (
+    *(f"{stamp}.{part}" for stamp in _STAMPS for part in ("sec", "nanosec")),
+    *("model_id", "meter_location", "phase_microjoule", "phase_ns", "joints.name"),
+    *FROM_MESSAGE,
+    *(f"joints.{name}" for name in JOINT_COLUMNS),
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The registers of one robot at an instant.
+
+    Attributes:
+        energy_start_ns: When they were last zero. [ns]
+        stamp_ns: Of the last sample counted. [ns]
+        minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
+        model_id: Of the model that counts.
+        meter_location: Where the meter sits.
+        values: By `COLUMNS`. [ns], [uJ]
+        joints: By name and `JOINT_COLUMNS`. [uJ]
+    """
+
+    energy_start_ns: int
+    stamp_ns: int
+    minute_ns: int
+    model_id: str
+    meter_location: int
+    values: tuple[int, ...]
+    joints: dict[str, tuple[int, ...]]
+
+    @property
+    def counted_ns(self) -> int:
+        """Time that was counted, observed or not: never falls between two resets. [ns]"""
+        return self.values[OBSERVED] + self.values[GAP]
+
+    @property
+    def known_until_ns(self) -> int:
+        """Until when nothing but what was counted has happened. [ns]"""
+        return max(self.minute_ns, self.stamp_ns)
+
+
+class ReadingDecoder:
+    """Decodes the messages of one robot; what is malformed is left out and counted.
+
+    Attributes:
+        malformed: Messages left out.
+    """
+
+    def __init__(self) -> None:
+        self._decoder = Decoder(ENERGY_REGISTERS, _FIELDS)
+        self.malformed = 0
+
+    def decode(self, batch: RawBatch) -> list[Reading]:
+        """Return the readings of a batch in order of arrival."""
+        decoded = self._decoder.decode(batch)
+        self.malformed += len(decoded.malformed)
+        rows = [(int(row), one) for run in decoded.runs for row, one in _readings(run)]
+        return [one for _, one in sorted(rows, key=lambda row: row[0])]
+
+
+def _readings(run: Run) -> Iterator[tuple[int, Reading]]:
+    stamps, starts, minutes = (stamp_ns(run, path).tolist() for path in _STAMPS)
+    plain = [run.array(name).tolist() for name in FROM_MESSAGE]
+    phases = [run.array(name)[:, 1:].tolist() for name in ("phase_microjoule", "phase_ns")]
+    names = run.names("joints.name")
+    joints = [run.array(f"joints.{name}").tolist() for name in JOINT_COLUMNS]
+    totals = [JOINT_COLUMNS.index(name) for name in OF_JOINTS]
+    location, model = run.array("meter_location").tolist(), str(run.columns["model_id"])
+    for number, row in enumerate(run.rows.tolist()):
+        values = [column[number] for column in plain]
+        for phase in phases:
+            values += phase[number]
+        values += [sum(joints[place][number]) for place in totals]
+        own = zip(*(column[number] for column in joints), strict=True)
+        yield (
+            row,
+            Reading(
+                energy_start_ns=starts[number],
+                stamp_ns=stamps[number],
+                minute_ns=minutes[number],
+                model_id=model,
+                meter_location=location[number],
+                values=tuple(values),
+                joints=dict(zip(names, own, strict=True)),
+            ),
+        )

@@ -1,0 +1,93 @@
+"""Tables of the history, and how those of an earlier release become those of this one."""
+
+from __future__ import annotations
+
+import sqlite3
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+
+VERSION = 1
+FILE = "history.sqlite"
+KEY = (
+    "start INTEGER NOT NULL, robot INTEGER NOT NULL, epoch INTEGER NOT NULL, stop INTEGER NOT NULL"
+)
+_SLOT = f"""({KEY}, flags INTEGER NOT NULL, peak_microjoule INTEGER NOT NULL,
+    {", ".join(f"{name} INTEGER NOT NULL" for name in COLUMNS)}, PRIMARY KEY ({{key}}))
+    STRICT, WITHOUT ROWID"""
+TABLES = f"""
+CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
+CREATE TABLE robot (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
+CREATE TABLE epoch (id INTEGER PRIMARY KEY, robot INTEGER NOT NULL, origin TEXT NOT NULL,
+    energy_start INTEGER NOT NULL, first TEXT NOT NULL, last TEXT NOT NULL,
+    known_until INTEGER NOT NULL, newest INTEGER NOT NULL) STRICT;
+CREATE TABLE slot1 {_SLOT.format(key="start, robot, epoch, stop")};
+CREATE TABLE slot15 {_SLOT.format(key="robot, start, epoch, stop")};
+CREATE TABLE joint15 ({KEY}, joint TEXT NOT NULL,
+    {", ".join(f"{name} INTEGER NOT NULL" for name in JOINT_COLUMNS)},
+    PRIMARY KEY (robot, start, epoch, stop, joint)) STRICT, WITHOUT ROWID;
+CREATE TABLE job (robot INTEGER NOT NULL, id INTEGER NOT NULL, start INTEGER NOT NULL,
+    stop INTEGER NOT NULL, name TEXT NOT NULL, observed_ns INTEGER NOT NULL,
+    gap_ns INTEGER NOT NULL, compared_ns INTEGER NOT NULL,
+    predicted_import_microjoule INTEGER NOT NULL, predicted_return_microjoule INTEGER NOT NULL,
+    measured_microjoule INTEGER NOT NULL, predicted_microjoule_at_meter INTEGER NOT NULL,
+    peak_power REAL, PRIMARY KEY (robot, start, id)) STRICT, WITHOUT ROWID;
+CREATE TABLE tariff (id INTEGER PRIMARY KEY, begin INTEGER NOT NULL, added INTEGER NOT NULL,
+    document TEXT NOT NULL) STRICT;
+CREATE TABLE event (robot INTEGER NOT NULL, stamp INTEGER NOT NULL, kind TEXT NOT NULL,
+    text TEXT NOT NULL, PRIMARY KEY (robot, stamp, kind)) STRICT, WITHOUT ROWID;
+CREATE INDEX irregular ON slot15 (robot, start) WHERE flags & 1;
+"""
+MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {}
+"""How tables of a version become those of the next one."""
+
+
+def version_of(connection: sqlite3.Connection) -> int:
+    """Return the version of the tables; 0 where there are none."""
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def prepare(connection: sqlite3.Connection, path: Path) -> str:
+    """Make the tables, or bring those of an earlier release up to date, a copy of it made first.
+
+    Args:
+        connection: In autocommit mode.
+
+    Returns:
+        What was done, in a sentence; empty for nothing.
+
+    Raises:
+        HistoryError: If the tables are of a newer release.
+        sqlite3.Error: If it cannot be done; all is as before then.
+    """
+    found, said = version_of(connection), ""
+    if found > VERSION:
+        raise HistoryError(
+            f"{path} has tables of version {found}", f"version {VERSION} or older",
+            "use the release that wrote it, or another folder",
+        )  # fmt: skip
+    if found == VERSION:
+        return said
+    if found:
+        copy = path.with_name(f"{path.name}.version-{found}")
+        copy.unlink(missing_ok=True)
+        connection.execute("VACUUM INTO ?", (str(copy),))
+        copy.chmod(0o600)
+        said = f"{path} was brought from version {found} to {VERSION}; {copy.name} is as before"
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        if not found:
+            for statement in TABLES.split(";"):
+                connection.execute(statement)
+            connection.execute("INSERT INTO meta VALUES ('dataset', ?)", (uuid.uuid4().hex,))
+        for version in range(found or VERSION, VERSION):
+            MIGRATIONS[version](connection)
+        connection.execute(f"PRAGMA user_version = {VERSION}")
+        connection.execute("COMMIT")
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+    return said

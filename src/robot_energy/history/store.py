@@ -1,0 +1,369 @@
+"""Writes the history of all robots: one transaction holds what was counted and up to where.
+
+So a crash repeats and loses nothing: the next reading is cumulative. What is late, doubled or of
+another recorder adds nothing. A transaction that fails, as on a full disk, leaves all readings
+waiting; of too many the ones in between go, which costs resolution and no energy.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
+from robot_energy.history.differences import (
+    Epoch,
+    begun,
+    gone_back,
+    is_behind,
+    step,
+)
+from robot_energy.history.files import open_writer, take_lock
+from robot_energy.history.readings import Reading
+from robot_energy.history.rows import JOB_COLUMNS, put_events, put_span, reading_from, text_of
+from robot_energy.history.schema import FILE, prepare
+from robot_energy.history.tariffs import Tariff, add_tariffs
+
+MAX_ROBOTS = 200
+MAX_WAITING = 120  # readings of a robot that wait for the disk
+MAX_MINUTES_AT_ONCE = 20_000  # rows of minutes that one transaction drops
+LIVE = "live"
+_DAY_NS = 86_400 * SECOND_NS
+
+
+@dataclass
+class _Robot:
+    """One robot as it stands on disk."""
+
+    number: int
+    epochs: dict[tuple[str, int], tuple[int, Epoch]] = field(
+        default_factory=lambda: dict[tuple[str, int], tuple[int, Epoch]]()
+    )
+
+
+class HistoryStore:
+    """The only writer of a history.
+
+    Args:
+        folder: Where it lies; made if there is none.
+        keep_days: How long minutes are kept; quarter hours are kept for ever. [days]
+        min_free: Space that is left on the disk; with less nothing is written. [bytes]
+
+    Attributes:
+        ignored: Readings that were late or doubled.
+        dropped: Readings in between that were dropped as the disk took none.
+        commits: Transactions that were written.
+        trouble: Why nothing is written now; empty while it is.
+        notices: What was done to the file, to be said once.
+    """
+
+    def __init__(self, folder: Path, keep_days: float = 35.0, min_free: int = 0) -> None:
+        self.folder, self._keep_ns, self._min_free = folder, int(keep_days * _DAY_NS), min_free
+        self.ignored = self.dropped = self.commits = 0
+        self.trouble = ""
+        self.notices: list[str] = []
+        self._lock: int | None = None
+        self._connection: sqlite3.Connection | None = None
+        self._robots: dict[str, _Robot] = {}
+        self._waiting: dict[tuple[str, str], list[Reading]] = {}
+        self._behind: dict[tuple[str, str, int], Reading] = {}
+        self._jobs: dict[tuple[str, int, int], tuple[Any, ...]] = {}
+
+    def open(self) -> None:
+        """Take the lock and read up to where robots were recorded.
+
+        Raises:
+            HistoryError: If another process writes here, or the folder cannot be used.
+        """
+        try:
+            if self._lock is None:
+                self._lock = take_lock(self.folder)
+            self._connection = open_writer(self.folder)
+            said = prepare(self._connection, self.folder / FILE)
+            if said:
+                self.notices.append(said)
+            self._robots = self._read()
+        except (OSError, sqlite3.Error, ValueError) as error:
+            self._disconnect()
+            if isinstance(error, HistoryError):
+                raise
+            raise _unusable(self.folder, error) from error
+
+    def close(self) -> None:
+        """Give up the lock; what waits must have been written with `write`."""
+        self._disconnect()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of the robots that were recorded."""
+        return tuple(self._robots)
+
+    @property
+    def size(self) -> int:
+        """Size of the file and its journal. [bytes]"""
+        paths = (self.folder / f"{FILE}{end}" for end in ("", "-wal"))
+        return sum(path.stat().st_size for path in paths if path.is_file())
+
+    @property
+    def waiting(self) -> int:
+        """Readings that wait for `write`."""
+        return sum(map(len, self._waiting.values()))
+
+    def add(self, robot: str, readings: Iterable[Reading], origin: str = LIVE) -> None:
+        """Take readings; of those within a minute the last one is enough.
+
+        Args:
+            robot: Its name.
+            readings: In order of arrival.
+            origin: Where they come from.
+
+        Raises:
+            HistoryError: If there are too many robots.
+        """
+        known = {*self._robots, *(name for name, _ in self._waiting)}
+        if robot not in known and len(known) >= MAX_ROBOTS:
+            raise HistoryError(f"a robot more than {MAX_ROBOTS}: {robot}", f"{MAX_ROBOTS}")
+        waiting = self._waiting.setdefault((robot, origin), [])
+        for one in readings:
+            if waiting and _supersedes(one, waiting[-1]):
+                waiting[-1] = one
+            else:
+                waiting.append(one)
+        if len(waiting) > MAX_WAITING:
+            thinned = _thinned(waiting)
+            self.dropped += len(waiting) - len(thinned)
+            waiting[:] = thinned
+
+    def add_jobs(self, robot: str, jobs: Iterable[Mapping[str, Any]]) -> None:
+        """Take job intervals that have ended; one that is there already is replaced.
+
+        Args:
+            jobs: Values by `JOB_COLUMNS`.
+        """
+        for job in jobs:
+            row = tuple(job[name] for name in JOB_COLUMNS)
+            self._jobs[robot, int(job["start"]), int(job["id"])] = row
+        while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
+            del self._jobs[next(iter(self._jobs))]
+
+    def add_tariffs(self, tariffs: Sequence[Tariff], now_ns: int) -> None:
+        """Add tariffs at once, see `add_tariffs` of the tariffs.
+
+        Args:
+            now_ns: Time of this computer. [ns]
+
+        Raises:
+            HistoryError: If they cannot be written.
+        """
+        if self._connection is None:
+            self.open()
+        assert self._connection is not None
+        try:
+            add_tariffs(self._connection, tariffs, now_ns)
+        except sqlite3.Error as error:
+            self._disconnect()
+            raise _unusable(self.folder, error) from error
+
+    def write(self, now_ns: int, newest: bool = False) -> bool:
+        """Write what waits in one transaction, and drop minutes that are too old.
+
+        Args:
+            now_ns: Time of this computer. [ns]
+            newest: Whether the last reading of a minute that goes on counts as well, as at the end.
+
+        Returns:
+            Whether it is on disk; else `trouble` says why, and all waits.
+        """
+        try:
+            if self._connection is None:
+                self.open()
+            self._check_space()
+            assert self._connection is not None
+            robots, done, ignored = self._transact(self._connection, now_ns, newest)
+        except (HistoryError, sqlite3.Error, OSError) as error:
+            self._disconnect()
+            wrapped = error if isinstance(error, HistoryError) else _unusable(self.folder, error)
+            self.trouble = str(wrapped)
+            return False
+        self._robots = robots
+        self.ignored += ignored
+        for key, count in done.items():
+            del self._waiting[key][:count]
+        self._jobs.clear()
+        self.trouble = ""
+        self.commits += 1
+        return True
+
+    def _transact(
+        self, connection: sqlite3.Connection, now_ns: int, newest: bool
+    ) -> tuple[dict[str, _Robot], dict[tuple[str, str], int], int]:
+        robots = {name: _Robot(one.number, dict(one.epochs)) for name, one in self._robots.items()}
+        done: dict[tuple[str, str], int] = {}
+        ignored = 0
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            for (name, origin), waiting in self._waiting.items():
+                count = len(waiting) if newest else _finished(waiting, now_ns)
+                done[name, origin] = count
+                for reading in waiting[:count]:
+                    robot = self._robot(connection, robots, name)
+                    ignored += not self._record(connection, name, robot, origin, reading)
+            for (name, _, _), row in self._jobs.items():
+                robot = self._robot(connection, robots, name)
+                marks = ", ".join("?" * len(row))
+                connection.execute(
+                    f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) "
+                    f"VALUES (?, {marks})", (robot.number, *row),
+                )  # fmt: skip
+            self._forget_minutes(connection, now_ns)
+            connection.execute("COMMIT")
+        except BaseException:
+            with suppress(sqlite3.Error):
+                connection.execute("ROLLBACK")
+            raise
+        return robots, done, ignored
+
+    def _robot(
+        self, connection: sqlite3.Connection, robots: dict[str, _Robot], name: str
+    ) -> _Robot:
+        if name not in robots:
+            row = connection.execute("INSERT INTO robot (name) VALUES (?)", (name,))
+            robots[name] = _Robot(int(row.lastrowid or 0))
+        return robots[name]
+
+    def _record(
+        self,
+        connection: sqlite3.Connection,
+        name: str,
+        robot: _Robot,
+        origin: str,
+        reading: Reading,
+    ) -> bool:
+        """Record a reading; return whether it said something new."""
+        key, behind = (origin, reading.energy_start_ns), (name, origin, reading.energy_start_ns)
+        number, epoch = robot.epochs.get(key, (0, None))
+        if epoch is None:
+            taken = begun(reading, bool(robot.epochs))
+        elif is_behind(epoch, reading):
+            again = self._behind.get(behind)
+            self._behind[behind] = reading
+            if again is None or reading.counted_ns <= again.counted_ns:
+                return False
+            taken = gone_back(reading)
+        else:
+            taken = step(epoch, reading)
+        self._behind.pop(behind, None)
+        if taken is None:
+            return False
+        texts = (
+            text_of(taken.epoch.first),
+            text_of(taken.epoch.last),
+            taken.epoch.known_until_ns,
+            taken.epoch.newest_ns,
+        )
+        if taken.new:
+            row = connection.execute(
+                "INSERT INTO epoch (robot, origin, energy_start, first, last, known_until, newest) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?)", (robot.number, origin, key[1], *texts),
+            )  # fmt: skip
+            number = int(row.lastrowid or 0)
+        else:
+            connection.execute(
+                "UPDATE epoch SET last = ?, known_until = ?, newest = ? WHERE id = ?",
+                (*texts[1:], number),
+            )
+        robot.epochs[key] = number, taken.epoch
+        if taken.span is not None:
+            put_span(connection, robot.number, number, taken.span)
+        put_events(connection, robot.number, taken.events)
+        return True
+
+    def _forget_minutes(self, connection: sqlite3.Connection, now_ns: int) -> None:
+        connection.execute(
+            "DELETE FROM slot1 WHERE (start, robot, epoch, stop) IN (SELECT start, robot, epoch, "
+            "stop FROM slot1 WHERE start < ? LIMIT ?)",
+            (now_ns - self._keep_ns, MAX_MINUTES_AT_ONCE),
+        )
+
+    def _read(self) -> dict[str, _Robot]:
+        assert self._connection is not None
+        rows = self._connection.execute("SELECT name, id FROM robot").fetchall()
+        robots = {name: _Robot(number) for name, number in rows}
+        by_number = {one.number: one for one in robots.values()}
+        for number, robot, origin, start, first, last, known, newest in self._connection.execute(
+            "SELECT id, robot, origin, energy_start, first, last, known_until, newest FROM epoch "
+            "ORDER BY id"
+        ):
+            epoch = Epoch(reading_from(first), reading_from(last), known, newest)
+            by_number[robot].epochs[origin, start] = number, epoch
+        return robots
+
+    def _check_space(self) -> None:
+        free = shutil.disk_usage(self.folder).free
+        if free < self._min_free:
+            raise HistoryError(
+                f"{self.folder} has {free // 2**20} MB of free space",
+                f"at least {self._min_free // 2**20} MB",
+                "free some; energy is counted on, and recorded as one span then",
+            )
+
+    def _disconnect(self) -> None:
+        if self._connection is not None:
+            with suppress(sqlite3.Error):
+                self._connection.close()
+            self._connection = None
+
+
+def _supersedes(reading: Reading, before: Reading) -> bool:
+    """Whether a reading can take the place of the one before: same minute, same registers."""
+    return (
+        not before.minute_ns
+        and reading.energy_start_ns == before.energy_start_ns
+        and reading.model_id == before.model_id
+        and reading.meter_location == before.meter_location
+        and before.counted_ns <= reading.counted_ns
+        and (reading.stamp_ns - 1) // MINUTE_NS == (before.stamp_ns - 1) // MINUTE_NS
+        and reading.stamp_ns - before.stamp_ns == reading.counted_ns - before.counted_ns
+    )
+
+
+def _finished(waiting: Sequence[Reading], now_ns: int) -> int:
+    """How many readings are recorded now: a last one within a minute waits for its end."""
+    if not waiting or waiting[-1].minute_ns or now_ns - waiting[-1].stamp_ns > 2 * MINUTE_NS:
+        return len(waiting)
+    return len(waiting) - 1
+
+
+def _thinned(waiting: list[Reading]) -> list[Reading]:
+    """Drop every other reading of the older half, but none that begins or ends other registers."""
+    half = len(waiting) // 2
+    return [
+        one
+        for place, one in enumerate(waiting)
+        if place >= half
+        or place % 2 == 0
+        or waiting[place + 1].energy_start_ns != one.energy_start_ns
+    ]
+
+
+def _unusable(folder: Path, error: Exception) -> HistoryError:
+    damaged = isinstance(error, sqlite3.DatabaseError) and not isinstance(
+        error, sqlite3.OperationalError
+    )
+    return HistoryError(
+        f"the history in {folder} cannot be written ({error})",
+        "a folder that can be written, on a disk with space",
+        f"stop the recorder and run: robot-energy history repair {folder}"
+        if damaged
+        else "energy is counted on, and recorded as one span once it can be",
+    )

@@ -1,0 +1,230 @@
+"""`robot-energy history`: energy over years: shown, checked, repaired, priced."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy_cli.command import Command, Group, Options
+from robot_energy_cli.terminal import console
+
+FOLDER: Options = {
+    "folder": (
+        "folder of the history (default $ROS_HOME/robot_energy/history, in ~/.ros without it)",
+        {"nargs": "?", "default": ""},
+    )
+}
+SHOW: Options = {
+    **FOLDER,
+    "--timezone NAME": ("where days begin, such as Europe/Berlin", {"default": "UTC"}),
+    "--robots NAMES": "which robots, separated by commas (default: all)",
+    "--start DAY": "first day, such as 2026-10-01, in place of today, this week and this month",
+    "--stop DAY": "the day after the last (default: tomorrow)",
+    "--resolution": (
+        "one row of each of these, where a start is given",
+        {"choices": ("hour", "day", "week", "month", "year", "all"), "default": "day"},
+    ),
+}
+KWH = 3.6e12  # [uJ]
+HOUR = 3.6e12  # [ns]
+
+
+def _folder(args: Namespace) -> Path:
+    from robot_energy.history.files import default_folder
+
+    return Path(args.folder).expanduser() if args.folder else default_folder()
+
+
+def _show(args: Namespace) -> int:
+    from robot_energy.foundation.time_zone import time_zone
+    from robot_energy_report.document import Document
+    from robot_energy_report.printing import print_document
+
+    try:
+        zone = time_zone(args.timezone)
+    except ValueError as error:
+        raise HistoryError(f"time zone '{args.timezone}'", str(error)[9:]) from None
+    today = datetime.now(zone).date()
+    page, stop = Document(), args.stop or str(today + timedelta(days=1))
+    if args.start:
+        _tables(args, page, f"From {args.start} to {stop}", args.start, stop, args.resolution)
+    else:
+        monday = today - timedelta(days=today.weekday())
+        for title, start in (
+            ("Today", today),
+            ("This week", monday),
+            ("This month", today.replace(day=1)),
+        ):
+            _tables(args, page, title, str(start), stop, "all")
+    print_document(page, console())
+    return 0
+
+
+def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
+    """Add what robots, phases and jobs used in a time."""
+    from robot_energy.history.api import history
+    from robot_energy.history.files import open_reader
+    from robot_energy.history.spans import jobs, robots_of
+    from robot_energy_report.document import Column
+    from robot_energy_report.formats import counted, fixed
+
+    names: list[str] = args.robots.split(",") if args.robots else []
+    found = history(_folder(args), start, stop, resolution, names, args.timezone)
+    rows = list(_rows(found))
+    zone = ZoneInfo(args.timezone)
+
+    def local(stamp_ns: int) -> str:
+        return f"{datetime.fromtimestamp(stamp_ns // 10**9, zone):%F %R}"
+
+    page.heading(title)
+    if not rows:
+        page.paragraph("nothing was recorded in this time")
+    else:
+        when = [] if resolution == "all" else [Column("from", lambda row: local(row["stamp_ns"]))]
+        money = [Column("cost", "cost", fixed(2), found.currency)] if found.currency else []
+        columns = [
+            Column("robot", "robot"),
+            *when,
+            *(
+                Column(name, f"{key}_microjoule", lambda value: f"{value / KWH:.4f}", "kWh")
+                for name, key in (
+                    ("from the grid", "predicted_import"),
+                    ("motion", "motion"),
+                    ("at rest", "hold"),
+                    ("standby", "standby"),
+                    ("friction", "friction"),
+                    ("measured", "measured"),
+                )
+            ),
+            Column("observed", "observed_ns", lambda value: f"{value / HOUR:.2f}", "h"),
+            *money,
+        ]
+        page.rows(
+            "Energy by robot",
+            [Column(c.name, _of(c.value), c.form, c.unit) for c in columns],
+            rows,
+        )
+    if resolution == "all" and rows:
+        first, last = int(found.stamp_ns.min()), int(found["stop_ns"].max())
+        with closing(open_reader(_folder(args))) as connection:
+            own = jobs(connection, robots_of(connection, names), first, last)
+        if own:
+            page.rows(
+                "Jobs that ended",
+                [
+                    Column("job", "name"),
+                    Column("robot", "robot"),
+                    Column("count", "count"),
+                    Column("energy", lambda job: job.import_microjoule / KWH, fixed(4), "kWh"),
+                    Column(
+                        "of each",
+                        lambda job: job.import_microjoule / job.count / KWH,
+                        fixed(4),
+                        "kWh",
+                    ),
+                ],
+                own,
+            )
+    spans = found.not_resolved
+    if len(spans):
+        used = int(spans["predicted_import_microjoule"].sum()) / KWH
+        page.note(
+            f"{used:.4f} kWh more lie in {counted(len(spans), 'span')} that no row holds: the "
+            f"recorder was off, the last until {local(int(spans['stop_ns'].max()))}"
+        )
+    unpriced = sum(r["predicted_import_microjoule"] - r.get("priced_microjoule", 0) for r in rows)
+    if found.currency and unpriced:
+        page.note(f"{unpriced / KWH:.4f} kWh have no cost: when they were used is not known, or no "
+                  "tariff holds")  # fmt: skip
+
+
+def _rows(table: Any) -> Iterator[dict[str, Any]]:
+    flat = table.to_dict()
+    for values in zip(*(column.tolist() for column in flat.values()), strict=True):
+        yield dict(zip(flat, values, strict=True))
+
+
+def _of(value: str | Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return itemgetter(value) if isinstance(value, str) else value
+
+
+def _check(args: Namespace) -> int:
+    from robot_energy.history.check import check
+
+    folder = _folder(args)
+    found = check(folder)
+    if found:
+        raise HistoryError(
+            f"{folder}: {'; '.join(found[:3])}", "slots that add up to the registers",
+            f"robot-energy history repair {folder}",
+        )  # fmt: skip
+    console().print(f"{folder}: sums of all slots are those of the registers, to the microjoule")
+    return 0
+
+
+def _repair(args: Namespace) -> int:
+    from robot_energy.history.check import repair
+
+    said = repair(_folder(args), time.time_ns())
+    for one in said or ["nothing was wrong"]:
+        console().print(one)
+    return 0
+
+
+def _tariff(args: Namespace) -> int:
+    from robot_energy.history.files import open_reader
+    from robot_energy.history.store import HistoryStore
+    from robot_energy.history.tariffs import load_tariffs, stored_tariffs
+
+    folder = _folder(args)
+    if args.add:
+        tariffs = load_tariffs(args.add)
+        store = HistoryStore(folder)
+        store.open()
+        try:
+            store.add_tariffs(tariffs, time.time_ns())
+        finally:
+            store.close()
+    with closing(open_reader(folder)) as connection:
+        known = stored_tariffs(connection)
+    for one in known:
+        begin = datetime.fromtimestamp(one.begin_ns / 1e9, UTC)
+        price = "no price" if one.price_per_kwh is None else f"{one.price_per_kwh:g} {one.currency}"
+        console().print(
+            f"from {one.begin} ({begin:%F %R} UTC), {one.timezone}: {price} per kWh, "
+            f"{len(one.time_of_use)} times of use, "
+            + ("no CO2 factor" if one.co2_kg_per_kwh is None else f"{one.co2_kg_per_kwh:g} kg/kWh")
+        )
+    if not known:
+        console().print("no tariff: --add FILE adds some, as src/doc/howto_history.md shows")
+    return 0
+
+
+COMMAND = Group(
+    "history",
+    "energy over years, as energy_recorder writes it: show, check, repair, tariffs",
+    "Energy over years, as energy_recorder writes it.",
+    "what",
+    "WHAT",
+    lambda: (
+        Command(
+            "show", "what robots and jobs used: today, this week, this month", _show, SHOW
+        ),
+        Command("check", "whether its sums are the registers, to the microjoule", _check, FOLDER),
+        Command("repair", "keep what can be read, and make its sums right", _repair, FOLDER),
+        Command(
+            "tariff",
+            "show or add prices, CO2 and shifts, each from a day on",
+            _tariff,
+            {**FOLDER, "--add FILE": "tariffs to add; stop the recorder meanwhile"},
+        ),
+    ),
+)  # fmt: skip

@@ -1,0 +1,400 @@
+"""What the history holds is what the registers counted, whatever happens."""
+
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accounts
+import histories
+from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
+from refusals import refused
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.history import schema
+from robot_energy.history.api import history
+from robot_energy.history.check import check, repair
+from robot_energy.history.differences import CLOCK, EARLIER
+from robot_energy.history.files import open_reader
+from robot_energy.history.readings import COLUMNS, ReadingDecoder
+from robot_energy.history.store import MAX_ROBOTS, HistoryStore
+from robot_energy.messages import RegistersWriter
+
+IMPORT = "predicted_import_microjoule"
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = HistoryStore(tmp_path / "history")
+    store.open()
+    yield store
+    store.close()
+
+
+def total(folder, name=IMPORT):
+    """All that the history holds, resolved or not."""
+    with closing(open_reader(folder)) as connection:
+        return connection.execute(f"SELECT sum({name}) FROM slot15").fetchone()[0]
+
+
+def events(folder):
+    with closing(open_reader(folder)) as connection:
+        return [row[0] for row in connection.execute("SELECT kind FROM event ORDER BY stamp")]
+
+
+def write(store, robot, readings, name="a"):
+    store.add(name, readings)
+    assert store.write(robot.now), store.trouble
+
+
+def test_each_minute_has_what_was_used_in_it(store):
+    robot = Robot()
+    write(store, robot, [robot.minute(watt) for watt in (60, 120, 180)])
+    found = history(store.folder, START, START + 3 * MINUTE, "minute")
+    assert found[IMPORT].tolist() == [60 * w * 10**6 for w in (60, 120, 180)]
+    assert (found["observed_ns"] == MINUTE).all()
+    quarter = history(store.folder, START, START + 3 * MINUTE, "quarter")
+    assert quarter[IMPORT].tolist() == [60 * 360 * 10**6]
+    assert quarter["peak_minute_microjoule"].tolist() == [60 * 180 * 10**6]
+    joints = history(store.folder, START, START + 3 * MINUTE, "day", by_joint=True)
+    assert joints["joint"].tolist() == ["elbow", "shoulder"]
+    assert joints["friction_microjoule"].sum() == robot.values["friction_microjoule"]
+
+
+def test_readings_between_minutes_cost_nothing_and_are_not_rows(store):
+    robot = Robot()
+    readings = []
+    for _ in range(180):
+        robot.advance(SECOND)
+        readings.append(robot.read(robot.now if robot.now % MINUTE == 0 else 0))
+    robot.advance(3 * SECOND)
+    readings.append(robot.read())
+    write(store, robot, readings)
+    assert total(store.folder) == readings[-2].values[COLUMNS.index(IMPORT)]
+    store.write(robot.now, newest=True)
+    assert total(store.folder) == robot.values[IMPORT]
+    with closing(open_reader(store.folder)) as connection:
+        assert connection.execute("SELECT count(*) FROM slot1").fetchone() == (4,)
+
+
+def test_late_and_doubled_readings_add_nothing(store):
+    robot = Robot()
+    readings = [robot.minute() for _ in range(5)]
+    for batch in (readings, readings, readings[2:4], [readings[0]]):
+        write(store, robot, batch)
+    assert total(store.folder) == robot.values[IMPORT]
+    assert check(store.folder) == []
+
+
+def test_a_week_without_recorder_is_one_span_that_no_day_holds(store):
+    robot = Robot()
+    write(store, robot, [robot.minute()])
+    before = robot.values[IMPORT]
+    for _ in range(7 * 24):
+        robot.advance(HOUR, 1000)
+    write(store, robot, [robot.minute(1000)])
+    days = history(store.folder, START, START + 8 * DAY, "day")
+    assert days[IMPORT].tolist() == [before]
+    (span,) = days.not_resolved.to_polars().iter_rows(named=True)
+    assert span[IMPORT] == robot.values[IMPORT] - before
+    assert days.not_resolved.stamp_ns[0] == START + MINUTE
+    assert span["stop_ns"] == START + 2 * MINUTE + 7 * DAY
+    month = history(store.folder, START, START + 8 * DAY, "month")
+    assert month[IMPORT].tolist() == [robot.values[IMPORT]]  # within it, the span is resolved
+    assert len(month.not_resolved) == 0
+
+
+def test_a_gap_carries_no_energy_and_none_is_spread_over_it(store):
+    robot = Robot()
+    robot.advance(30 * SECOND, 100)
+    readings = [robot.read(START + 3 * HOUR)]
+    robot.rest(3 * HOUR - 20 * SECOND)
+    readings.append(robot.minute(100))
+    write(store, robot, readings)
+    found = history(store.folder, START, START + 4 * HOUR, "minute")
+    assert found.stamp_ns.tolist() == [START, START + 3 * HOUR]
+    assert found[IMPORT].tolist() == [30 * 100 * 10**6, 50 * 100 * 10**6]
+    assert len(history(store.folder, START, START + 4 * HOUR, "quarter").not_resolved) == 0
+
+
+def test_a_reset_a_model_and_a_meter_begin_anew_and_lose_nothing(store):
+    robot, used = Robot(), 0
+    readings = [robot.minute()]
+    for change in ("reset", "model", "meter", "reset"):
+        robot.advance(20 * SECOND)
+        readings.append(robot.read())
+        if change == "reset":
+            used += robot.values[IMPORT]
+            robot.reset()
+        elif change == "model":
+            robot.model = "m2"
+        else:
+            robot.meter = 2
+        readings.append(robot.minute())
+    write(store, robot, readings)
+    assert total(store.folder) == used + robot.values[IMPORT]
+    assert check(store.folder) == []
+    assert [kind for kind in events(store.folder) if kind != "first"] == [
+        *("reset", "model", "meter", "reset"),
+    ]
+    days = history(store.folder, START, START + DAY)
+    assert days[IMPORT].tolist() == [used + robot.values[IMPORT]]
+
+
+@pytest.mark.parametrize("by", [-2 * HOUR, 3 * HOUR])
+def test_a_clock_that_is_set_merges_into_the_slots_and_is_an_event(store, by):
+    robot = Robot()
+    readings = [robot.minute(100) for _ in range(200)]
+    robot.step_clock(by)
+    readings += [robot.minute(100) for _ in range(10)]
+    write(store, robot, readings)
+    assert total(store.folder) == 210 * 60 * 100 * 10**6 == robot.values[IMPORT]
+    assert "clock" in events(store.folder)
+    day = history(store.folder, START, START + DAY, "day")
+    assert day["flags"][0] & CLOCK
+    assert day[IMPORT].tolist() == [robot.values[IMPORT]]
+    assert check(store.folder) == []
+
+
+def test_registers_that_go_back_are_not_counted_twice(store):
+    robot = Robot()
+    write(store, robot, [robot.minute() for _ in range(10)])
+    kept = robot.values.copy(), {name: [*own] for name, own in robot.joints.items()}
+    write(store, robot, [robot.minute() for _ in range(10)])
+    held = robot.values[IMPORT]
+    robot.values, robot.joints = kept  # an older state file
+    write(store, robot, [robot.minute() for _ in range(2)])
+    again = robot.values[IMPORT]  # the first that is believed, after the second of two
+    write(store, robot, [robot.minute() for _ in range(30)])
+    assert total(store.folder) == held + robot.values[IMPORT] - again
+    assert "went_back" in events(store.folder)
+    assert check(store.folder) == []
+
+
+def test_a_single_late_reading_with_a_new_stamp_does_not_begin_anew(store):
+    robot = Robot()
+    first = robot.minute()
+    write(store, robot, [first, *(robot.minute() for _ in range(9))])
+    write(store, robot, [replace(first, stamp_ns=robot.now + HOUR), robot.minute(), robot.minute()])
+    assert total(store.folder) == robot.values[IMPORT]
+    assert "went_back" not in events(store.folder)
+
+
+def test_what_was_counted_before_the_first_reading_is_said(store):
+    robot = Robot()
+    for _ in range(48):
+        robot.advance(HOUR)
+    robot.minute()
+    write(store, robot, [robot.read(robot.now)])
+    found = history(store.folder, START, robot.now, "all")
+    assert found["flags"][0] & EARLIER
+    assert found[IMPORT].tolist() == [robot.values[IMPORT]]
+    days = history(store.folder, START, robot.now, "day")
+    assert len(days) == 0
+    assert days.not_resolved["flags"][0] & EARLIER
+
+
+def test_a_second_recorder_is_refused_and_readers_are_not(store):
+    robot = Robot()
+    write(store, robot, [robot.minute()])
+    other = HistoryStore(store.folder)
+    with refused(HistoryError, found="writes the history", expected="one writer"):
+        other.open()
+    assert total(store.folder) == robot.values[IMPORT]
+
+
+def test_a_recorder_that_is_killed_goes_on_from_what_is_on_disk(tmp_path):
+    robot = Robot()
+    for _ in range(20):
+        store = HistoryStore(tmp_path)
+        store.open()
+        readings = [robot.minute() for _ in range(3)]
+        write(store, robot, readings[:2])
+        store.add("a", readings[2:])  # not written any more
+        store.close()  # as the kernel would: nothing is written
+    assert check(tmp_path) == []
+    store = HistoryStore(tmp_path)
+    store.open()
+    store.add("a", [robot.read()])
+    assert store.write(robot.now, newest=True)
+    store.close()
+    assert total(tmp_path) == robot.values[IMPORT]
+
+
+def test_a_full_disk_leaves_all_waiting_and_bounded(store, monkeypatch):
+    robot = Robot()
+    write(store, robot, [robot.minute()])
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("", (), {"free": -1})())
+    for _ in range(500):
+        store.add("a", [robot.minute()])
+    assert not store.write(robot.now)
+    assert "free space" in store.trouble
+    assert store.waiting <= 120
+    assert store.dropped > 0
+    monkeypatch.undo()
+    assert store.write(robot.now)
+    assert not store.trouble
+    assert total(store.folder) == robot.values[IMPORT]
+
+
+def test_an_error_of_the_disk_in_a_transaction_takes_all_of_it_back(store):
+    robot = Robot()
+    write(store, robot, [robot.minute()])
+    held = robot.values[IMPORT]
+    store._connection.execute("PRAGMA max_page_count = 1")
+    readings = [robot.minute() for _ in range(3000)]
+    for place in range(0, len(readings), 100):
+        store.add("a", readings[place : place + 100])
+        if not store.write(robot.now):
+            break
+    assert "full" in store.trouble
+    assert held <= total(store.folder) < robot.values[IMPORT]
+    assert check(store.folder) == []
+    store.add("a", readings)
+    assert store.write(robot.now)  # opened again, without the limit
+    assert total(store.folder) == robot.values[IMPORT]
+
+
+def test_minutes_are_dropped_in_time_and_quarters_stay(tmp_path):
+    store, robot = HistoryStore(tmp_path, keep_days=1.0), Robot()
+    store.open()
+    write(store, robot, [robot.minute() for _ in range(30)])
+    store.write(robot.now + 2 * DAY)
+    store.close()
+    with closing(open_reader(tmp_path)) as connection:
+        assert connection.execute("SELECT count(*) FROM slot1").fetchone() == (0,)
+    assert total(tmp_path) == robot.values[IMPORT]
+
+
+def test_robots_are_bounded(store):
+    robot = Robot()
+    reading = robot.minute()
+    for number in range(MAX_ROBOTS):
+        store.add(f"r{number}", [reading])
+    with refused(HistoryError, expected=str(MAX_ROBOTS)):
+        store.add("one more", [reading])
+    store.add("r0", [reading])
+
+
+def test_a_damaged_sum_is_found_and_repaired(store):
+    robot = Robot()
+    write(store, robot, [robot.minute() for _ in range(40)])
+    folder = store.folder
+    store._connection.execute("UPDATE slot15 SET brake_microjoule = 7 WHERE start = ?", (START,))
+    store._connection.execute("DELETE FROM joint15 WHERE joint = 'elbow' AND start = ?", (START,))
+    store.close()
+    (said,) = check(folder)
+    assert "brake_microjoule -7" in said
+    assert "elbow" in said
+    assert len(repair(folder, robot.now)) == 1
+    assert check(folder) == []
+    assert "repair" in events(folder)
+    assert repair(folder, robot.now) == []
+
+
+def test_a_damaged_file_keeps_what_can_be_read(store):
+    robot = Robot()
+    for _ in range(40):
+        write(store, robot, [robot.minute() for _ in range(60)])
+    folder, path = store.folder, store.folder / schema.FILE
+    store.close()
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2 // 4096 * 4096
+    content[middle : middle + 4096] = b"\xff" * 4096
+    path.write_bytes(content)
+    assert check(folder)
+    said = repair(folder, robot.now)
+    assert "damaged" in said[0]
+    assert check(folder) == []
+    assert total(folder) == robot.values[IMPORT]
+    assert path.with_name(f"{path.name}.bad-1").read_bytes() == content
+
+
+def test_an_older_schema_is_brought_up_to_date_with_a_copy(store, monkeypatch):
+    robot = Robot()
+    write(store, robot, [robot.minute()])
+    folder = store.folder
+    store.close()
+    monkeypatch.setattr(schema, "VERSION", 2)
+    monkeypatch.setitem(
+        schema.MIGRATIONS, 1, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
+    )
+    later = HistoryStore(folder)
+    later.open()
+    assert "from version 1 to 2" in later.notices[0]
+    write(later, robot, [robot.minute()])
+    later.close()
+    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-1")) as copy:
+        assert copy.execute("PRAGMA user_version").fetchone() == (1,)
+    monkeypatch.setattr(schema, "VERSION", 1)
+    with refused(HistoryError, found="version 2"):
+        HistoryStore(folder).open()
+
+
+def test_a_migration_that_fails_leaves_all_as_it_was(store, monkeypatch):
+    robot = Robot()
+    write(store, robot, [robot.minute()])
+    folder = store.folder
+    store.close()
+    monkeypatch.setattr(schema, "VERSION", 2)
+    monkeypatch.setitem(schema.MIGRATIONS, 1, lambda c: c.execute("DROP TABLE no_such"))
+    with refused(HistoryError):
+        HistoryStore(folder).open()
+    monkeypatch.undo()
+    assert total(folder) == robot.values[IMPORT]
+
+
+def test_jobs_are_the_same_however_often_they_come(store):
+    robot = Robot()
+    job = {"id": 3, "start": START, "stop": START + MINUTE, "name": "weld", "observed_ns": MINUTE,
+           "gap_ns": 0, "compared_ns": 0, "predicted_return_microjoule": 0,
+           "measured_microjoule": 0, "predicted_microjoule_at_meter": 0, "peak_power": None,
+           IMPORT: 5}  # fmt: skip
+    for _ in range(3):
+        store.add_jobs("a", [job])
+        write(store, robot, [])
+    with closing(open_reader(store.folder)) as connection:
+        rows = connection.execute(f"SELECT id, name, {IMPORT} FROM job").fetchall()
+    assert rows == [(3, "weld", 5)]
+
+
+def test_messages_of_an_account_are_its_history_to_the_microjoule(store):
+    account, writer = EnergyAccount(2), RegistersWriter(accounts.NAMES, "m1")
+    rows = []
+    account.on_reading = lambda minute: rows.append(writer.encode(account, True, minute)[0])
+    for start in range(30, 400, 5):
+        stamp = np.rint(np.arange(start, start + 5, 0.01) * 1e9).astype(np.int64)
+        account.step(accounts.power_block(stamp, 300.0 + 400 * np.sin(stamp / 3e9)))
+        rows.append(writer.encode(account)[0])
+    messages = [row.tobytes() for row in rows]
+    batch = RawBatch.from_messages(
+        "energy/registers", "ros2_energy_msgs/msg/EnergyRegisters", [0] * len(rows), messages
+    )
+    store.add("a", ReadingDecoder().decode(batch))
+    assert store.write(500 * SECOND, newest=True)
+    totals = account.totals()
+    assert total(store.folder) == totals.cabinet_energy_microjoule["grid_import"]
+    assert total(store.folder, "brake_microjoule") == totals.cabinet_energy_microjoule["brake"]
+    assert total(store.folder, "observed_ns") == totals.observed_ns
+    assert check(store.folder) == []
+    minutes = history(store.folder, 0, 400 * SECOND, "minute")
+    assert minutes.stamp_ns.tolist() == [MINUTE * n for n in range(7)]
+    assert (minutes["observed_ns"][1:6] == MINUTE).all()
+
+
+def test_files_are_readable_by_nobody_else(tmp_path):
+    store = HistoryStore(tmp_path / "new")
+    store.open()
+    store.write(START)
+    assert (tmp_path / "new").stat().st_mode & 0o077 == 0
+    for path in (tmp_path / "new").glob("history.sqlite*"):
+        assert path.stat().st_mode & 0o077 == 0, path
+    store.close()
+
+
+def test_histories_have_the_columns_of_the_readings():
+    assert len(Robot().read().values) == len(COLUMNS)
+    assert histories.JOINTS == accounts.NAMES

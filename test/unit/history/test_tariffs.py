@@ -1,0 +1,164 @@
+"""Energy at the price of the time of use: equal to a sum by hand over days of 23 and 25 hours."""
+
+from contextlib import closing
+from datetime import UTC, datetime
+from fractions import Fraction
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from histories import DAY, HOUR, MINUTE, SECOND, Robot
+from refusals import refused
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.history.api import history
+from robot_energy.history.files import open_reader
+from robot_energy.history.store import HistoryStore
+from robot_energy.history.tariffs import Tariff, load_tariffs, stored_tariffs
+
+BERLIN = ZoneInfo("Europe/Berlin")
+IMPORT = "predicted_import_microjoule"
+TARIFFS = """
+tariffs:
+  - begin: 2026-01-01
+    timezone: Europe/Berlin
+    price_per_kwh: 0.31
+    time_of_use:
+      - {begin: "22:00", end: "06:30", price_per_kwh: 0.17}
+    co2_kg_per_kwh: 0.4
+    shifts: ["06:00", "14:00", "22:00"]
+  - begin: 2026-04-10
+    timezone: Europe/Berlin
+    price_per_kwh: 0.5
+"""
+
+
+def ns(*when, zone=BERLIN):
+    return int(datetime(*when, tzinfo=zone).timestamp()) * SECOND
+
+
+def recorded(folder, start, quarters):
+    """A robot that is read every quarter of an hour; what it used in each."""
+    store, robot = HistoryStore(folder), Robot(now=start, start=start)
+    store.open()
+    used = {}
+    for _ in range(quarters):
+        before, begin = robot.values[IMPORT], robot.now
+        robot.advance(15 * MINUTE)
+        used[begin] = robot.values[IMPORT] - before
+        store.add("a", [robot.read(robot.now)])
+        if len(used) % 100 == 0:
+            assert store.write(robot.now)
+    assert store.write(robot.now)
+    return store, used
+
+
+def by_hand(used, start, stop):
+    cost = Fraction(0)
+    for begin, energy in used.items():
+        if start <= begin < stop:
+            local = datetime.fromtimestamp(begin / SECOND, UTC).astimezone(BERLIN)
+            clock = (local.hour, local.minute)
+            price = Fraction(17 if clock >= (22, 0) or clock < (6, 30) else 31, 100)
+            if local.date() >= datetime(2026, 4, 10).date():
+                price = Fraction(1, 2)
+            cost += energy * price
+    return float(cost / 3_600_000_000_000)
+
+
+@pytest.mark.parametrize(
+    ("first", "days", "hours"),
+    [((2026, 3, 1), 31, 743), ((2026, 10, 1), 31, 745), ((2026, 4, 1), 30, 720)],
+)
+def test_a_month_costs_what_a_sum_by_hand_says(tmp_path, first, days, hours):
+    path = tmp_path / "tariffs.yaml"
+    path.write_text(TARIFFS)
+    start = ns(*first)
+    store, used = recorded(tmp_path / "h", start, hours * 4)
+    store.add_tariffs(load_tariffs(str(path)), 0)
+    store.close()
+    stop = start + hours * HOUR
+    month = history(tmp_path / "h", start, stop, "month", timezone="Europe/Berlin")
+    assert month["cost"].tolist() == pytest.approx([by_hand(used, start, stop)], rel=1e-12)
+    assert month["priced_microjoule"].tolist() == month[IMPORT].tolist() == [sum(used.values())]
+    each = history(tmp_path / "h", start, stop, "day", timezone="Europe/Berlin")
+    assert len(each) == days
+    longest = {
+        (int(b) - int(a)) // HOUR for a, b in zip(each.stamp_ns, each["stop_ns"], strict=True)
+    }
+    assert longest == {24, 24 + hours - days * 24}
+    for begin, end, cost in zip(each.stamp_ns, each["stop_ns"], each["cost"], strict=True):
+        assert cost == pytest.approx(by_hand(used, begin, end), rel=1e-12)
+
+
+def test_zones_off_by_a_half_hour_have_whole_days(tmp_path):
+    zone = ZoneInfo("Asia/Kolkata")
+    start = ns(2026, 5, 1, zone=zone)
+    store, used = recorded(tmp_path, start, 48 * 4)
+    store.close()
+    days = history(tmp_path, start, start + 2 * DAY, "day", timezone="Asia/Kolkata")
+    values = list(used.values())
+    assert days[IMPORT].tolist() == [sum(values[:96]), sum(values[96:])]
+
+
+def test_energy_whose_time_is_not_known_has_no_price(tmp_path):
+    start = ns(2026, 3, 1)
+    store, used = recorded(tmp_path, start, 4)
+    robot = Robot(now=start, start=start)
+    for _ in range(4):
+        robot.advance(15 * MINUTE)
+    robot.advance(8 * HOUR)  # not recorded, over the change of prices at 6:30
+    store.add("a", [robot.read(robot.now)])
+    assert store.write(robot.now)
+    tariff = Tariff.model_validate(
+        {"begin": datetime(2026, 1, 1).date(), "timezone": "Europe/Berlin", "price_per_kwh": 0.31,
+         "time_of_use": ({"begin": "22:00", "end": "06:30", "price_per_kwh": 0.17},)}
+    )  # fmt: skip
+    store.add_tariffs([tariff], 0)
+    store.close()
+    day = history(tmp_path, start, start + DAY, "day", timezone="Europe/Berlin")
+    assert day[IMPORT].tolist() == [robot.values[IMPORT]]
+    assert day["priced_microjoule"].tolist() == [sum(used.values())]
+
+
+def test_a_tariff_of_the_same_day_takes_the_place_and_the_earlier_one_is_kept(tmp_path):
+    store, _ = recorded(tmp_path, ns(2026, 3, 1), 1)
+    for price in (0.1, 0.2):
+        one = Tariff(begin=datetime(2026, 1, 1).date(), price_per_kwh=price)
+        store.add_tariffs([one], 0)
+    store.close()
+    with closing(open_reader(tmp_path)) as connection:
+        assert [one.price_per_kwh for one in stored_tariffs(connection)] == [0.2]
+        assert connection.execute("SELECT count(*) FROM tariff").fetchone() == (2,)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [(('"06:30"', '"06:40"'), "quarter"), (("Europe/Berlin", "Europe/Berln"), "Europe/Berlin"),
+     (("2026-01-01", "yesterday"), "")],
+)  # fmt: skip
+def test_a_tariff_that_cannot_be_used_is_refused(tmp_path, change, expected):
+    path = tmp_path / "tariffs.yaml"
+    path.write_text(TARIFFS.replace(*change))
+    with pytest.raises(HistoryError) as error:
+        load_tariffs(str(path))
+    assert expected in str(error.value)
+
+
+def test_what_was_asked_for_is_refused_with_what_there_is(tmp_path):
+    start = ns(2026, 3, 1)
+    recorded(tmp_path / "h", start, 1)[0].close()
+    with refused(HistoryError, expected="history.sqlite", remedy="energy_recorder"):
+        history(tmp_path, start, start + DAY)
+    with refused(HistoryError, found="no robot 'b'", expected="a"):
+        history(tmp_path / "h", start, start + DAY, robots=["b"])
+    with refused(HistoryError, found="Mars", expected="time zone"):
+        history(tmp_path / "h", start, start + DAY, timezone="Mars/Base")
+    with refused(HistoryError, expected="start before its stop"):
+        history(tmp_path / "h", "2026-03-02", "2026-03-01")
+    with refused(HistoryError, found="tomorrow"):
+        history(tmp_path / "h", "tomorrow", "2026-03-01")
+    with refused(HistoryError, found="parts of a minute", remedy="coarser"):
+        history(tmp_path / "h", "2020-01-01", "2026-03-01", "minute")
+    one = history(tmp_path / "h", "2026-03-01", "2026-03-02", timezone="Europe/Berlin")
+    assert one.stamp_ns.tolist() == [start]
+    assert one.to_polars()["time"][0] == datetime.fromtimestamp(start / SECOND, UTC)
