@@ -71,6 +71,10 @@ ARGUMENTS = {  # name: default, what it is
     "virtual": ("false", "Whether to start a virtual robot"),
     "auxiliary": ("false", "Whether a pump and an extruder run next to the virtual robot"),
     "dashboard": ("false", "Whether to serve the energy page of all robots"),
+    "history": (
+        "true",
+        "Whether to record what all robots use, in the folder history of state_folder",
+    ),
     "autostart": (AS_CONFIGURED, "Whether the nodes configure and activate themselves"),
     "params_file": ("", "Parameter file that is read after those of this package"),
     "state_folder": (AS_CONFIGURED, "Folder that keeps the registers; none keeps nothing"),
@@ -84,7 +88,8 @@ ARGUMENTS = {  # name: default, what it is
 }
 CHOICES = {  # of those that take no free text
     **dict.fromkeys(
-        ("separate", "respawn", "virtual", "auxiliary", "dashboard", "use_sim_time"), BOOLEANS
+        ("separate", "respawn", "virtual", "auxiliary", "dashboard", "history", "use_sim_time"),
+        BOOLEANS,
     ),
     "autostart": [AS_CONFIGURED, *BOOLEANS],
     "effort": [AS_CONFIGURED, *(str(meaning) for meaning in EffortMeaning)],
@@ -188,6 +193,18 @@ def monitors(context) -> list[Node]:
                 executable=name,
                 name=name,
                 parameters=[share("config", f"{name}.yaml"), *further],
+                output="screen",
+            )
+        )
+    if is_true(value["history"]) and folder not in ("", "none"):
+        name = "energy_recorder"
+        kept = {} if folder == AS_CONFIGURED else {"folder": f"{folder}/history"}
+        nodes.append(
+            Node(
+                package=PACKAGE,
+                executable=name,
+                name=name,
+                parameters=[share("config", f"{name}.yaml"), *further, kept],
                 output="screen",
             )
         )

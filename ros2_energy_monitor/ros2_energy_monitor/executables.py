@@ -17,6 +17,7 @@ EXECUTABLES = {
     "virtual_robot": "ros2_energy_monitor.nodes.virtual_robot",
     "meter_driver": "ros2_energy_monitor.nodes.meter_driver",
     "energy_exporter": "ros2_energy_monitor.nodes.energy_exporter",
+    "energy_recorder": "ros2_energy_monitor.nodes.energy_recorder",
     "console": "ros2_energy_monitor.nodes.console",
     "security_policy": "ros2_energy_monitor.security_policy",
     "player": "ros2_energy_monitor.nodes.player",

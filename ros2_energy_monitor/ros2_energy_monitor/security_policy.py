@@ -47,6 +47,7 @@ NODES: dict[str, dict[str, Any]] = {
     "meter_driver": {"host": "127.0.0.1"},
     "energy_dashboard": {"address": "127.0.0.1", "port": 0},
     "energy_exporter": {"exporters": ["mqtt"], "mqtt.host": "127.0.0.1"},
+    "energy_recorder": {"folder": "/dev/null/history"},
     "console": {},
 }
 DEFAULT_PROFILE = "shelly_pro_3em"
@@ -141,8 +142,8 @@ def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[N
     """
     found: list[NodeRights] = []
     for name in names:
-        # The dashboard subscribes and asks what it finds.
-        others = ["energy_monitor"] if name == "energy_dashboard" else []
+        # These subscribe and ask what they find.
+        others = ["energy_monitor"] if name in ("energy_dashboard", "energy_recorder") else []
         with _running(args, [name, *others], has_file) as ((node, *seen), spin_until):
             if seen:
                 spin_until(lambda node=node: any(True for _ in node.clients), "energy_monitor")
@@ -155,7 +156,7 @@ def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[N
 
 def _with_actions(page: NodeRights, monitor: NodeRights, node: Any) -> NodeRights:
     """Add what the buttons of the dashboard call; it makes a client when one is pressed."""
-    wanted = SERVICES if node.parameters.allow_control else ()
+    wanted = SERVICES if getattr(node.parameters, "allow_control", False) else ()
     asked = {name for name in monitor.reply if name.rpartition("/")[2] in wanted}
     return NodeRights(page.node, page.publish, page.subscribe, page.reply, page.request | asked)
 

@@ -82,7 +82,8 @@ def describe(monkeypatch: pytest.MonkeyPatch):
         }
         for one in [one for one in made if one.kind == "OpaqueFunction"]:
             model = "" if "robot" in given else "kr16"
-            values = {**defaults, "model": model, **given}
+            off = {} if path != FILES[0] else {"history": "false"}  # most tests look at monitors
+            values = {**defaults, "model": model, **off, **given}
             for name, choices in choices_of(made).items():
                 assert values[name] in choices
             one.options["function"](values)
@@ -115,6 +116,24 @@ def test_the_dashboard_is_started_where_it_is_asked_for(describe, file):
     assert list(made) == ["energy_monitor", "energy_dashboard"]
     assert made["energy_dashboard"].options["parameters"][1:] == [file]
     assert "namespace" not in made["energy_dashboard"].options  # one page for all robots
+
+
+def test_what_all_robots_use_is_recorded_in_one_folder_unless_it_is_turned_off(describe, file):
+    declared = [one for one in describe(FILES[0]) if one.kind == "DeclareLaunchArgument"]
+    defaults = {one.args[0]: one.options["default_value"] for one in declared}
+    on = {"history": defaults["history"]}
+    made = nodes_of(describe(FILES[0], namespace="left", params_file=file, **on))
+    recorder = made["energy_recorder"]
+    assert recorder.options["parameters"][1:] == [file, {}]
+    assert "namespace" not in recorder.options  # one recorder for all robots
+    for given, folder in (
+        ({"state_folder": "/kept"}, "/kept/history"),
+        ({"virtual": "true"}, "$ROS_HOME/robot_energy/virtual_robot/history"),
+    ):
+        found = nodes_of(describe(FILES[0], **on, **given))["energy_recorder"]
+        assert found.options["parameters"][1:] == [{"folder": folder}]
+    for off in ({"history": "false"}, {**on, "state_folder": "none"}):
+        assert "energy_recorder" not in nodes_of(describe(FILES[0], **off))
 
 
 def nodes_of(made: list[Recorded]) -> dict[str, Recorded]:
@@ -218,8 +237,8 @@ def test_topics_reach_the_nodes_that_read_them_and_the_virtual_robot(describe):
 def test_arguments_without_free_text_have_choices(describe):
     choices = choices_of(describe(FILES[0]))
     assert set(choices) == {
-        "separate", "respawn", "virtual", "dashboard", "use_sim_time", "autostart", "effort",
-        "auxiliary", "learning", "log_level",
+        "separate", "respawn", "virtual", "dashboard", "history", "use_sim_time", "autostart",
+        "effort", "auxiliary", "learning", "log_level",
     }  # fmt: skip
     assert "joint_torque" in choices["effort"]
     assert "yes" not in choices["use_sim_time"]

@@ -31,6 +31,7 @@ from ros2_energy_monitor.base.node_parameters import (
     EnergyParameters,
     FrictionParameters,
     PowerParameters,
+    RecorderParameters,
     RobotParameters,
     TorqueParameters,
 )
@@ -49,6 +50,7 @@ NODES = {
     "console": ConsoleParameters,
     "energy_dashboard": DashboardParameters,
     "meter_driver": MeterDriverParameters,
+    "energy_recorder": RecorderParameters,
     "energy_exporter": exporter_parameters(),
 }
 

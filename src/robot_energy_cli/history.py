@@ -210,7 +210,7 @@ def _tariff(args: Namespace) -> int:
 
 COMMAND = Group(
     "history",
-    "energy over years, as energy_recorder writes it: show, check, repair, tariffs",
+    "energy over years, as energy_recorder writes it",
     "Energy over years, as energy_recorder writes it.",
     "what",
     "WHAT",

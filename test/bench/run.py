@@ -16,6 +16,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import bench_history
 import bench_identify
 import bench_layouts
 import bench_live
@@ -31,6 +32,7 @@ BENCHES = {
     "live": bench_live,
     "page": bench_page,
     "identify": bench_identify,
+    "history": bench_history,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 

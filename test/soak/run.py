@@ -22,6 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import flips
 import flood
+import history
 import kills
 import load
 import meters
@@ -41,6 +42,7 @@ import fuzz
 
 RUNS: dict[str, LongRun] = {
     "month": month,
+    "history": history,
     "kills": kills,
     "service_kills": service_kills,
     "load": load,

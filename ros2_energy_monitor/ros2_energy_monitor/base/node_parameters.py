@@ -221,6 +221,38 @@ class DashboardParameters:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class RecorderParameters:
+    """Parameters of the energy recorder."""
+
+    folder: str = parameter(
+        "Folder of the history; $ROS_HOME is ~/.ros where it is not set.",
+        "$ROS_HOME/robot_energy/history",
+    )
+    robots: tuple[str, ...] = parameter(
+        "Namespaces of the robots to record; empty records all whose energy/registers is found.",
+        (),
+    )
+    autostart: bool = parameter(
+        "Whether the node configures and activates itself; if not, a life cycle manager does.",
+        True,
+    )
+    keep_minutes: float = parameter(
+        "How long minutes are kept; quarter hours are kept for ever [days].", 35.0, 1.0, 4000.0
+    )
+    min_free: int = parameter(
+        "Free space that is left on the disk; with less nothing is written [MB].",
+        200,
+        0,
+        1_000_000,
+    )
+    take_period: float = parameter("How often messages are taken [s].", 5.0, 0.1, 30.0)
+    write_period: float = parameter("How often what was taken is written [s].", 60.0, 1.0, 900.0)
+    look_period: float = parameter(
+        "How often robots and job intervals are looked for [s].", 20.0, 1.0, 900.0
+    )
+
+
 def _check_power_rate(parameters: AccountParameters) -> None:
     """Refuse a rate of energy/power that ticks cannot give evenly."""
     rate, tick_rate = parameters.power_rate, parameters.tick_rate

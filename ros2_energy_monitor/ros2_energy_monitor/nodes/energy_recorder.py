@@ -1,0 +1,202 @@
+# Copyright 2026 Robot energy maintainers
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+
+"""Node: records what all robots use, for years."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from robot_energy.foundation.errors import HistoryError, ParameterError
+from robot_energy.history.store import MAX_ROBOTS, HistoryStore
+from ros2_energy_monitor.base.checkpoints import folder_of
+from ros2_energy_monitor.base.lifecycle import ManagedNode
+from ros2_energy_monitor.base.node_parameters import RecorderParameters
+from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.diagnostics.reporter import (
+    ERROR,
+    REPORT_PERIOD,
+    WARN,
+    Reporter,
+    StatusBuilder,
+)
+from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
+
+REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
+MEGABYTE = 2**20
+
+
+class EnergyRecorder(ManagedNode):
+    """Writes the registers and job intervals of all robots to a history.
+
+    While another recorder writes there, or the disk is in trouble, readings wait, and it goes on
+    once it can.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        ParameterError: If a parameter cannot be used.
+    """
+
+    NAME = "energy_recorder"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
+        self.store: HistoryStore | None = None
+        self._robots: dict[str, RecordedRobot] = {}
+        self._timers_of_work: list[Any] = []
+        self._left_out = ""
+        self._said = ""
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        try:
+            self.parameters = declare(self, RecorderParameters)
+            self._reporter = Reporter(self)
+            self.create_timer(REPORT_PERIOD, self.report, clock=self._steady)
+            self.autostart(enabled=self.parameters.autostart)
+        except Exception:
+            self.destroy_node()
+            raise
+
+    def configure(self) -> None:
+        """Open the history, if it can be opened now."""
+        wanted = self.parameters
+        folder = folder_of(wanted.folder)
+        if folder is None:
+            raise ParameterError(f"folder is '{wanted.folder}'", "the folder of a history")
+        self.store = HistoryStore(folder, wanted.keep_minutes, wanted.min_free * MEGABYTE)
+        self._write()
+
+    def activate(self) -> None:
+        """Look for robots and record them from now on."""
+        wanted = self.parameters
+        for period, callback in (
+            (wanted.take_period, self.take),
+            (wanted.look_period, self.look),
+            (wanted.write_period, self._write),
+        ):
+            self._timers_of_work.append(self.create_timer(period, callback, clock=self._steady))
+        for namespace in wanted.robots:
+            self._add(namespace)
+        self.look()
+
+    def deactivate(self) -> None:
+        """Write all that has come."""
+        self.take()
+        self._write(newest=True)
+        for timer in self._timers_of_work:
+            self.destroy_timer(timer)
+        self._timers_of_work.clear()
+
+    def cleanup(self) -> None:
+        """Let another recorder write."""
+        if self.store is not None:
+            self.store.close()
+        self.store = None
+        self._robots.clear()
+
+    def take(self) -> None:
+        """Take what has arrived."""
+        for robot in self._robots.values():
+            try:
+                robot.take()
+            except HistoryError:  # others were recorded before
+                self._left_out = robot.name
+
+    def look(self) -> None:
+        """Look for robots that are new, and for job intervals."""
+        if not self.parameters.robots:
+            for topic, types in self.get_topic_names_and_types():
+                if topic.endswith(f"/{REGISTERS_TOPIC}") and REGISTERS_TYPE in types:
+                    self._add(topic.removesuffix(REGISTERS_TOPIC))
+        services = [name for name, _ in self.get_service_names_and_types()]
+        for robot in self._robots.values():
+            robot.look_after(services)
+
+    def _add(self, namespace: str) -> None:
+        name = namespace.strip("/") or "robot"
+        if self.store is None or name in self._robots:
+            return
+        if len(self._robots) >= MAX_ROBOTS:
+            self._left_out = name
+            return
+        self._robots[name] = RecordedRobot(self, namespace, self.store)
+
+    def _write(self, newest: bool = False) -> None:
+        """Write what waits; say what is new of it."""
+        store = self.store
+        if store is None:
+            return
+        store.write(time.time_ns(), newest)
+        for notice in store.notices:
+            self.get_logger().warning(notice)
+        store.notices.clear()
+        if store.trouble != self._said:
+            if store.trouble:
+                self.get_logger().error(store.trouble)
+            else:
+                self.get_logger().info(f"the history is written to {store.folder} again")
+            self._said = store.trouble
+
+    def report(self) -> None:
+        """Publish diagnostics."""
+        node = StatusBuilder("node")
+        self.guard.check(node)
+        self._reporter.publish([node, self._findings()], "")
+
+    def _findings(self) -> StatusBuilder:
+        found, store = StatusBuilder("history"), self.store
+        if store is None:
+            found.notes.append(f"nothing is recorded: the node is {self.state}")
+            return found
+        robots, now = self._robots.values(), time.monotonic()
+        found.values |= {
+            "folder": str(store.folder),
+            "robots": len(robots),
+            "size_mb": store.size / MEGABYTE,
+            "transactions": store.commits,
+            "readings_waiting": store.waiting,
+            "readings_ignored": store.ignored,
+            "readings_dropped": store.dropped,
+            "messages_malformed": sum(robot.malformed for robot in robots),
+            "messages_lost": sum(robot.lost for robot in robots),
+        }
+        if store.trouble:
+            found.add(ERROR, store.trouble.rstrip("."))
+        if self._left_out:
+            found.add(WARN, f"more than {MAX_ROBOTS} robots, {self._left_out} among them")
+        silent = [robot.name for robot in robots if not now - robot.heard < SILENCE]
+        if self.active and not robots:
+            found.add(WARN, "no energy/registers is published", "start a monitor")
+        elif silent and len(silent) == len(robots):
+            found.add(WARN, f"no energy/registers arrive, of {', '.join(silent[:3])}")
+        return found
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
+    return run(EnergyRecorder, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

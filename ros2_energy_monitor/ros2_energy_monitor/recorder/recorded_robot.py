@@ -1,0 +1,122 @@
+# Copyright 2026 Robot energy maintainers
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+
+"""Feeds the history with the registers and the job intervals of one robot."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters
+from ros2_energy_msgs.srv import ListIntervals
+
+from robot_energy.accounting.exact_sum import PER_JOULE
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.history.readings import ReadingDecoder
+from robot_energy.history.store import HistoryStore
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
+
+DEPTH = 120  # registers that wait for the next look: a minute and more [messages]
+SILENCE = 30.0  # of a robot, after which it is subscribed and asked again [s]
+LIST = "list_intervals"
+
+
+class RecordedRobot:
+    """One robot whose registers are recorded.
+
+    Args:
+        node: The node that subscribes.
+        namespace: Of the robot's monitors, with or without the leading slash.
+    """
+
+    def __init__(self, node: Node, namespace: str, store: HistoryStore) -> None:
+        self._node, self._store = node, store
+        self.name = namespace.strip("/") or "robot"
+        self._prefix = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+        topic = f"{self._prefix}{REGISTERS_TOPIC}"
+        self._inbox = Inbox(node, EnergyRegisters, topic, reliable(DEPTH), renew_after=SILENCE)
+        self._decoder = ReadingDecoder()
+        self._client: Client | None = None
+        self._listing: Any = None  # the answer that is awaited
+        self._asked = 0.0  # when, steady time [s]
+        self.heard = math.nan  # when registers came last, steady time [s]
+
+    @property
+    def malformed(self) -> int:
+        """Messages that could not be read."""
+        return self._decoder.malformed
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published and did not arrive."""
+        return self._inbox.lost
+
+    def take(self) -> None:
+        """Hand what has arrived to the store."""
+        batch = self._inbox.drain()
+        if batch is not None:
+            self.heard = time.monotonic()
+            self._store.add(self.name, self._decoder.decode(batch))
+
+    def look_after(self, services: Iterable[str]) -> None:
+        """Ask for the job intervals, and subscribe again what is silent.
+
+        Args:
+            services: Names of all that there are.
+        """
+        self._inbox.resubscribe_if_silent()
+        if self._listing is not None and not self._listing.done():
+            if time.monotonic() - self._asked < SILENCE:
+                return
+            self._listing.cancel()
+        if self._client is None:
+            for name in services:
+                node, _, service = name.removeprefix(self._prefix).partition("/")
+                if name.startswith(self._prefix) and node and service == LIST:
+                    self._client = self._node.create_client(ListIntervals, name)
+                    break
+        if self._client is not None and self._client.service_is_ready():
+            self._asked = time.monotonic()
+            self._listing = self._client.call_async(ListIntervals.Request())
+            self._listing.add_done_callback(self._take_jobs)
+
+    def _take_jobs(self, future: Any) -> None:
+        response = None if future.cancelled() else future.result()
+        if response is not None:
+            ended = [_job(one) for one in response.intervals if not one.is_open]
+            self._store.add_jobs(self.name, ended)
+
+
+def _job(interval: EnergyInterval) -> dict[str, Any]:
+    """The row of a job; a job has far less than the energy that J cannot tell apart."""
+    peak = interval.predicted_peak_power
+    return {
+        "id": interval.id,
+        "start": interval.start.sec * SECOND_NS + interval.start.nanosec,
+        "stop": interval.end.sec * SECOND_NS + interval.end.nanosec,
+        "name": interval.name,
+        "observed_ns": _whole(interval.observed_time * SECOND_NS),
+        "gap_ns": _whole(interval.gap_time * SECOND_NS),
+        "compared_ns": _whole(interval.comparison_time * SECOND_NS),
+        "predicted_import_microjoule": _whole(interval.predicted_import_energy * PER_JOULE),
+        "predicted_return_microjoule": _whole(interval.predicted_return_energy * PER_JOULE),
+        "measured_microjoule": _whole(interval.measured_energy * PER_JOULE),
+        "predicted_microjoule_at_meter": _whole(interval.predicted_energy_at_meter * PER_JOULE),
+        "peak_power": peak if math.isfinite(peak) else None,
+    }
+
+
+def _whole(value: float) -> int:
+    return round(value) if math.isfinite(value) and abs(value) < 2.0**62 else 0

@@ -1,0 +1,175 @@
+# Copyright 2026 Robot energy maintainers
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+
+"""The recorder beside real monitors: its sums are the registers, whatever happens to it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import pytest
+from ros2_energy_msgs.msg import EnergyRegisters, JointEnergy
+from ros2_energy_msgs.srv import CloseInterval, OpenInterval
+
+from robot_energy.history.api import history
+from robot_energy.history.check import check
+from robot_energy.history.files import open_reader
+from robot_energy.history.store import HistoryStore
+from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
+from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
+
+IMPORT = "predicted_import_microjoule"
+QUICK = {"take_period": 0.2, "write_period": 1.0, "look_period": 1.0, "min_free": 0}
+SECOND = 10**9
+
+
+def total(folder: Any, name: str = IMPORT) -> int:
+    with closing(open_reader(folder)) as connection:
+        return connection.execute(f"SELECT coalesce(sum({name}), 0) FROM slot15").fetchone()[0]
+
+
+def registers(second: int, watt: int = 100) -> EnergyRegisters:
+    """The registers of a robot that draws a power since second 0, at a second."""
+    message = EnergyRegisters(model_id="m1", observed_ns=second * SECOND)
+    message.header.stamp.sec = 1_700_000_000 + second
+    message.energy_start.sec = 1_700_000_000
+    message.predicted_import_microjoule = message.phase_microjoule[2] = second * watt * 10**6
+    message.phase_ns[2] = second * SECOND
+    message.joints = [JointEnergy(name="a", friction_microjoule=second * 10**6)]
+    return message
+
+
+@pytest.fixture
+def publish(bench: Any) -> Callable[..., None]:
+    publishers: dict[str, Any] = {}
+
+    def send(topic: str, *messages: EnergyRegisters) -> None:
+        if topic not in publishers:
+            publishers[topic] = bench.tester.create_publisher(
+                EnergyRegisters, topic, reliable(1000)
+            )
+        publisher = publishers[topic]
+        bench.spin_until(lambda: publisher.get_subscription_count() > 0, "the recorder")
+        for message in messages:
+            publisher.publish(message)
+
+    return send
+
+
+def test_a_monitor_its_jobs_and_its_registers(bench: Any, tmp_path: Any) -> None:
+    bench.add(VirtualRobot)
+    monitor = bench.add(EnergyMonitor, model="kr16", state_folder=str(tmp_path / "state"))
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path / "h"), **QUICK)
+    for kind, name in ((OpenInterval, "open"), (CloseInterval, "close")):
+        client = bench.tester.create_client(kind, f"/energy_monitor/{name}_interval")
+        bench.spin_until(lambda client=client: client.service_is_ready(), name)
+        bench.spin_until(lambda: monitor.account.end_ns is not None, "samples")
+        answer = client.call_async(kind.Request(name="part 7"))
+        bench.spin_until(answer.done, name)
+        assert answer.result().success, answer.result().message
+    monitor.trigger_deactivate()
+    bench.spin_until(lambda: not recorder.store.trouble and recorder.store.waiting, "readings")
+    last = monitor.account.totals()
+
+    def recorded() -> bool:
+        recorder.take()
+        recorder._write(newest=True)
+        return total(tmp_path / "h") == last.cabinet_energy_microjoule["grid_import"]
+
+    bench.spin_until(recorded, "the registers")
+    assert total(tmp_path / "h", "brake_microjoule") == last.cabinet_energy_microjoule["brake"]
+    assert total(tmp_path / "h", "observed_ns") == last.observed_ns
+    assert check(tmp_path / "h") == []
+
+    def jobs() -> list[Any]:
+        with closing(open_reader(tmp_path / "h")) as connection:
+            return connection.execute("SELECT name FROM job").fetchall()
+
+    bench.spin_until(jobs, "the job")
+    assert jobs() == [("part 7",)]
+
+
+def test_robots_are_found_by_their_namespaces(bench: Any, publish: Any, tmp_path: Any) -> None:
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    topics = ("/left/energy/registers", "/right/energy/registers", "/energy/registers")
+    for topic in topics:
+        bench.tester.create_publisher(EnergyRegisters, topic, reliable(10))
+    for number, topic in enumerate(topics, 1):
+        publish(topic, registers(60 * number))
+    bench.spin_until(lambda: recorder.store.waiting == 3, "three readings")
+    recorder.trigger_deactivate()
+    found = history(tmp_path, 0, 2**62, "all")
+    used = {name: second * 100 * 10**6 for name, second in
+            (("left", 60), ("right", 120), ("robot", 180))}  # fmt: skip
+    assert dict(zip(found["robot"].tolist(), found[IMPORT].tolist(), strict=True)) == used
+
+
+def test_a_full_disk_is_said_and_survived(
+    bench: Any, publish: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    diagnosed = bench.diagnosed()
+    bench.add(EnergyRecorder, folder=str(tmp_path), **{**QUICK, "min_free": 1})
+    publish("/energy/registers", registers(60))
+    bench.spin_until(lambda: total(tmp_path) > 0, "the first reading")
+    real = shutil.disk_usage
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: real(path)._replace(free=0))
+    diagnosed.wait("energy_recorder: history", "0 MB of free space")
+    publish("/energy/registers", registers(300))
+    before = total(tmp_path)
+    monkeypatch.undo()
+    bench.spin_until(lambda: total(tmp_path) > before, "the second reading")
+    diagnosed.wait_anew("energy_recorder: history", "all is well")
+    assert total(tmp_path) == 300 * 100 * 10**6
+
+
+def test_a_folder_that_cannot_be_used_is_said_and_taken_once_it_can(
+    bench: Any, publish: Any, tmp_path: Any
+) -> None:
+    diagnosed = bench.diagnosed()
+    place = tmp_path / "place"
+    place.write_text("a file where a folder should be")
+    bench.add(EnergyRecorder, folder=str(place / "h"), **QUICK)
+    diagnosed.wait("energy_recorder: history", "cannot be written")
+    publish("/energy/registers", registers(60))
+    place.unlink()
+    bench.spin_until(lambda: (place / "h/history.sqlite").exists() and total(place / "h"), "it")
+    assert total(place / "h") == 60 * 100 * 10**6
+
+
+def test_a_second_recorder_says_so_and_takes_over(bench: Any, publish: Any, tmp_path: Any) -> None:
+    diagnosed = bench.diagnosed()
+    first = HistoryStore(tmp_path)
+    first.open()
+    bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    diagnosed.wait("energy_recorder: history", "writes the history")
+    publish("/energy/registers", registers(60))
+    assert total(tmp_path) == 0
+    first.close()
+    bench.spin_until(lambda: total(tmp_path) > 0, "the reading")
+    assert total(tmp_path) == 60 * 100 * 10**6
+
+
+def test_a_life_cycle_loses_nothing(bench: Any, publish: Any, tmp_path: Any) -> None:
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), autostart=False, **QUICK)
+    assert recorder.state == "unconfigured"
+    for round_ in range(1, 4):
+        recorder.trigger_configure()
+        recorder.trigger_activate()
+        publish("/energy/registers", registers(60 * round_))
+        bench.spin_until(lambda: recorder.store.waiting or recorder.store.ignored, "a reading")
+        recorder.trigger_deactivate()
+        assert total(tmp_path) == 60 * round_ * 100 * 10**6
+        recorder.trigger_cleanup()
+        assert recorder.store is None
+    HistoryStore(tmp_path).open()  # the lock is free
