@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 from ros2_energy_msgs.srv import (
     CloseInterval,
@@ -219,6 +219,42 @@ def test_an_interval_begins_with_what_has_arrived(bench, messages, tmp_path):
 
 def nanoseconds(stamp: Time) -> int:
     return stamp.sec * 10**9 + stamp.nanosec
+
+
+def test_readings_at_minutes_and_before_a_reset_are_on_disk_when_they_are_published(
+    bench, messages, tmp_path
+):
+    node, observer = start(bench, tmp_path, checkpoint_period=5.0), Observer(bench)
+    rows = messages["/joint_states"]
+    publisher = bench.publisher(JointState, "joint_states")
+    stamps = [nanoseconds(deserialize_message(row, JointState).header.stamp) for row in rows[:400]]
+    minute = (stamps[0] // (60 * 10**9) + 1) * 60 * 10**9
+    shift = minute - stamps[200]  # the minute ends in the middle
+    moved = []
+    for row in rows[:400]:
+        message = deserialize_message(row, JointState)
+        stamp = nanoseconds(message.header.stamp) + shift
+        message.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
+        moved.append(serialize_message(message))
+    feed(bench, node, publisher, moved)
+    row = bench.spin_until(
+        lambda: next((row for row in observer.rows if row.minute.sec), None), "the minute"
+    )
+    assert nanoseconds(row.minute) == minute == nanoseconds(row.header.stamp)
+    assert row.persisted
+    assert row.observed_ns == stamps[200] - stamps[0] == row.phase_ns.sum()
+    place = observer.rows.index(row)
+    after = observer.wait(lambda one: nanoseconds(one.header.stamp) > minute)
+    assert after.predicted_import_microjoule > row.predicted_import_microjoule
+    assert all(
+        one.predicted_import_microjoule <= row.predicted_import_microjoule
+        for one in observer.rows[:place]
+    )
+    last = node.account.totals().cabinet_energy_microjoule["grid_import"]
+    assert call(bench, node, ResetRegisters, "reset_registers", reason="test").success
+    observer.wait(predicted_import_microjoule=0)
+    assert max(one.predicted_import_microjoule for one in observer.rows) == last
+    assert [one for one in observer.rows if one.predicted_import_microjoule == last][-1].persisted
 
 
 def test_intervals_and_reset_by_service(bench, messages, tmp_path):

@@ -283,8 +283,8 @@ OFFLINE = (
     "robot_energy_plan", "robot_energy_report", "robot_energy_rig",
 )  # fmt: skip
 ONLINE = (
-    "accounting", "bag.cdr", "certainty", "condition", "history", "inputs", "messages", "pipeline", "store",
-    "timeline",
+    "accounting", "bag.cdr", "certainty", "condition", "history", "inputs", "messages", "pipeline",
+    "store", "timeline",
 )  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
