@@ -72,7 +72,11 @@ class EnergyRecorder(ManagedNode):
             raise
 
     def configure(self) -> None:
-        """Open the history, if it can be opened now."""
+        """Open the history, if it can be opened now.
+
+        Raises:
+            ParameterError: If no folder is named.
+        """
         wanted = self.parameters
         folder = folder_of(wanted.folder)
         if folder is None:
