@@ -162,7 +162,7 @@ class SampleCounts:
         else:
             slow = [(np.abs(b.motor_velocity) <= self._floor).all(axis=1) for b, _, _ in waiting]
             resting = slow[0] if len(slow) == 1 else np.concatenate(slow)
-        self._standby.step(resting, energy, duration_ns)
+        self._standby.step(np.asarray(resting, np.bool_), energy, duration_ns)
         split = np.zeros((rows, len(Phase)), order="F")
         split[np.arange(rows), phase] = energy
         self._phase_energy.add(split)
