@@ -13,6 +13,7 @@ import robot_energy as re
 from fleets import dataset, fleet, written
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.units import HOUR_NS, MINUTE_NS
+from robot_energy.history.tariffs import PricePeriod
 from robot_energy.model import load
 from robot_energy_cli.main import main
 from robot_energy_fleet.dataset import read_tables
@@ -22,7 +23,7 @@ from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.tables import SCHEMAS, FleetTables
 from robot_energy_report.document import Document
 from robot_energy_report.html import page_html
-from robot_energy_report.page.settings import PageSettings, PricePeriod
+from robot_energy_report.page.settings import PageSettings
 from robot_energy_studies.fleet_study import judged
 from robot_energy_studies.generated_fleet import FleetPlan
 
