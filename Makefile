@@ -52,7 +52,7 @@ soak: prepare .venv/tests build/urdfs/pins  ## runs that take long: a simulated 
 clean:  ## remove all that set-up and tests made
 	rm -rf .venv build install log
 
-# What only tests and checks need; the stamp goes with an environment that is made anew.
+# What only tests and checks need; the stamp goes with an environment that is made again.
 .venv/tests: .ci/requirements-test.txt | prepare
 	@echo "set-up: tools of tests and checks ..."
 	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-compile --no-deps --require-hashes -r $< && cp $< $@

@@ -26,8 +26,8 @@ DESCRIPTION = """\
 Check recordings against a model: units, order, sign and zero of every joint, scale and meaning of
 the torque, gear ratios, payload, meter, temperatures, noise at rest, and what could be
 identified. Each finding has its size and the setting that mends it, tried on the recording. Causes
-that explain a recording alike are told, and none is blamed. Several recordings of one robot are
-judged together.
+that explain a recording alike are named together, and none is blamed. Several recordings of one
+robot are judged together.
 """
 EPILOG = """\
 examples:

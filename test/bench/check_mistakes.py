@@ -6,8 +6,8 @@ A name is that of a recording of the project, of the folder ``ROBOT_ENERGY_DATA`
 the virtual rig with a plant drawn at random, or ROBOT:SEED:PROGRAM: a foreign robot, of which there
 is no more than a URDF whose bodies are off; ``foreign:SEED`` is forty of these. For every mistake
 the joint is drawn as well. A mistake counts as named if its cause and its joint are the first
-finding and no other cause is blamed; as told with others if the check says that it is one of
-several that cannot be told apart; as not to be judged if the check says so of that quantity and
+finding and no other cause is blamed; as named with others if the check says that it is one of
+several that cannot be distinguished; as not to be judged if the check says so of that quantity and
 that joint; else as named wrongly or as silent. Where one is named, its remedy is applied, and the
 recording is checked again. Mistakes of a signal that a recording lacks are left out by name.
 """
@@ -34,7 +34,7 @@ from robot_energy_identify.check import CheckResult, Finding, check
 from sound_recordings import PROGRAMS, Sound, plain, sound, with_remedy
 
 NAMED, EITHER, WRONG, SILENT, UNJUDGED, MISSING = (
-    "named", "told with others", "named wrongly", "silent", "cannot be judged", "not applicable"
+    "named", "named with others", "named wrongly", "silent", "cannot be judged", "not applicable"
 )  # fmt: skip
 GONE, LEFT = "remedy mends", "remedy does not mend"
 ROBOTS = ("kr16", "irb4600", "mantis", "ur3e", "ur5e", "ur10e", "arm4", "arm5", "arm6", "arm7")

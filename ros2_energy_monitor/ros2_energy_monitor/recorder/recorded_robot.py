@@ -99,7 +99,7 @@ class RecordedRobot:
 
 
 def _job(interval: EnergyInterval) -> dict[str, Any]:
-    """The row of a job; a job has far less than the energy that J cannot tell apart."""
+    """The row of a job; a job has far less than the energy that a float64 in J cannot resolve."""
     peak = interval.predicted_peak_power
     return {
         "id": interval.id,

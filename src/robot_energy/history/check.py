@@ -173,7 +173,7 @@ def _rewritten(path: Path) -> str:
         path.with_name(path.name + end).unlink(missing_ok=True)
     fresh.rename(path)
     return (
-        f"{path.name} was damaged and is written anew, {lost} of its tables in part; "
+        f"{path.name} was damaged and is written again, {lost} of its tables in part; "
         f"{aside.name} is as before"
     )
 

@@ -13,7 +13,7 @@ from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, OBSERVED, Read
 
 SLOT_NS = 15 * MINUTE_NS
 BEHIND_NS = MINUTE_NS  # registers that stay behind what was recorded for longer have gone back [ns]
-UNRESOLVED = 1  # flags of a span: it is no slot; its beginning and end are its own
+UNRESOLVED = 1  # flags of a span: it is not a slot; its beginning and end are its own
 CLOCK = 2  # stamps were set meanwhile
 EARLIER = 4  # counted before this robot was recorded at all
 REPAIRED = 8  # put in by a repair, so that sums are those of the registers

@@ -17,7 +17,7 @@ UNITS = {"kW instead of W, or kWh instead of Wh": 1e-3, "W instead of kW": 1e3,
          "Wh or J mixed up": 1 / 3600.0, "J instead of Wh": 3600.0}  # fmt: skip
 NEAR = 0.7  # of the logarithm of a factor: a factor of two
 MAX_LAG = 2.0  # s
-MIN_SPAN = 10.0  # s of recording, below which no delay is told from the motion
+MIN_SPAN = 10.0  # s of recording, below which no delay can be found
 MIN_LAG = 0.15  # s, below which a delay is the meter's own averaging
 LEAST_LAG = 0.3  # s: the least delay that is to be found
 LAG_STEP = 0.02  # s

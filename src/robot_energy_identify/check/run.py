@@ -234,7 +234,7 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
 
 
 def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
-    """Which joints lack a sound temperature, and why that cannot be told."""
+    """Which joints lack a sound temperature, and why that is not known."""
     remarks = evidence.remarks
     if remarks.temperatures is None:
         return [], "the recording has no motor temperatures"

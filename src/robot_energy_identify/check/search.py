@@ -28,7 +28,7 @@ from robot_energy_identify.check.torque_fit import TorqueFit
 
 MAX_CAUSES = 4  # found one after the other
 NEEDED = 12.0  # of cost, that a cause must gain to be named
-ALIKE = 6.0  # of cost: two causes that differ by less cannot be told apart
+ALIKE = 6.0  # of cost: two causes that differ by less cannot be distinguished
 FURTHER = 5.0  # times their priors, that the bodies of one link may be off; of all, half of it
 RARE = 6.0  # of cost, that this must gain before it counts
 CLEAR = 60.0  # of cost, beyond which it is not tried whether bodies explain a mistake

@@ -115,7 +115,7 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
         also = {evidence.names[j] for one in found.rivals for j in one.joints} - {*names}
         return Finding(
             cause.name, WARNING, (*names, *sorted(also)),
-            f"cannot be told apart from this recording: {'; or '.join([sentence, *others])}",
+            f"this recording does not distinguish: {'; or '.join([sentence, *others])}",
             cause.value, float("nan"), "record more poses and faster motion, and check again",
             alternatives=alike,
         )  # fmt: skip
@@ -246,13 +246,13 @@ def _source(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
     weight = fit.errors.std[places] ** -2.0
     share = 0.5 + float(weight @ fit.errors.values[places] / weight.sum())
     std = float(weight.sum() ** -0.5)
-    told = f"it holds {share:.2f} +- {std:.2f} of the torque that turns the model's rotors"
+    share_words = f"it holds {share:.2f} +- {std:.2f} of the torque that turns the model's rotors"
     if share - 3.0 * std > 0.2:
-        words = f"the joint torque is computed from the motor current, not measured: {told}"
+        words = f"the joint torque is computed from the motor current, not measured: {share_words}"
     elif share + 3.0 * std < 0.5:
-        words = f"the joint torque is measured behind the gear: {told}"
+        words = f"the joint torque is measured behind the gear: {share_words}"
     else:
-        words = f"whether joint torque is measured or computed from current is open: {told}"
+        words = f"whether joint torque is measured or computed from current is open: {share_words}"
     yield Finding("effort_source", NOTE, (), words, share, float("nan"))
 
 

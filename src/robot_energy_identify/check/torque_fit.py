@@ -224,7 +224,7 @@ class TorqueFit:
     def rough_cost(self, evidence: Evidence) -> float:
         """Return about the cost of the recording as corrected, with the columns of this one.
 
-        Rather too high. A hundredth of the work of a fit, it tells what is not worth one.
+        Rather too high. A hundredth of the work of a fit, it shows what is not worth one.
 
         Args:
             evidence: With the same torque in other motion.

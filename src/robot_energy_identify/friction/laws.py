@@ -176,7 +176,7 @@ def fit_falling(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit, Stri
         offset, nuisances; the term.
 
     Raises:
-        NotIdentifiableError: If the motion does not tell them apart, or friction does not fall.
+        NotIdentifiableError: If the motion does not separate them, or friction does not fall.
     """
     speed = np.abs(data.motor_velocity)
     tried: list[tuple[float, float, bool]] = []

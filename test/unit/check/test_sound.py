@@ -101,7 +101,7 @@ def test_two_causes_that_explain_the_same_are_told_and_none_is_blamed(tmp_path):
     assert not result.errors
     found = next(one for one in result.findings if one.alternatives)
     assert {found.cause, *found.alternatives} >= {"torque_sign", "joint_sign"}
-    assert found.sentence.startswith("cannot be told apart from this recording: ")
+    assert found.sentence.startswith("this recording does not distinguish: ")
     assert not found.remedy_in
 
 
