@@ -65,7 +65,8 @@ class PageReaders:
             ENERGY_REGISTERS,
             (
                 *(*identity, FRAME, "energy_start.sec", "energy_start.nanosec", "persisted"),
-                *(*ENERGIES, *TIMES, *OUTLET), "joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES),
+                *(*ENERGIES, *TIMES, *OUTLET),
+                *("joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES)),
                 "auxiliary.name", *(f"auxiliary.{name}" for name in LOAD_ENERGIES),
             ),
         )  # fmt: skip
