@@ -72,7 +72,7 @@ def on_disk(folder: Path, node: str) -> tuple[int, int]:
 
 
 class Feeder:
-    """Plays parts of a bag one after the other; a node that has ended is no publisher any more."""
+    """Plays parts of a bag one after the other, each from a node that ends."""
 
     def __init__(self, bench: Any, bag: Path, monitor: Any) -> None:
         self._bench, self._bag, self._monitor = bench, bag, monitor

@@ -121,7 +121,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             lambda: self.parameters.input_timeout,
             remedy="start torque_monitor",
         )
-        # Friction comes with temperatures only, and latched: silence is no fault, absence is.
+        # Friction comes with temperatures only, and latched: silence is not a fault, absence is.
         friction = InputWatch(
             "joint friction",
             self.frictions,

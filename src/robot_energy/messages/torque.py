@@ -107,7 +107,7 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
         return None if block is None else self._taken(self._stream.step(block))
 
     def flush(self) -> TorqueBlock | None:
-        """Return what still waits and is no outlier, as at the end."""
+        """Return what still waits and is not an outlier, as at the end."""
         return self._taken(self._stream.flush())
 
     def restart(self) -> None:

@@ -135,7 +135,7 @@ class PageReaders:
 
 
 def net_energy(registers: dict[str, Any]) -> float:
-    """Return the energy from the grid less what was fed back. [J]
+    """Return the energy from the grid minus what was fed back. [J]
 
     Args:
         registers: As `PageReaders.registers` returns them.
