@@ -217,7 +217,8 @@ def test_a_recording_with_rests_gives_a_ranked_list(poses):
     page = Document()
     advice_document(report, page)
     lines = [part.text for _, part in page.parts if isinstance(part, Text)]
-    assert lines[0].startswith("Seen: ") and "a year" not in lines[0]
+    assert lines[0].startswith("Seen: ")
+    assert "a year" not in lines[0]
     tables = [part.title for _, part in page.parts if isinstance(part, Table)]
     assert tables[1:] == [
         *TITLES[: 1 + bool(report.unproven)],
