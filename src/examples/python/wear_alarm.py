@@ -10,7 +10,7 @@ import robot_energy as re
 from robot_energy_plan.motion.ptp_loop import random_program
 from robot_energy_rig import VirtualRig, random_profile
 
-WORN_AFTER, RATE = 4, 25  # [h], [Hz]
+WORN_AFTER, RATE = 5, 10  # [h], [Hz]
 
 plant = random_profile("kr16", 3)
 program = random_program(plant.motion_limits(plant.mechanics()[0]), 5)
