@@ -56,7 +56,7 @@ def run(page: Path, folder: Path) -> str:
 def of_commands(content: str) -> str:
     """Run the commands of a block; return it with their output."""
     lines: list[str] = []
-    commands = re.findall(r"^\$ (.*(?:\\\n.*)*)$", content, re.M)
+    commands = re.findall(r"^\$ ((?:.*\\\n)*.*)$", content, re.M)
     for command in commands:
         done = subprocess.run(
             command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False,

@@ -13,7 +13,8 @@ DOC = ROOT / "src/doc"
 PAGE = """# Page
 
 ```console
-$ echo one; echo two
+$ echo one; \\
+    echo two
 one
 two
 $ true
