@@ -156,7 +156,7 @@ MODULES = {
         arm description joints model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic
+        autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows

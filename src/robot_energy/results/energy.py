@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.certainty.band import energy_variances
+from robot_energy.certainty.band import Z90, energy_std, energy_variances
 from robot_energy.certainty.deviation import names_of
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
@@ -91,6 +91,11 @@ class MeterComparison(Result):
     measured_power_rms: Annotated[
         Number, "Of the measured power: the error of a prediction of 0 W. [W]"
     ] = None
+    half_relative: Annotated[
+        Number,
+        "Half width of the 90 % band of the predicted energy at the meter, over that energy, from "
+        "the figures of the model: nothing that the meter showed is in it. [-]",
+    ] = None
 
 
 class PhaseEnergy(Result):
@@ -156,9 +161,12 @@ def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> Energy
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     variances = energy_variances(registers.deviation)
     total = float(variances.sum())
+    by_name: dict[str, float] = {}
+    for name, variance in zip(names_of(joint_names), variances.tolist(), strict=True):
+        by_name[name] = by_name.get(name, 0.0) + variance
     found = [
         Contribution(name, variance**0.5, variance / total if total else None)
-        for name, variance in zip(names_of(joint_names), variances.tolist(), strict=True)
+        for name, variance in by_name.items()
         if variance > 0
     ]
     count = calibration.readings
@@ -317,7 +325,17 @@ def comparison_of(
         beyond_constant_relative=_ratio(predicted - measured, abs(beyond)),
         power_error_rms=power_error.rms,
         measured_power_rms=power_error.measured_rms,
+        half_relative=_half_at_meter(account) if compared_ns else math.nan,
     )
+
+
+def _half_at_meter(account: EnergyAccount) -> float:
+    """Half width of the 90 % band of the energy at the meter, over that energy. [-]"""
+    registers = account.registers
+    at_bus = account.comparison.location is MeterLocation.DC_BUS
+    energy = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    energy -= registers.cabinet("loss_grid") if at_bus else 0.0
+    return _ratio(Z90 * energy_std(registers.deviation, at_bus), abs(energy))
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -11,6 +11,7 @@ import pytest
 from command_line import refused
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
 from places import ROOT
+from robot_energy.model import load, save
 from robot_energy_cli import main
 from robot_energy_logs.log_import import import_log
 
@@ -257,3 +258,21 @@ def test_a_bag_whose_own_definition_does_not_fit_is_refused(
 def test_joint_states_of_a_shipped_model_name_it(capsys):
     assert main(["replay", str(ROOT / "bags/kr16_cold"), "--model", "ur5e"]) == 2
     assert "kr16" in capsys.readouterr().err
+
+
+def test_a_replay_names_the_payload_that_explains_its_torque(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The model carries 7 kg more than the robot does; with the true payload nothing is said."""
+    heavier = load("kr16")
+    (body,) = heavier.payload
+    more = body.model_copy(update={"mass": body.mass + 7.0})
+    heavier = heavier.changed(payload=(more,))
+    path = tmp_path / "heavier.yaml"
+    save(heavier, path)
+    for model, named in (("kr16", False), (str(path), True)):
+        words = ["replay", str(ROOT / "bags/kr16_warm"), "--effort", "motor_torque"]
+        assert main([*words, "--model", model]) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        assert ("what check finds: the robot carries" in text) is named
+        assert ("remedy: payload:" in text) is named
