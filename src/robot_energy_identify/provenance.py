@@ -11,7 +11,7 @@ from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.model.schema import Provenance
 
-DIGITS = 12  # of a hash, enough to tell recordings apart
+DIGITS = 12  # of a hash, enough to distinguish recordings
 NOTHING = hashlib.sha256().hexdigest()[:DIGITS]  # the hash of an empty folder
 
 
@@ -95,7 +95,7 @@ def identified_from(
     Args:
         before: Of the model that it began with.
         recordings: Those behind it, see `hashed`.
-        data_date: When they were recorded; empty where stamps are no dates.
+        data_date: When they were recorded; empty where stamps are not dates.
     """
     new = [name for name in recordings if name not in before.bags]
     return Provenance(

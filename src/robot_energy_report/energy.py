@@ -55,13 +55,13 @@ def _part_names(drive: str) -> dict[str, str]:
     """Return the names of the parts of the energy from the grid, in their order."""
     unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
     return {
-        "rigid": "lifting and accelerating, net",
+        "rigid": "lifting, accelerating (net)",
         "friction": "friction",
         "drive_loss": "drive losses" + (" (not modelled)" if unmodelled else ""),
         "loss_dc": "constant losses, DC side",
-        "loss_grid": "constant and supply losses, grid",
+        "loss_grid": "constant and supply losses, grid side",
         "brake": "brake resistor",
-        "capacitor": "into the DC-link capacitor, net",
+        "capacitor": "into the DC-link capacitor (net)",
     }
 
 

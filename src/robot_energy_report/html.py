@@ -183,7 +183,7 @@ def _table(table: Table) -> str:
 
 
 def _row(cells: Sequence[str], left: Sequence[bool], kind: str = "", head: bool = False) -> str:
-    """A row; the first cell of each is its header, and an empty one is no header."""
+    """A row; the first cell of each is its header, and an empty one is not a header."""
     inner: list[str] = []
     for place, (cell, side) in enumerate(zip(cells, left, strict=True)):
         tag = "th" if cell and (head or place == 0) else "td"

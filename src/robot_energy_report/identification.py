@@ -409,5 +409,5 @@ def states_document(report: LoadStatesReport, page: Document) -> None:
     ]
     if rows:
         columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
-        page.table("What the fit has not seen: predicted less measured", columns, rows)
+        page.table("What the fit has not seen: predicted minus measured", columns, rows)
     page.notes([note for fit in report.fits for note in fit.notes] + list(report.refused))

@@ -135,7 +135,7 @@ def summary_section(page: Document, report: ReplayReport) -> None:
             )
             for name, jobs in job_kinds([report]).items()
         ]
-        names = {HOLD: "at rest, drives on", MOTION: "in motion", "generating": "generating"}
+        names = {HOLD: "hold (at rest, drives on)", MOTION: "motion", "generating": "generating"}
         rows += [
             (
                 names[name],
@@ -153,7 +153,7 @@ def summary_section(page: Document, report: ReplayReport) -> None:
             rows,
         )
         page.paragraph(
-            "States with the drives off (standby, off) have no joint states and are no part of "
+            "States with the drives off (standby, off) have no joint states and are not part of "
             "this recording."
             + ("" if report.jobs else " No cycle is defined: name them with `--jobs`.")
         )

@@ -50,7 +50,7 @@ WAYS = ("hold", "extend", "auto")
 
 
 def rig_axes(robot: str, seed: int) -> list[FrictionData]:
-    """Friction of a drawn plant while it warms: its measured torque less the true rigid one."""
+    """Friction of a drawn plant while it warms: its measured torque minus the true rigid one."""
     profile = random_profile(robot, seed)
     bodies, _ = profile.mechanics()
     program = random_program(

@@ -7,7 +7,7 @@ above, whatever their distribution and their correlation (conformal quantile tra
 count from the next whole second on.
 
 Readings are set against the prediction as the meter shows it
-(`robot_energy.accounting.meter_response`), so what it shows late is no error.
+(`robot_energy.accounting.meter_response`), so what it shows late is not an error.
 
 Windows of 5 s show what the band of an energy must be (`EnergyCalibration`).
 

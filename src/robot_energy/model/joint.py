@@ -134,7 +134,7 @@ class Joint(ModelEntry):
         standstill_velocity: Joint speed below which the joint counts as standing.
             [rad/s] or [m/s]
         friction: Friction of this axis.
-        thermal: Thermal network of the motor, for its temperature where no sensor tells it.
+        thermal: Thermal network of the motor, for its temperature where no sensor measures it.
         gear: Temperature of the gear; absent: friction follows the motor temperature.
         losses: For the drive model ``loss_model``.
         efficiency_map: For the drive model ``efficiency_map``. Drive models that are

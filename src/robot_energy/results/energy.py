@@ -34,17 +34,17 @@ class EnergyBreakdown(Result):
     rigid: Annotated[float, "Moving the bodies, all joints."]
     friction: Annotated[float, "All joints."]
     drive_loss: Annotated[
-        Number, "Drive input less shaft energy, all joints; None if not modelled."
+        Number, "Drive input minus shaft energy, all joints; None if not modelled."
     ]
     sum_of_parts: Annotated[float, "Of all parts."]
     balance_residual: Annotated[
-        float, "What the grid gave less the sum of the parts; rounding only."
+        float, "What the grid gave minus the sum of the parts; rounding only."
     ]
     balanced: Annotated[bool, "Whether it is no more than rounding."]
 
     @property
     def net(self) -> float:
-        """Energy from the grid less what was returned. [J]"""
+        """Energy from the grid minus what was returned. [J]"""
         return self.grid_import - self.grid_return
 
 
@@ -56,7 +56,7 @@ class JointEnergy(Result):
     shaft_energy_negative: Annotated[float, "Taken back by the motor, >= 0."]
     rigid_energy: Annotated[float, "Moving the bodies."]
     friction_energy: Annotated[float, "Lost in friction."]
-    drive_loss_energy: Annotated[Number, "Drive input less shaft energy; None if not modelled."]
+    drive_loss_energy: Annotated[Number, "Drive input minus shaft energy; None if not modelled."]
     drive_input_energy: Annotated[float, "Sum of the three."]
     share_of_grid: Annotated[Number, "Of the energy from the grid. [-]"]
     last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
@@ -86,7 +86,7 @@ class MeterComparison(Result):
         Number, "The error over the measured energy without them. [-]"
     ]
     power_error_rms: Annotated[
-        Number, "Predicted less measured mean power from reading to reading. [W]"
+        Number, "Predicted minus measured mean power from reading to reading. [W]"
     ] = None
     measured_power_rms: Annotated[
         Number, "Of the measured power: the error of a prediction of 0 W. [W]"

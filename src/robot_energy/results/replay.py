@@ -296,7 +296,7 @@ def _notes(result: Replay) -> list[str]:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
     foreign = result.temperatures.ignored_joints - ignored
     if foreign:
-        notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
+        notes.append(f"temperatures of unknown joints: {', '.join(sorted(foreign))}")
     notes += mimic_remarks(parse(result.model.urdf_xml))
     notes += [finding.sentence for finding in result.joint_states.findings()]
     covered = account.registers.time.coverage

@@ -280,7 +280,7 @@ def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
 
 
 def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
-    """What cannot be identified from the recording, as notes: that is no mistake."""
+    """What cannot be identified from the recording, as notes: that is not a mistake."""
     if len(evidence.stamp_ns) < 2:
         return [], "too few samples"
     period = float(np.median(np.diff(evidence.stamp_ns))) * 1e-9

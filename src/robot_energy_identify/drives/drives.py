@@ -74,9 +74,9 @@ class AxisFit:
 
     Attributes:
         name: Of the joint.
-        losses: The loss model; None where the data do not tell it.
-        map: The reduced efficiency map; None where the data do not tell it.
-        notes: What the data do not tell, one sentence each.
+        losses: The loss model; None where the data do not determine it.
+        map: The reduced efficiency map; None where the data do not determine it.
+        notes: What the data do not determine, one sentence each.
         samples: Behind the fit, for drive models of users; None if they are not known.
     """
 
@@ -180,7 +180,7 @@ def _fitted_kinds() -> Iterator[tuple[DriveModel, Way, Fitted]]:
 
 
 def _entry(fitted: Fitted, axis: AxisFit, source: str = "") -> Any:
-    """Entry of one drive by one kind; None where the data do not tell it."""
+    """Entry of one drive by one kind; None where the data do not determine it."""
     try:
         return fitted(axis, source)
     except NotIdentifiableError:
@@ -251,16 +251,16 @@ class _Fitter:
         )
 
     def axis(self, joint: int, rows: NDArray[np.bool_], source: str = "") -> AxisFit:
-        """Identify one drive; what the data do not tell becomes a note."""
+        """Identify one drive; what the data do not determine becomes a note."""
         data, name = self.data, self.data.names[joint]
         notes: list[str] = []
         losses = reduced = None
         try:
             losses = self.losses(joint, rows)
-            if losses.untold:
+            if losses.undetermined:
                 notes.append(
-                    f"{name}: {', '.join(losses.untold)} cannot be told apart from the other "
-                    "losses and is taken as 0; record motion at several speeds and loads"
+                    f"{name}: {', '.join(losses.undetermined)} are not separated from the other "
+                    "losses and taken as 0; record motion at several speeds and loads"
                 )
             if losses.negative:
                 notes.append(
@@ -380,7 +380,7 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
 
 
 def fitted_losses(axis: AxisFit, source: str) -> object:
-    """Return the entry of the loss model; None where the data do not tell it.
+    """Return the entry of the loss model; None where the data do not determine it.
 
     Args:
         source: Where the data come from.
@@ -389,7 +389,7 @@ def fitted_losses(axis: AxisFit, source: str) -> object:
 
 
 def fitted_map(axis: AxisFit, source: str) -> object:
-    """Return the entry of the efficiency map; None where the data do not tell it.
+    """Return the entry of the efficiency map; None where the data do not determine it.
 
     Args:
         source: Where the data come from.

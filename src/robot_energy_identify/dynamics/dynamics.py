@@ -70,7 +70,7 @@ class DynamicsSettings:
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
-            by. Gravity that little motion does not tell from an offset stays gravity. [-]
+            by. Gravity that little motion does not distinguish from an offset stays gravity. [-]
     """
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
@@ -83,15 +83,15 @@ class DynamicsSettings:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What a recording tells about a robot's dynamics.
+    """What a recording says about a robot's dynamics.
 
     Attributes:
-        base: Groups of parameters that torque tells.
+        base: Groups of parameters that torque determines.
         in_sample: Torque error on the data of the fit; no measure of accuracy.
         columns: Those that a model file can hold, and offsets.
         standard: Physically consistent parameters of links and ``columns``.
         exported: Least-squares fit of ``columns``, for the standard deviations.
-        poorly_known: Groups of which the recording tells less than the prior: their 95 %
+        poorly_known: Groups of which the recording determines less well than the prior: their 95 %
             interval is wider than a body of that size makes likely.
     """
 
@@ -207,7 +207,7 @@ class Dynamics:
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
-    """Return a robot's dynamics as recordings tell them.
+    """Return a robot's dynamics as recordings determine them.
 
     Args:
         channels: Stretches of recordings without gaps, one rate for all.
@@ -215,7 +215,7 @@ def identify_dynamics(
         settings: How; the defaults suit industrial arms.
 
     Raises:
-        NotIdentifiableError: If the recording does not tell the parameters; names them and
+        NotIdentifiableError: If the recording does not determine the parameters; names them and
             what to record instead.
     """
     settings = settings or DynamicsSettings()

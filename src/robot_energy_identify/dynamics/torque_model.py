@@ -285,7 +285,7 @@ class TorqueModel:
         return whole - regressor[:, :, : self.n_links] @ self.robot.link_parameters
 
     def structure(self) -> BaseParameters:
-        """Return the groups of parameters that any motion can tell."""
+        """Return the groups of parameters that any motion can determine."""
         random = np.random.default_rng(0)
         lower = np.maximum(self.robot.limits.lower, -np.pi)
         upper = np.minimum(self.robot.limits.upper, np.pi)

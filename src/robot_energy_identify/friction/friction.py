@@ -81,7 +81,7 @@ class FrictionFit:
         samples: Number of samples used.
         range_degc: Of the motor temperature in them, NaN where it is not known. [degC]
         residual: Root mean square of what remains of the chosen law, in sample. [N m]
-        warnings: What the data cannot tell, one sentence each.
+        warnings: What the data cannot determine, one sentence each.
         viscous: fv of the constant law, also where it is negative. [N m s/rad]
         viscous_std: [N m s/rad]
         speed: Root mean square of the motor velocity. [rad/s]
@@ -243,7 +243,7 @@ def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Return the friction of every axis that the data tell, and why the others are not told.
+    """Return the friction of every axis that the data determine, and why not of the others.
 
     Args:
         axes: Samples, one entry per axis.

@@ -26,7 +26,7 @@ BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 LOG_BLOCK = 30.0  # s: the same for a slow log of one joint
 APART = 5.0  # s between rows of a log, beyond which another run begins
 BY_SAMPLE = ("motor_velocity", "friction_torque", "motor_temperature_degc")
-STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is no steady motion
+STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is not a steady motion
 
 
 @dataclass(frozen=True)

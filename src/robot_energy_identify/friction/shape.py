@@ -155,7 +155,7 @@ def fit_shared(
         source: Where the samples come from, for the model file.
 
     Raises:
-        NotIdentifiableError: If the samples do not tell the size, or it is not above 0.
+        NotIdentifiableError: If the samples do not determine the size, or it is not above 0.
     """
     degc = data.motor_temperature_degc
     fit = regress_friction(data, shape.at(degc)[:, None], ["viscous"])

@@ -21,7 +21,7 @@ MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
 
 
 class JointScore(Result):
-    """Errors at one motor, predicted less measured; None where torque was not measured."""
+    """Errors at one motor, predicted minus measured; None where torque was not measured."""
 
     name: Annotated[str, "Of the joint; of the row of all joints, ``all joints``."]
     samples: Annotated[int, "That counted."]
@@ -54,7 +54,7 @@ class ModelScore(Result):
         JointScore | None, "All of them together; None where no torque was measured."
     ]
     predicted_energy: Annotated[Number, "At the meter, over the compared time. [J]"]
-    energy_error: Annotated[Number, "Predicted less measured. [J]"]
+    energy_error: Annotated[Number, "Predicted minus measured. [J]"]
     energy_relative: Annotated[Number, "The same over the measured energy. [-]"]
     power_error_rms: Annotated[Number, "Of the mean power from reading to reading. [W]"]
 

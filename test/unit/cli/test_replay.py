@@ -52,7 +52,7 @@ def test_replay_prints_tables_and_writes_all_outputs(
     assert main([*args, "--overwrite"]) == 0
 
 
-def test_replay_bridges_as_far_as_the_parameter_file_says_unless_told_otherwise(
+def test_replay_bridges_as_far_as_the_parameter_file_says_unless_asked_otherwise(
     tmp_path: Path,
 ) -> None:
     """Readings 0.1 s apart, of which a file bridges 0.05 s."""
@@ -203,7 +203,7 @@ def test_a_recorded_ur3e_from_log_to_report(
     assert abs(summary["comparison"]["predicted_minus_measured_relative"]) < 0.15
 
 
-def test_effort_shows_measured_beside_predicted_shaft_energy(
+def test_effort_shows_measured_next_to_predicted_shaft_energy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Motor at 30 rad/s for 10 s: 1 N m measured is 300 J; the model says 330 J, +10 %."""

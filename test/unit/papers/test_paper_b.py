@@ -85,13 +85,13 @@ def test_efficiency_while_printing(found):
 def test_three_machines_at_the_wall(found):
     """The sign of the paper's comparison depends on what is counted."""
     for stage in ("layer", "wall", "rig"):
-        beside = found[0]["relative_to_arm"][stage]
+        adjacent = found[0]["relative_to_arm"][stage]
         for key in ("mantis_held", "mantis_all"):
-            assert -0.96 < beside[key]["mechanical, magnitude"] < -0.88
-            assert -0.96 < beside[key]["electrical, drives"] < -0.88
-            assert beside[key]["mechanical, net"] > -0.85
-        assert -0.75 < beside["testbed"]["electrical, drives"] < -0.45
-        assert beside["testbed"]["mechanical, net"] > 0.2
+            assert -0.96 < adjacent[key]["mechanical, magnitude"] < -0.88
+            assert -0.96 < adjacent[key]["electrical, drives"] < -0.88
+            assert adjacent[key]["mechanical, net"] > -0.85
+        assert -0.75 < adjacent["testbed"]["electrical, drives"] < -0.45
+        assert adjacent["testbed"]["mechanical, net"] > 0.2
     arm = found[0]["machines"]["irb4600"]["layer"]
     assert arm["parts"]["holding"] > 0.5 * arm["electrical, drives"]
 

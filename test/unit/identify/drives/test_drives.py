@@ -75,13 +75,13 @@ def test_noise_of_the_torque_does_not_hide_the_copper_loss():
     assert losses.values["copper"] == pytest.approx(TRUE["copper"], rel=0.08)
 
 
-def test_a_robot_at_one_speed_does_not_tell_the_speed_terms_apart():
+def test_a_robot_at_one_speed_does_not_say_the_speed_terms_apart():
     block = hand_made()
     steady = replace(block, joint_velocity=np.full_like(block.joint_velocity, 50.0))
     losses = fit_drives(drive_data_of_logs([(contents(("axle",)), [steady])], "newton_metre"))
     axis = losses.axes[0]
-    assert set(axis.losses.untold) == {"linear", "quadratic"}
-    assert "linear, quadratic cannot be told apart" in axis.notes[0]
+    assert set(axis.losses.undetermined) == {"linear", "quadratic"}
+    assert "linear, quadratic are not separated" in axis.notes[0]
     entry = axis.losses.entry("bag")
     assert entry.linear.tag == "assumed"
     assert entry.copper.tag == "identified"
@@ -177,8 +177,8 @@ def test_held_out_data_do_not_reach_the_fit(rig, rig_fit):
     assert before["losses"].rms < 50.0
 
 
-def test_one_meter_for_all_drives_tells_their_sum():
-    """One axis with 30 W beside it: constants add up, the rest is the drive's own."""
+def test_one_meter_for_all_drives_says_their_sum():
+    """One axis with 30 W next to it: constants add up, the rest is the drive's own."""
     both = sums(data(1, 2), None)
     fit = fit_total(both)
     assert fit.constant == pytest.approx(30.0 + TRUE["constant"], abs=1.0)

@@ -159,7 +159,7 @@ def test_offsets_of_the_torque_stay_as_small_as_sensors_have_them(recordings):
     found = dict(zip(names, fit.standard[60:], strict=True))
     assert abs(found["offset joint_a2"]) < 100.0
     place = fit.fit.names.index("offset joint_a2")
-    assert fit.fit.std[place] > 300.0  # least squares cannot tell
+    assert fit.fit.std[place] > 300.0  # least squares cannot determine
 
 
 def test_the_command_prints_both_directions(recordings, capsys):

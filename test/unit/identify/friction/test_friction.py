@@ -96,7 +96,7 @@ def test_a_drift_during_the_measurement_does_not_bias_the_points():
         assert point.viscous == pytest.approx(viscous(point.motor_temperature_degc), rel=0.03)
 
 
-def test_a_block_that_alone_tells_a_figure_leaves_a_law_without_covariance(monkeypatch):
+def test_a_block_that_alone_says_a_figure_leaves_a_law_without_covariance(monkeypatch):
     """Whether a matrix is singular is a matter of rounding, so of the processor."""
 
     def singular(block):
@@ -137,7 +137,7 @@ def test_one_temperature_gives_a_constant_and_says_what_to_record():
     assert fit.law.viscous.value == pytest.approx(viscous(41.0), rel=0.05)
 
 
-def test_held_out_temperatures_tell_the_laws_apart():
+def test_held_out_temperatures_say_the_laws_apart():
     """Noise of 0.05 N m; the held edge of the range costs the exponential law a little."""
     errors = fit_friction(measurement()).errors
     assert 0.05 < errors["exponential"].rms < 0.08
@@ -174,7 +174,7 @@ def test_gravity_as_a_nuisance_is_taken_out():
         ({"motor_velocity": 50.0}, "one speed, 50 rad/s: Coulomb and viscous"),
     ],
 )
-def test_data_that_cannot_tell_friction_are_refused_with_what_to_record(change, words):
+def test_data_that_cannot_say_friction_are_refused_with_what_to_record(change, words):
     data = measurement(minutes=2)
     for name, value in change.items():
         getattr(data, name)[:] = value
