@@ -48,7 +48,8 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api check differences files readings rows schema spans store tariffs
+        api bags baseline check differences files readings rollup rows savings schema spans store tariffs
+        use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -103,7 +104,7 @@ MODULES = {
         result_schema simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
+        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns findings history_tables
         identify joint_sums merged_friction merged_laws report run sisters tables
         wear_history workers
     """,
