@@ -180,21 +180,12 @@ def _repair(args: Namespace) -> int:
 
 
 def _tariff(args: Namespace) -> int:
-    from robot_energy.history.files import open_reader
-    from robot_energy.history.store import HistoryStore
-    from robot_energy.history.tariffs import load_tariffs, stored_tariffs
+    from robot_energy.history.tariffs import add_tariffs, load_tariffs, stored_tariffs
 
     folder = _folder(args)
     if args.add:
-        tariffs = load_tariffs(args.add)
-        store = HistoryStore(folder)
-        store.open()
-        try:
-            store.add_tariffs(tariffs, time.time_ns())
-        finally:
-            store.close()
-    with closing(open_reader(folder)) as connection:
-        known = stored_tariffs(connection)
+        add_tariffs(folder, load_tariffs(args.add), time.time_ns())
+    known = stored_tariffs(folder)
     for one in known:
         begin = datetime.fromtimestamp(one.begin_ns / 1e9, UTC)
         price = "no price" if one.price_per_kwh is None else f"{one.price_per_kwh:g} {one.currency}"
@@ -224,7 +215,7 @@ COMMAND = Group(
             "tariff",
             "show or add prices, CO2 and shifts, each from a day on",
             _tariff,
-            {**FOLDER, "--add FILE": "tariffs to add; stop the recorder meanwhile"},
+            {**FOLDER, "--add FILE": "tariffs to add, also while the recorder runs"},
         ),
     ),
 )  # fmt: skip

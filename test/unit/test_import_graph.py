@@ -48,7 +48,7 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api check differences files readings rows schema spans store tariffs
+        api check differences files readings rollup rows schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources

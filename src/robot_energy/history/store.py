@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
+from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy.history.differences import (
     Epoch,
     begun,
@@ -27,15 +27,14 @@ from robot_energy.history.differences import (
 )
 from robot_energy.history.files import open_writer, take_lock
 from robot_energy.history.readings import Reading
-from robot_energy.history.rows import JOB_COLUMNS, put_events, put_span, reading_from, text_of
+from robot_energy.history.rollup import Rolled, put_span, roll, thin
+from robot_energy.history.rows import JOB_COLUMNS, put_events, reading_from, text_of
 from robot_energy.history.schema import FILE, prepare
-from robot_energy.history.tariffs import Tariff, add_tariffs
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
 MAX_MINUTES_AT_ONCE = 20_000  # rows of minutes that one transaction drops
 LIVE = "live"
-_DAY_NS = 86_400 * SECOND_NS
 
 
 @dataclass
@@ -53,8 +52,9 @@ class HistoryStore:
 
     Args:
         folder: Where it lies; made if there is none.
-        keep_days: How long minutes are kept; quarter hours are kept for ever. [days]
+        keep_days: How long minutes are kept. [days]
         min_free: Space that is left on the disk; with less nothing is written. [bytes]
+        keep_quarters: How long quarter hours are kept, hours for ever; 0 for ever. [days]
 
     Attributes:
         ignored: Readings that were late or doubled.
@@ -64,8 +64,11 @@ class HistoryStore:
         notices: What was done to the file, to be said once.
     """
 
-    def __init__(self, folder: Path, keep_days: float = 35.0, min_free: int = 0) -> None:
-        self.folder, self._keep_ns, self._min_free = folder, int(keep_days * _DAY_NS), min_free
+    def __init__(
+        self, folder: Path, keep_days: float = 35.0, min_free: int = 0, keep_quarters: float = 0.0
+    ) -> None:
+        self.folder, self._keep_ns, self._min_free = folder, int(keep_days * DAY_NS), min_free
+        self._keep_quarters_ns = int(keep_quarters * DAY_NS)
         self.ignored = self.dropped = self.commits = 0
         self.trouble = ""
         self.notices: list[str] = []
@@ -156,24 +159,6 @@ class HistoryStore:
         while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
             del self._jobs[next(iter(self._jobs))]
 
-    def add_tariffs(self, tariffs: Sequence[Tariff], now_ns: int) -> None:
-        """Add tariffs at once, see `add_tariffs` of the tariffs.
-
-        Args:
-            now_ns: Time of this computer. [ns]
-
-        Raises:
-            HistoryError: If they cannot be written.
-        """
-        if self._connection is None:
-            self.open()
-        assert self._connection is not None
-        try:
-            add_tariffs(self._connection, tariffs, now_ns)
-        except sqlite3.Error as error:
-            self._disconnect()
-            raise _unusable(self.folder, error) from error
-
     def write(self, now_ns: int, newest: bool = False) -> bool:
         """Write what waits in one transaction, and drop minutes that are too old.
 
@@ -212,12 +197,13 @@ class HistoryStore:
         ignored = 0
         connection.execute("BEGIN IMMEDIATE")
         try:
+            rolled = Rolled.of(connection)
             for (name, origin), waiting in self._waiting.items():
                 count = len(waiting) if newest else _finished(waiting, now_ns)
                 done[name, origin] = count
                 for reading in waiting[:count]:
                     robot = self._robot(connection, robots, name)
-                    ignored += not self._record(connection, name, robot, origin, reading)
+                    ignored += not self._record(connection, rolled, name, robot, origin, reading)
             for (name, _, _), row in self._jobs.items():
                 robot = self._robot(connection, robots, name)
                 marks = ", ".join("?" * len(row))
@@ -226,6 +212,11 @@ class HistoryStore:
                     f"VALUES (?, {marks})", (robot.number, *row),
                 )  # fmt: skip
             self._forget_minutes(connection, now_ns)
+            reached = roll(connection, rolled, now_ns)
+            if self._keep_quarters_ns:
+                reached = thin(connection, reached, now_ns - self._keep_quarters_ns)
+            if reached != rolled:
+                reached.write(connection)
             connection.execute("COMMIT")
         except BaseException:
             with suppress(sqlite3.Error):
@@ -244,6 +235,7 @@ class HistoryStore:
     def _record(
         self,
         connection: sqlite3.Connection,
+        rolled: Rolled,
         name: str,
         robot: _Robot,
         origin: str,
@@ -284,7 +276,7 @@ class HistoryStore:
             )
         robot.epochs[key] = number, taken.epoch
         if taken.span is not None:
-            put_span(connection, robot.number, number, taken.span)
+            put_span(connection, rolled, robot.number, number, taken.span)
         put_events(connection, robot.number, taken.events)
         return True
 
