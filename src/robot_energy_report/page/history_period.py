@@ -15,7 +15,9 @@ from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.spans import Resolution, edges
 from robot_energy.history.tariffs import day_begin
 
-KINDS: tuple[Resolution, ...] = ("hour", "day", "week", "month", "year")
+KINDS: dict[str, Resolution] = {
+    "hour": "hour", "day": "day", "week": "week", "month": "month", "year": "year",
+}  # fmt: skip
 SPAN = "span"
 _DAY_NS = 24 * HOUR_NS
 PARTS: dict[str, Resolution] = {
@@ -178,7 +180,7 @@ def period_at(kind: str, stamp_ns: int, zone: ZoneInfo) -> Period:
     Raises:
         HistoryError: If there is no such kind.
     """
-    found = next((one for one in KINDS if one == kind), None)
+    found = KINDS.get(kind)
     if found is None:
         raise HistoryError(f"period '{kind[:20]}'", ", ".join((*KINDS, SPAN)))
     start, stop = edges(stamp_ns, stamp_ns + 1, found, zone)
@@ -201,8 +203,9 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
     if not 0 < length <= MAX_YEARS * 366 * _DAY_NS:
         raise HistoryError("a span that ends before it begins, or is too long",
                            f"up to {MAX_YEARS} years")  # fmt: skip
-    fitting = (parts for longest, parts in SPANS if length <= longest)
-    parts: Resolution = next(fitting, "year")
+    parts: Resolution = "year"
+    for longest, finer in reversed(SPANS):
+        parts = finer if length <= longest else parts
     bounds = edges(start_ns, stop_ns, parts, zone)
     return Period(SPAN, bounds[0], bounds[-1], parts, zone)
 

@@ -17,8 +17,7 @@ from robot_energy.history.api import History, history
 from robot_energy.history.differences import FLAGS, SLOT_NS, UNRESOLVED
 from robot_energy.history.files import open_reader
 from robot_energy.history.spans import Jobs, jobs, robots_of
-from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff, stored_tariffs
+from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_report.page.history_period import (
     SPAN,
@@ -51,6 +50,7 @@ FIGURES = {
     "measured": ("measured_microjoule",), "at_meter": ("predicted_microjoule_at_meter",),
 }  # fmt: skip
 TIMES = {"observed": "observed_ns", "compared": "compared_ns", "standby_time": "standby_ns"}
+RESTS = {"night": "at night", "weekend": "at the weekend, nights included"}
 DANGEROUS = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a table is opened
 
 
@@ -119,7 +119,7 @@ class HistoryView:
         with closing(open_reader(self.folder)) as connection:
             known = list(robots_of(connection))
             robots_of(connection, wish.robots)
-            tariffs = stored_tariffs(connection)
+        tariffs = stored_tariffs(self.folder)
         emits = any(one.co2_kg_per_kwh is not None for one in tariffs)
         wish, table = self._table(wish)
         bars = table  # of joints: they hold neither times nor costs
@@ -166,7 +166,7 @@ class HistoryView:
             "span_count": len(spans),
             "span_energy": sum(spans[IMPORT].tolist()) / 1e6 if len(spans) else 0.0,
             "remarks": _remarks(whole),
-            "rests": [],
+            "rests": _rests(whole),
             "jobs": self._jobs(wish, before),
             "tariffs": [one.model_dump(mode="json") for one in tariffs],
         }  # fmt: skip
@@ -198,18 +198,12 @@ class HistoryView:
             HistoryError: If there is no history, or it cannot be written now.
         """
         open_reader(self.folder).close()
-        store = HistoryStore(self.folder)
-        store.open()
-        try:
-            store.add_tariffs([tariff], now_ns)
-        finally:
-            store.close()
+        add_tariffs(self.folder, [tariff], now_ns)
         return f"holds from {tariff.begin} on"
 
     def _zone(self) -> str:
         """Time zone of the newest tariff; empty without one."""
-        with closing(open_reader(self.folder)) as connection:
-            tariffs = stored_tariffs(connection)
+        tariffs = stored_tariffs(self.folder)
         return tariffs[-1].timezone if tariffs else ""
 
     def _table(self, wish: Wish) -> tuple[Wish, History]:
@@ -296,6 +290,19 @@ def _total(rows: Iterable[dict[str, Any]]) -> dict[str, float] | None:
             if isinstance(value, float) and name not in ("peak", "same", "before"):
                 sums[name] += value
     return dict(sums) or None
+
+
+def _rests(table: History) -> list[dict[str, Any]]:
+    """Standby at night and at weekends, with its cost; empty without a tariff."""
+    return [
+        {
+            "name": name,
+            "energy": sum(table[f"standby_{rest}_microjoule"].tolist()) / 1e6,
+            "cost": sum(table[f"standby_{rest}_cost"].tolist()),
+        }
+        for rest, name in RESTS.items()
+        if f"standby_{rest}_cost" in table and len(table)
+    ]
 
 
 def _parts(period: Period, table: History, robots: int) -> list[dict[str, Any]]:

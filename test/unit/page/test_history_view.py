@@ -14,7 +14,7 @@ from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff
+from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_report.page.history_period import KINDS, period_at, span_of
 from robot_energy_report.page.history_view import MAX_SERIES, HistoryView
 
@@ -40,7 +40,7 @@ def record(folder, robots, tariffs=()):
                 assert store.write(robot.now), store.trouble
         end = max(end, robot.now)
     if tariffs:
-        store.add_tariffs(tariffs, end)
+        add_tariffs(folder, tariffs, end)
     store.close()
     return HistoryView(folder)
 
@@ -78,6 +78,10 @@ def test_a_day_is_what_was_used_at_the_price_of_its_hours(view):
     }  # fmt: skip
     assert total(answer["series"]) == pytest.approx(answer["total"]["energy"])
     assert not answer["running"]
+    assert answer["rests"] == [  # the robots of this test never rest
+        {"name": "at night", "energy": 0.0, "cost": 0.0},
+        {"name": "at the weekend, nights included", "energy": 0.0, "cost": 0.0},
+    ]
 
 
 def test_what_is_not_recorded_is_none_and_never_zero(view):
@@ -194,7 +198,7 @@ def test_what_there_is_not_is_refused(view, asked):
 def test_without_a_history_it_is_said(tmp_path):
     view = HistoryView(tmp_path / "none")
     with refused(HistoryError, "there is no history"):
-        view.wish({"timezone": []}, NOW)
+        ask(view)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -200,6 +200,6 @@ def test_a_page_that_is_closed_ends_its_threads(serve, folder):
 
 def test_the_tariff_of_the_page_is_that_of_the_command(folder):
     view = HistoryView(folder)
-    view.add_tariff(Tariff(**{**TARIFF, "begin": date(2026, 1, 1)}), START)
+    view.add_tariff(Tariff(**{**TARIFF, "begin": date(2026, 1, 1)}), START)  # the command's
     wish = view.wish({"period": ["day"], "at": ["2026-01-01"]}, START)
     assert view.answer(wish, START)["tariffs"][0]["price_per_kwh"] == 0.3
