@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any
@@ -19,11 +20,13 @@ import pytest
 from ros2_energy_msgs.msg import EnergyRegisters, JointEnergy
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 
+from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.api import history
 from robot_energy.history.check import check
 from robot_energy.history.files import open_reader
 from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.nodes import energy_recorder
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
@@ -34,7 +37,12 @@ SECOND = 10**9
 
 
 def total(folder: Any, name: str = IMPORT) -> int:
-    with closing(open_reader(folder)) as connection:
+    """What the history holds; 0 before there is one."""
+    try:
+        reader = open_reader(folder)
+    except HistoryError:
+        return 0
+    with closing(reader) as connection:
         return connection.execute(f"SELECT coalesce(sum({name}), 0) FROM slot15").fetchone()[0]
 
 
@@ -83,7 +91,7 @@ def test_a_monitor_its_jobs_and_its_registers(bench: Any, tmp_path: Any) -> None
 
     def recorded() -> bool:
         recorder.take()
-        recorder._write(newest=True)
+        recorder._finish(lambda: recorder._written(newest=True))
         return total(tmp_path / "h") == last.cabinet_energy_microjoule["grid_import"]
 
     bench.spin_until(recorded, "the registers")
@@ -132,6 +140,26 @@ def test_a_full_disk_is_said_and_survived(
     assert total(tmp_path) == 300 * 100 * 10**6
 
 
+def test_a_disk_that_hangs_is_said_and_stops_no_taking(
+    bench: Any, publish: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The check of the space hangs, as of a share that does not answer."""
+    monkeypatch.setattr(energy_recorder, "LATE", 0.5)
+    diagnosed = bench.diagnosed()
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    bench.spin_until(lambda: recorder.store.commits, "the file")
+    free, real = threading.Event(), shutil.disk_usage
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: (free.wait(60), real(path))[1])
+    publish("/energy/registers", registers(60))
+    diagnosed.wait("energy_recorder: history", "a write has been under way")
+    publish("/energy/registers", registers(180), registers(300))
+    bench.spin_until(lambda: recorder.store.waiting >= 3, "what waits")
+    assert total(tmp_path) == 0
+    free.set()
+    bench.spin_until(lambda: total(tmp_path) == 300 * 100 * 10**6, "all of it")
+    assert check(tmp_path) == []
+
+
 def test_a_folder_that_cannot_be_used_is_said_and_taken_once_it_can(
     bench: Any, publish: Any, tmp_path: Any
 ) -> None:
@@ -142,7 +170,7 @@ def test_a_folder_that_cannot_be_used_is_said_and_taken_once_it_can(
     diagnosed.wait("energy_recorder: history", "cannot be written")
     publish("/energy/registers", registers(60))
     place.unlink()
-    bench.spin_until(lambda: (place / "h/history.sqlite").exists() and total(place / "h"), "it")
+    bench.spin_until(lambda: total(place / "h"), "it")
     assert total(place / "h") == 60 * 100 * 10**6
 
 

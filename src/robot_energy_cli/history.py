@@ -94,7 +94,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             Column("robot", "robot"),
             *when,
             *(
-                Column(name, f"{key}_microjoule", lambda value: f"{value / KWH:.4f}", "kWh")
+                Column(name, f"{key}_microjoule", _kwh, "kWh")
                 for name, key in (
                     ("from the grid", "predicted_import"),
                     ("motion", "motion"),
@@ -112,6 +112,9 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             [Column(c.name, _of(c.value), c.form, c.unit) for c in columns],
             rows,
         )
+    if found.currency and rows and resolution == "all":
+        _standby(page, rows, found.currency)
+        _shifts(args, page, start, stop, names, found.currency)
     if resolution == "all" and rows:
         first, last = int(found.stamp_ns.min()), int(found["stop_ns"].max())
         with closing(open_reader(_folder(args))) as connection:
@@ -144,6 +147,51 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
     if found.currency and unpriced:
         page.note(f"{unpriced / KWH:.4f} kWh have no cost: when they were used is not known, or no "
                   "tariff holds")  # fmt: skip
+
+
+def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
+    """Add what standby cost while nobody worked, where there was any."""
+    from robot_energy.history.use import RESTS
+    from robot_energy_report.document import Column
+    from robot_energy_report.formats import fixed
+
+    idle = [row for row in rows if any(row[f"standby_{rest}_microjoule"] for rest in RESTS)]
+    if not idle:
+        return
+    columns = [Column("robot", itemgetter("robot"))]
+    for rest in RESTS:
+        energy, money = (itemgetter(f"standby_{rest}_{end}") for end in ("microjoule", "cost"))
+        columns += [
+            Column(f"at {rest}" if rest == "night" else f"at the {rest}", energy, _kwh, "kWh"),
+            Column("cost", money, fixed(2), currency),
+        ]
+    page.rows("Standby while nobody worked", columns, idle)
+
+
+def _shifts(
+    args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
+) -> None:
+    """Add what each shift used, where a tariff has shifts."""
+    from robot_energy.history.api import history
+    from robot_energy.history.tariffs import stored_tariffs
+    from robot_energy_report.document import Column
+    from robot_energy_report.formats import fixed
+
+    if not any(one.shifts for one in stored_tariffs(_folder(args))):
+        return
+    found = history(_folder(args), start, stop, "all", names, args.timezone, by_shift=True)
+    columns = [
+        Column("shift from", itemgetter("shift")),
+        Column("robot", itemgetter("robot")),
+        Column("from the grid", itemgetter("predicted_import_microjoule"), _kwh, "kWh"),
+        Column("standby", itemgetter("standby_microjoule"), _kwh, "kWh"),
+        Column("cost", itemgetter("cost"), fixed(2), currency),
+    ]
+    page.rows("Energy by shift", columns, list(_rows(found)))
+
+
+def _kwh(microjoule: int) -> str:
+    return f"{microjoule / KWH:.4f}"
 
 
 def _rows(table: Any) -> Iterator[dict[str, Any]]:
@@ -192,6 +240,7 @@ def _tariff(args: Namespace) -> int:
         console().print(
             f"from {one.begin} ({begin:%F %R} UTC), {one.timezone}: {price} per kWh, "
             f"{len(one.time_of_use)} times of use, "
+            + (f"shifts from {', '.join(one.shifts)}, " if one.shifts else "")
             + ("no CO2 factor" if one.co2_kg_per_kwh is None else f"{one.co2_kg_per_kwh:g} kg/kWh")
         )
     if not known:

@@ -49,6 +49,14 @@ def test_it_shows_robots_jobs_and_costs(folder, tmp_path, capsys):
     assert out.count("3.6000") == 6  # from the grid, motion and the meter, of each robot
     assert out.count("1.08") == 2
     assert "weld" in out
+    assert "shift" not in out
+    path.write_text(TARIFF.replace("0.4}", '0.4, shifts: ["00:00"]}'))
+    assert main(["history", "tariff", "--add", str(path)]) == 0
+    assert "shifts from 00:00" in capsys.readouterr().out
+    assert main(["history", "show", "--start", "2020-01-01", "--resolution", "all"]) == 0
+    out = capsys.readouterr().out
+    assert "ENERGY BY SHIFT" in out.upper()
+    assert out.count("3.6000") == 8
     assert main(["history", "show", "--robots", "left", "--timezone", "Europe/Berlin"]) == 0
     out = capsys.readouterr().out
     assert "TODAY" in out

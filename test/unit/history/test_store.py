@@ -1,8 +1,10 @@
 """What the history holds is what the registers counted, whatever happens."""
 
+import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -239,6 +241,31 @@ def test_a_full_disk_leaves_all_waiting_and_bounded(store, monkeypatch):
     assert store.write(robot.now)
     assert not store.trouble
     assert total(store.folder) == robot.values[IMPORT]
+
+
+def test_readings_that_come_while_the_disk_is_at_work_are_written_after_it(store, monkeypatch):
+    """They come in the middle of the first transaction, from another thread."""
+    robot = Robot()
+    first, during = [robot.minute() for _ in range(3)], [robot.minute() for _ in range(3)]
+    real, calls = shutil.disk_usage, []
+
+    def disk_usage(path):
+        if not calls:
+            thread = Thread(target=store.add, args=("a", during))
+            thread.start()
+            thread.join()
+        calls.append(store.waiting)
+        return real(path)
+
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+    write(store, robot, first)
+    assert total(store.folder) == first[-1].values[COLUMNS.index(IMPORT)]
+    assert store.waiting == 3
+    write(store, robot, [])
+    assert total(store.folder) == robot.values[IMPORT]
+    assert calls == [6, 3]
+    with closing(open_reader(store.folder)) as connection:
+        assert connection.execute("SELECT count(*) FROM slot1").fetchone() == (6,)
 
 
 def test_an_error_of_the_disk_in_a_transaction_takes_all_of_it_back(store):
