@@ -48,7 +48,7 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api check differences files readings rollup rows schema spans store tariffs use
+        api check differences files outputs readings rollup rows schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -96,11 +96,12 @@ MODULES = {
         blocks coverage epochs gaps held_rows hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text history
-        identify_all identify_drives identify_dynamics identify_excitation identify_friction
-        identify_inputs identify_metered identify_thermal import_logs info layouts listings
-        main models monitoring numbers optimize predict replay replay_options report
-        result_schema simulate terminal test tool_options
+        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        history history_output identify_all identify_drives identify_dynamics
+        identify_excitation identify_friction identify_inputs identify_metered
+        identify_thermal import_logs info layouts listings main models monitoring numbers
+        optimize predict replay replay_options report result_schema simulate terminal test
+        tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings

@@ -189,10 +189,13 @@ class HistoryView:
         return text.getvalue()
 
     def add_tariff(self, tariff: Tariff, now_ns: int) -> str:
-        """Add a tariff, and say so in a sentence.
+        """Add a tariff.
 
         Args:
             now_ns: Time of this computer. [ns]
+
+        Returns:
+            What was done, in a sentence.
 
         Raises:
             HistoryError: If there is no history, or it cannot be written now.
