@@ -17,11 +17,12 @@ from contextlib import closing
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ros2_energy_msgs.msg import EnergyRegisters, JointEnergy
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.api import history
+from robot_energy.history.api import history, history_events
 from robot_energy.history.check import check
 from robot_energy.history.files import open_reader
 from robot_energy.history.store import HistoryStore
@@ -30,6 +31,7 @@ from ros2_energy_monitor.nodes import energy_recorder
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
+from ros2_energy_monitor.recorder import alarm_watch
 
 IMPORT = "predicted_import_microjoule"
 QUICK = {"take_period": 0.2, "write_period": 1.0, "look_period": 1.0, "min_free": 0}
@@ -158,6 +160,55 @@ def test_a_disk_that_hangs_is_said_and_stops_no_taking(
     free.set()
     bench.spin_until(lambda: total(tmp_path) == 300 * 100 * 10**6, "all of it")
     assert check(tmp_path) == []
+
+
+def test_alarms_and_restarts_are_events(
+    bench: Any, publish: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(alarm_watch, "LASTING", 0.3)
+    monkeypatch.setattr(alarm_watch, "OVER", 0.3)
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    publish("/left/energy/registers", registers(60))
+    bench.spin_until(lambda: recorder.store.robots == ("left",), "the robot")
+    statuses = bench.tester.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def until(kind: str, level: bytes, restarts: int) -> None:
+        message = DiagnosticArray()
+        message.header.stamp.sec = 1_700_000_100
+        for name in ("left/energy_monitor", "right/energy_monitor", "energy_monitor"):
+            message.status.append(
+                DiagnosticStatus(name=f"{name}: registers", level=level, message="no disk",
+                                 values=[KeyValue(key="restarts", value=str(restarts))])
+            )  # fmt: skip
+
+        def noted() -> bool:
+            statuses.publish(message)
+            found = history_events(tmp_path, 0, 2**62)
+            return kind in found["kind"].tolist()
+
+        bench.spin_until(noted, kind)
+
+    until("alarm", DiagnosticStatus.ERROR, 3)
+    until("alarm_ended", DiagnosticStatus.OK, 3)
+    until("restart", DiagnosticStatus.OK, 4)
+    found = history_events(tmp_path, 0, 2**62)
+    assert found["robot"].tolist() == ["left"] * 4
+    texts = dict(zip(found["kind"].tolist(), found["text"].tolist(), strict=True))
+    assert texts["alarm"] == "energy_monitor: registers: error: no disk"
+    assert texts["restart"] == "energy_monitor was started again"
+
+
+def test_an_alarm_is_noted_once_it_lasts_and_one_that_comes_again_is_the_same() -> None:
+    watch = alarm_watch.AlarmWatch("/left/")
+    ok, bad = (
+        [DiagnosticStatus(name="left/energy_monitor: energy", level=level, message="odd")]
+        for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
+    )
+    kinds = []
+    for second, status in enumerate([bad] * 5 + [ok] * 5 + [bad] * 30 + [ok] * 30 + [bad] * 30
+                                    + [ok] * 100):  # fmt: skip
+        kinds += [(second, one.kind) for one in watch.take(status, 0, float(second))]
+    assert kinds == [(20, "alarm"), (160, "alarm_ended")]
 
 
 def test_a_folder_that_cannot_be_used_is_said_and_taken_once_it_can(

@@ -48,7 +48,8 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api check differences files outputs readings rollup rows schema spans store tariffs use
+        api baseline check differences files outputs readings rollup rows savings schema spans
+        store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources

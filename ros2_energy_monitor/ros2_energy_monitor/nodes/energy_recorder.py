@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
@@ -24,7 +25,7 @@ from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.node_parameters import RecorderParameters
 from ros2_energy_monitor.base.parameters import declare
-from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC
+from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, best_effort
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.reporter import (
     ERROR,
@@ -102,6 +103,9 @@ class EnergyRecorder(ManagedNode):
             self._timers_of_work.append(self.create_timer(period, callback, clock=self._steady))
         for namespace in wanted.robots:
             self._add(namespace)
+        self._diagnostics = self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._take_statuses, best_effort(200)
+        )
         self.look()
 
     def deactivate(self) -> None:
@@ -111,6 +115,7 @@ class EnergyRecorder(ManagedNode):
         for timer in self._timers_of_work:
             self.destroy_timer(timer)
         self._timers_of_work.clear()
+        self.destroy_subscription(self._diagnostics)
 
     def cleanup(self) -> None:
         """Let another recorder write."""
@@ -127,6 +132,10 @@ class EnergyRecorder(ManagedNode):
                 robot.take()
             except HistoryError:  # others were recorded before
                 self._left_out = robot.name
+
+    def _take_statuses(self, message: DiagnosticArray) -> None:
+        for robot in self._robots.values():
+            robot.take_statuses(message)
 
     def look(self) -> None:
         """Look for robots that are new, and for job intervals."""

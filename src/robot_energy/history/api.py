@@ -16,10 +16,13 @@ from robot_energy.foundation.time_zone import time_zone
 from robot_energy.history.files import open_reader
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.spans import (
+    JOB_SUMS,
     RESOLUTIONS,
     Resolution,
     SlotSums,
     edges,
+    events,
+    jobs,
     joint_sums,
     not_resolved,
     robots_of,
@@ -85,22 +88,11 @@ def history(
     Raises:
         HistoryError: If there is no history, or something that was asked for is not in it.
     """
-    if resolution not in RESOLUTIONS:
-        raise HistoryError(f"resolution '{resolution}'", ", ".join(RESOLUTIONS))
     if (by_joint or by_shift) and resolution == "minute":
         raise HistoryError("minutes of joints or shifts", "a resolution of quarter or coarser")
     if by_joint and by_shift:
         raise HistoryError("joints by shift", "by_joint or by_shift")
-    try:
-        zone = time_zone(timezone)
-    except ValueError as error:
-        raise HistoryError(
-            f"time zone '{timezone}'", str(error).removeprefix("expected ")
-        ) from error
-    begin, end = (_stamp(one, zone) for one in (start, stop))
-    if begin >= end:
-        raise HistoryError(f"a time from {start} to {stop}", "a start before its stop")
-    bounds = edges(begin, end, resolution, zone)
+    bounds = _bounds(start, stop, resolution, timezone)
     tariffs = stored_tariffs(folder)
     if by_shift and not any(one.shifts for one in tariffs):
         raise HistoryError(
@@ -126,6 +118,100 @@ def history(
     own = [(cost.get((part[one.start_ns], "")), place[one.robot]) for one in found]
     priced = _columns(own, PRICED)
     return _history(_series(found, COLUMNS), spans, priced, tariffs[-1].currency)
+
+
+def history_jobs(
+    folder: str | Path,
+    start: Instant,
+    stop: Instant,
+    resolution: Resolution = "all",
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+) -> TimeSeries:
+    """Return the jobs that ended in each part of the time: parts, energy, energy per part.
+
+    Args:
+        folder: Folder of the history.
+        start: As of `history`.
+        stop: As of `history`.
+        resolution: As of `history`.
+        robots: As of `history`.
+        timezone: As of `history`.
+
+    Returns:
+        A row of each part of the time, robot and name: ``parts``, how many jobs ended,
+        times in ns and energies in uJ as integers, ``microjoule_per_part``.
+
+    Raises:
+        HistoryError: As of `history`.
+    """
+    bounds = _bounds(start, stop, resolution, timezone)
+    with closing(open_reader(folder)) as connection:
+        connection.execute("BEGIN")
+        found = jobs(connection, robots_of(connection, robots), bounds)
+    columns: dict[str, Column] = {
+        "robot": np.array([one.robot for one in found], dtype=str),
+        "stop_ns": np.array([one.stop_ns for one in found], dtype=np.int64),
+        "job": np.array([one.name for one in found], dtype=str),
+        "parts": np.array([one.count for one in found], dtype=np.int64),
+    }
+    for place, name in enumerate(JOB_SUMS):
+        columns[name] = np.array([one.values[place] for one in found], dtype=np.int64)
+    used = [one.import_microjoule / one.count for one in found]
+    columns["microjoule_per_part"] = np.array(used, dtype=float)
+    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *JOB_SUMS)}
+    units["microjoule_per_part"] = "uJ"
+    return TimeSeries(
+        np.array([one.start_ns for one in found], dtype=np.int64), columns, units=units
+    )
+
+
+def history_events(
+    folder: str | Path,
+    start: Instant,
+    stop: Instant,
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+) -> TimeSeries:
+    """Return what happened to robots and their registers: alarms, resets, restarts, meter changes.
+
+    Args:
+        folder: Folder of the history.
+        start: As of `history`.
+        stop: As of `history`.
+        robots: As of `history`.
+        timezone: As of `history`.
+
+    Returns:
+        A row of each event, in order of time: ``robot``, ``kind`` and ``text``.
+
+    Raises:
+        HistoryError: As of `history`.
+    """
+    bounds = _bounds(start, stop, "all", timezone)
+    with closing(open_reader(folder)) as connection:
+        rows = events(connection, robots_of(connection, robots), bounds[0], bounds[1])
+    columns: dict[str, Column] = {
+        name: np.array([row[place] for row in rows], dtype=str)
+        for place, name in enumerate(("robot", "kind", "text"), 1)
+    }
+    return TimeSeries(np.array([row[0] for row in rows], dtype=np.int64), columns)
+
+
+def _bounds(start: Instant, stop: Instant, resolution: Resolution, timezone: str) -> list[int]:
+    """Where parts of the time begin, and the end of the last. [ns]"""
+    if resolution not in RESOLUTIONS:
+        raise HistoryError(f"resolution '{resolution}'", ", ".join(RESOLUTIONS))
+    try:
+        zone = time_zone(timezone)
+    except ValueError as error:
+        raise HistoryError(
+            f"time zone '{timezone}'", str(error).removeprefix("expected ")
+        ) from error
+    begin, end = (_stamp(one, zone) for one in (start, stop))
+    if begin >= end:
+        raise HistoryError(f"a time from {start} to {stop}", "a start before its stop")
+    return edges(begin, end, resolution, zone)
 
 
 def _by_shift(

@@ -16,6 +16,7 @@ from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.rollup import FLAGS, REGULAR, Rolled
+from robot_energy.history.rows import JOB_COLUMNS
 from robot_energy.history.tariffs import day_begin
 
 Resolution = Literal["minute", "quarter", "hour", "day", "week", "month", "year", "all"]
@@ -26,6 +27,7 @@ FIXED: dict[str, int] = {"minute": MINUTE_NS, "quarter": SLOT_NS, "hour": HOUR_N
 MAX_BUCKETS = 200_000
 SUMS = ", ".join(f"sum(s.{name})" for name in COLUMNS)
 JOINT_SUMS = ", ".join(f"sum(s.{name})" for name in JOINT_COLUMNS)
+JOB_SUMS = tuple(name for name in JOB_COLUMNS if name.endswith(("_ns", "_microjoule", "_meter")))
 PEAK = "max(s.peak_microjoule)"
 _WITHIN = "{on}.start >= p.start AND {on}.start < p.stop AND {on}.stop <= p.stop"
 _SPANS = (
@@ -70,21 +72,28 @@ class SlotSums:
 
 @dataclass(frozen=True)
 class Jobs:
-    """Jobs of one name of one robot that ended in a time.
+    """Jobs of one name of one robot that ended in a part of the time.
 
     Attributes:
+        start_ns: Begin of the part. [ns]
+        stop_ns: End of it. [ns]
         robot: Its name.
         name: Of the jobs.
-        count: How many.
-        observed_ns: Their time. [ns]
-        import_microjoule: Energy from the grid. [uJ]
+        count: How many: one makes one part.
+        values: By `JOB_SUMS`. [ns], [uJ]
     """
 
+    start_ns: int
+    stop_ns: int
     robot: str
     name: str
     count: int
-    observed_ns: int
-    import_microjoule: int
+    values: tuple[int, ...]
+
+    @property
+    def import_microjoule(self) -> int:
+        """Energy from the grid. [uJ]"""
+        return self.values[JOB_SUMS.index("predicted_import_microjoule")]
 
 
 def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -> list[int]:
@@ -248,22 +257,37 @@ def not_resolved(
 
 
 def jobs(
-    connection: sqlite3.Connection, robots: dict[str, int], start_ns: int, stop_ns: int
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
 ) -> list[Jobs]:
-    """Return the jobs that ended in a time, those that used most first.
+    """Return the jobs that ended in each part, in order of time and robot, the largest first.
 
     Args:
-        start_ns: Begin of the time. [ns]
-        stop_ns: End of the time. [ns]
+        bounds: Where parts begin, and the end of the last. [ns]
     """
-    put_parts(connection, robots, [])
+    put_parts(connection, robots, pairwise(bounds))
     rows = connection.execute(
-        "SELECT r.name, j.name, count(*), sum(j.observed_ns), sum(j.predicted_import_microjoule) "
-        "AS used FROM some r CROSS JOIN job j ON j.robot = r.id AND j.stop > ? AND j.stop <= ? "
-        "GROUP BY r.name, j.name ORDER BY used DESC",
-        (start_ns, stop_ns),
+        f"SELECT p.start, p.stop, r.name, j.name, count(*), "
+        f"{', '.join(f'sum(j.{name})' for name in JOB_SUMS)}, "
+        "sum(j.predicted_import_microjoule) AS used FROM part p CROSS JOIN some r CROSS JOIN job j "
+        "ON j.robot = r.id AND j.stop > p.start AND j.stop <= p.stop GROUP BY p.id, r.id, j.name "
+        "ORDER BY p.id, r.name, used DESC, j.name"
     )
-    return [Jobs(*row) for row in rows]
+    return [
+        Jobs(start, stop, robot, name, count, tuple(values))
+        for start, stop, robot, name, count, *values, _ in rows
+    ]
+
+
+def events(
+    connection: sqlite3.Connection, robots: dict[str, int], start_ns: int, stop_ns: int
+) -> list[tuple[int, str, str, str]]:
+    """Return stamp [ns], robot, kind and text of events in a time, in order of time."""
+    put_parts(connection, robots, [])
+    return connection.execute(
+        "SELECT e.stamp, r.name, e.kind, e.text FROM some r CROSS JOIN event e ON e.robot = r.id "
+        "AND e.stamp >= ? AND e.stamp < ? ORDER BY e.stamp, r.name, e.kind",
+        (start_ns, stop_ns),
+    ).fetchall()
 
 
 def put_parts(connection: sqlite3.Connection, robots: dict[str, int], parts: Any) -> None:

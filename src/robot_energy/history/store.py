@@ -21,6 +21,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
 from robot_energy.history.differences import (
     Epoch,
+    Event,
     begun,
     finished,
     gone_back,
@@ -37,6 +38,7 @@ from robot_energy.history.schema import FILE, prepare
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
+MAX_EVENTS = 10_000  # that wait
 MAX_MINUTES_AT_ONCE = 20_000  # rows of minutes that one transaction drops
 LIVE = "live"
 
@@ -101,6 +103,7 @@ class HistoryStore:
         self._writing: Waiting = {}
         self._behind: dict[tuple[str, str, int], Reading] = {}
         self._jobs: Jobs = {}
+        self._events: list[tuple[str, Event]] = []
 
     def open(self) -> None:
         """Take the lock and read up to where robots were recorded.
@@ -183,6 +186,12 @@ class HistoryStore:
             while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
                 del self._jobs[next(iter(self._jobs))]
 
+    def add_events(self, robot: str, events: Iterable[Event]) -> None:
+        """Take events, of which one robot has one at an instant of each kind."""
+        with self._mutex:
+            self._events += ((robot, one) for one in events)
+            del self._events[:-MAX_EVENTS]
+
     def write(self, now_ns: int, newest: bool = False) -> bool:
         """Write what waits in one transaction, and drop minutes that are too old.
 
@@ -196,13 +205,14 @@ class HistoryStore:
         with self._mutex:
             taken, self._writing, self._waiting = self._waiting, self._waiting, {}
             jobs, self._jobs = self._jobs, {}
+            events, self._events = self._events, []
         written: _Written | None = None
         try:
             if self._connection is None:
                 self.open()
             self._check_space()
             assert self._connection is not None
-            written = self._transact(self._connection, taken, jobs, now_ns, newest)
+            written = self._transact(self._connection, taken, jobs, events, now_ns, newest)
             self.size = sum(
                 path.stat().st_size
                 for path in (self.folder / f"{FILE}{end}" for end in ("", "-wal"))
@@ -222,6 +232,7 @@ class HistoryStore:
                 self._queue(key, readings)
             if written is None:
                 self._jobs = {**jobs, **self._jobs}
+                self._events = [*events, *self._events]
                 return False
             self._robots = written.robots
         self.ignored += written.ignored
@@ -234,6 +245,7 @@ class HistoryStore:
         connection: sqlite3.Connection,
         taken: Waiting,
         jobs: Jobs,
+        events: list[tuple[str, Event]],
         now_ns: int,
         newest: bool,
     ) -> _Written:
@@ -256,6 +268,8 @@ class HistoryStore:
                     f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) "
                     f"VALUES (?, {marks})", (robot.number, *row),
                 )  # fmt: skip
+            for name, event in events:
+                put_events(connection, self._robot(connection, robots, name).number, [event])
             self._forget_minutes(connection, now_ns)
             reached = roll(connection, rolled, now_ns)
             if self._keep_quarters_ns:

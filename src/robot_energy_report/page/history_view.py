@@ -13,10 +13,10 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.api import History, history
+from robot_energy.history.api import History, history, history_events, history_jobs
 from robot_energy.history.differences import FLAGS, SLOT_NS, UNRESOLVED
 from robot_energy.history.files import open_reader
-from robot_energy.history.spans import Jobs, jobs, robots_of
+from robot_energy.history.spans import robots_of
 from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_report.page.history_period import (
@@ -31,6 +31,7 @@ from robot_energy_report.page.history_period import (
 MAX_SERIES = 8  # bars of one part of the time; further robots or joints are summed up
 ALIKE = 0.05  # by which observed times of two periods may differ to be compared
 MAX_JOBS = 200
+MAX_EVENTS = 100
 MAX_SPANS = 50  # of those that no part holds
 IMPORT = "predicted_import_microjoule"
 PARTS: dict[str, tuple[str, ...]] = {
@@ -168,6 +169,7 @@ class HistoryView:
             "remarks": _remarks(whole),
             "rests": _rests(whole),
             "jobs": self._jobs(wish, before),
+            "events": self._events(wish),
             "tariffs": [one.model_dump(mode="json") for one in tariffs],
         }  # fmt: skip
 
@@ -231,18 +233,30 @@ class HistoryView:
         return history(self.folder, start_ns, stop_ns, "all", wish.robots, zone)
 
     def _jobs(self, wish: Wish, before: Period) -> list[dict[str, Any]]:
-        with closing(open_reader(self.folder)) as connection:
-            robots = robots_of(connection, wish.robots)
-            now, earlier = (
-                jobs(connection, robots, one.start_ns, one.stop_ns) for one in (wish.period, before)
-            )
-        means = {(one.robot, one.name): _mean(one) for one in earlier}
+        now, earlier = (
+            history_jobs(self.folder, one.start_ns, one.stop_ns, "all", wish.robots, one.zone.key)
+            for one in (wish.period, before)
+        )
+        means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in _rows(earlier)}
+        rows = sorted(_rows(now), key=lambda one: -one[IMPORT])
         return [
-            {"robot": one.robot, "name": one.name, "count": one.count,
-             "time": one.observed_ns / one.count / SECOND_NS,
-             "energy": one.import_microjoule / 1e6, "mean": _mean(one),
-             "before": means.get((one.robot, one.name))}
-            for one in now[:MAX_JOBS]
+            {"robot": one["robot"], "name": one["job"], "count": one["parts"],
+             "time": one["observed_ns"] / one["parts"] / SECOND_NS, "energy": one[IMPORT] / 1e6,
+             "mean": one["microjoule_per_part"] / 1e6,
+             "before": _joule(means.get((one["robot"], one["job"])))}
+            for one in rows[:MAX_JOBS]
+        ]  # fmt: skip
+
+    def _events(self, wish: Wish) -> list[dict[str, Any]]:
+        """The newest events of the period first."""
+        period = wish.period
+        found = history_events(
+            self.folder, period.start_ns, period.stop_ns, wish.robots, period.zone.key
+        )
+        return [
+            {"at": period.at(one["stamp_ns"])[:16].replace("T", " "), "robot": one["robot"],
+             "kind": one["kind"], "text": one["text"]}
+            for one in _rows(found)[: -MAX_EVENTS - 1 : -1]
         ]  # fmt: skip
 
 
@@ -256,8 +270,8 @@ def comparable(now: float | None, before: float | None) -> bool:
     return bool(now and before) and abs((now or 0.0) / (before or 1.0) - 1.0) <= ALIKE
 
 
-def _mean(one: Jobs) -> float:
-    return one.import_microjoule / one.count / 1e6
+def _joule(microjoule: float | None) -> float | None:
+    return None if microjoule is None else microjoule / 1e6
 
 
 def _rows(table: TimeSeries) -> list[dict[str, Any]]:

@@ -77,6 +77,33 @@ def test_it_checks_and_repairs(folder, capsys):
     assert main(["history", "check"]) == 0
 
 
+def test_it_prints_savings(tmp_path, capsys):
+    store, robot = HistoryStore(tmp_path), Robot()
+    store.open()
+    for day in range(40):
+        for _ in range(24):
+            robot.advance(60 * MINUTE, 1000 + day % 3 - 100 * (day >= 20))
+            store.add("a", [robot.read(robot.now)])
+        assert store.write(robot.now)
+    store.close()
+    path = tmp_path / "further.csv"
+    path.write_text(
+        "date,ambient\n" + "".join(f"2026-01-{day:02d},{day % 3}\n" for day in range(1, 31))
+    )
+    words = f"history savings {tmp_path} --robot a --drivers on_hours".split()
+    words += "--baseline 2026-01-01:2026-01-21 --reported 2026-01-21:2026-02-10".split()
+    assert main([*words, "--further", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "10.0%" in out
+    assert "a saving" in out
+    assert "ambient" in out
+    assert "10 reported days are left out" in " ".join(out.split())
+    for more, said in ((["--further", "none.csv"], "none.csv"), (["--baseline", "x"], "two days"),
+                       (["--drivers", "mood"], "mood")):  # fmt: skip
+        assert main([*words, *more]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_it_refuses_what_is_not_there(folder, tmp_path, capsys):
     for words, said in (
         (["show", str(tmp_path)], "there is no history"),

@@ -13,6 +13,7 @@ import pytest
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
+from robot_energy.history.rows import JOB_COLUMNS
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_report.page.history_period import KINDS, period_at, span_of
@@ -126,6 +127,29 @@ def test_zoom_leads_from_a_year_to_a_minute_and_keeps_the_energy(view):
         if asked:
             assert ask(view, robot="b", **asked)["total"]["energy"] == pytest.approx(energy)
     assert seen == ["month", "day", "hour", "minute"]
+
+
+def test_jobs_and_events_are_shown(tmp_path):
+    view = record(tmp_path / "history", {"a": [(1, 1000)]})
+    store = HistoryStore(view.folder)
+    store.open()
+    own = dict.fromkeys(JOB_COLUMNS, 0)
+    for day, watt in enumerate((100, 200, 300)):
+        start = START + (day // 2) * DAY + day * MINUTE
+        job = {"id": day, "start": start, "stop": start + MINUTE, "name": "part 7",
+               "observed_ns": MINUTE, "predicted_import_microjoule": watt * 60 * 10**6}  # fmt: skip
+        store.add_jobs("a", [{**own, **job}])
+    assert store.write(START + DAY), store.trouble
+    store.close()
+    answer = ask(view, period="day", at="2026-01-02")
+    assert answer["jobs"] == [
+        {"robot": "a", "name": "part 7", "count": 1, "time": 60.0, "energy": 18_000.0,
+         "mean": 18_000.0, "before": 9_000.0}
+    ]  # fmt: skip
+    assert ask(view, period="day", at="2026-01-01")["events"] == [
+        {"at": "2026-01-01 00:00", "robot": "a", "kind": "first",
+         "text": "recorded from here on, with model m1"}
+    ]  # fmt: skip
 
 
 def test_minutes_that_are_not_kept_are_shown_as_quarters(tmp_path):

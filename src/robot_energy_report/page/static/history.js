@@ -81,6 +81,7 @@ function show() {
   showRobots();
   showNight();
   showJobs();
+  showEvents();
   showTariffs();
 }
 
@@ -177,6 +178,12 @@ function showJobs() {
   fillRows(byId("jobs"), jobs.map((job) => [job.name, job.robot, n(String(job.count)), n(energy(job.energy)),
     n(energy(job.mean)), n(energy(job.before)), n(change(job.mean, job.before)), n(duration(job.time))]));
   setText(byId("jobs-note"), jobs.length ? "Before: mean of the same job in the period before." : "No job ended in this time.");
+}
+
+function showEvents() {
+  const { events } = view.answer;
+  fillRows(byId("events"), events.map((one) => [one.at, one.robot, one.kind, one.text]));
+  setText(byId("events-note"), events.length ? "" : "Nothing in this time.");
 }
 
 function showTariffs() {
