@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from argparse import Namespace
 from datetime import date, datetime, timedelta
 from pathlib import Path
@@ -20,7 +21,7 @@ from robot_energy.foundation.files.output_files import (
 )
 from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import Options
-from robot_energy_cli.terminal import console, wrote
+from robot_energy_cli.terminal import check_report, console, sign, wrote
 
 WHAT = "the rows of the history"
 DAYS_AGAIN = 3  # that are written again by default, as late messages may have changed them
@@ -52,6 +53,46 @@ EXPORT: Options = {
     "--timezone NAME": ("where days begin, such as Europe/Berlin", {"default": "UTC"}),
     "--robots NAMES": "which robots, separated by commas (default: all)",
 }
+
+
+REPORT: Options = {
+    "--out FILE": (
+        "the report: .html, or .pdf where a Chromium is installed",
+        {"required": True},
+    ),
+    "--month MONTH": ("such as 2026-10 (default: the last one that is over)", {"default": ""}),
+    "--timezone NAME": (
+        "where days begin (default: that of the newest tariff, else UTC)",
+        {"default": ""},
+    ),
+    "--robots NAMES": "which robots, separated by commas (default: all)",
+}
+
+
+def report(args: Namespace, folder: Path) -> int:
+    """Write the report of a month.
+
+    Args:
+        args: With `REPORT`.
+        folder: Of the history.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        HistoryError: If there is no history, or nothing was recorded in the month.
+        ReportError: If the file cannot be written.
+    """
+    from robot_energy_report.history_month import month_document
+    from robot_energy_report.html import write_page
+
+    check_report(args.out)
+    robots = tuple(args.robots.split(",")) if args.robots else ()
+    page = month_document(folder, args.month, time.time_ns(), args.timezone, robots)
+    sign(args, page)
+    write_page(page, args.out)
+    wrote(console(), args.out, page.title)
+    return 0
 
 
 def export(args: Namespace, folder: Path) -> int:

@@ -197,7 +197,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout model notebook
+        held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
         replay_figures series
     """,
