@@ -48,8 +48,8 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api baseline check differences files outputs readings rollup rows savings schema spans
-        store tariffs use
+        api bags baseline check differences files outputs readings rollup rows savings
+        schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -105,7 +105,7 @@ MODULES = {
         tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
+        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns findings history_tables
         identify joint_sums merged_friction merged_laws report run sisters tables
         wear_history workers
     """,

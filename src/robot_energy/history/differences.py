@@ -103,19 +103,24 @@ class EpochStep:
     events: tuple[Event, ...] = ()
 
 
-def begun(reading: Reading, known: bool) -> EpochStep:
-    """Return the beginning of registers that are new here: all since they were zero counts.
-
-    Args:
-        known: Whether this robot was recorded before, with other registers.
-    """
-    zero = replace(
+def zero_of(reading: Reading) -> Reading:
+    """Return registers as they were when they were zero."""
+    return replace(
         reading,
         stamp_ns=reading.energy_start_ns,
         minute_ns=0,
         values=(0,) * len(COLUMNS),
         joints=dict.fromkeys(reading.joints, (0,) * len(JOINT_COLUMNS)),
     )
+
+
+def begun(reading: Reading, known: bool) -> EpochStep:
+    """Return the beginning of registers that are new here: all since they were zero counts.
+
+    Args:
+        known: Whether this robot was recorded before, with other registers.
+    """
+    zero = zero_of(reading)
     begin = reading.stamp_ns - reading.counted_ns
     flags = 0 if known else EARLIER
     until = reading.stamp_ns

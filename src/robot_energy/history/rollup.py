@@ -23,6 +23,7 @@ QUARTERS = DAY_NS // SLOT_NS
 MAX_DAYS = 2**20  # since 1970, of which stamps reach 106,751
 STANDBY = COLUMNS.index("standby_microjoule")
 DAYS_AT_ONCE = 7  # that one transaction rolls up or thins
+MINUTES_AT_ONCE = 20_000  # rows of minutes that one transaction drops
 LATE_NS = 15 * MINUTE_NS  # after its end a day is rolled up [ns]
 REGULAR = "s.stop - s.start = {length} AND s.start % {length} = 0"
 FLAGS = "max(s.flags & 2) | max(s.flags & 4) | max(s.flags & 8)"
@@ -43,7 +44,11 @@ class Rolled:
     @classmethod
     def of(cls, connection: sqlite3.Connection) -> Rolled:
         """Return where a history stands."""
-        rows = dict(connection.execute("SELECT name, value FROM meta").fetchall())
+        rows = dict(
+            connection.execute(
+                "SELECT name, value FROM meta WHERE name IN ('rolled_until', 'quarters_from')"
+            ).fetchall()
+        )
         return cls(int(rows.get("rolled_until", 0)), int(rows.get("quarters_from", 0)))
 
     def write(self, connection: sqlite3.Connection) -> None:
@@ -74,11 +79,17 @@ def put_span(
         length = level * MINUTE_NS
         begin = start // length * length
         put_slot(connection, level, (begin, robot, epoch, begin + length, flags, peak), span)
-    day = start // DAY_NS * DAY_NS
-    number = curve_id(robot, day)
+    change_curve(connection, robot, start, span.values[IMPORT], span.values[STANDBY])
+
+
+def change_curve(
+    connection: sqlite3.Connection, robot: int, start_ns: int, imported: int, standby: int
+) -> None:
+    """Add energy to a quarter hour of a curve. [ns], [uJ]"""
+    number = curve_id(robot, start_ns)
     row = connection.execute("SELECT energy FROM curve WHERE id = ?", (number,)).fetchone()
     curve = curves_of([row[0] if row else bytes(16 * QUARTERS)])[0].copy()
-    curve[(start - day) // SLOT_NS] += (span.values[IMPORT], span.values[STANDBY])
+    curve[start_ns % DAY_NS // SLOT_NS] += (imported, standby)
     _put_curve(connection, number, curve)
 
 
@@ -125,6 +136,15 @@ def thin(connection: sqlite3.Connection, rolled: Rolled, keep_from_ns: int) -> R
                 f"s.start >= ? AND s.start < ? AND {REGULAR.format(length=SLOT_NS)}", (day, begin),
             )  # fmt: skip
     return Rolled(rolled.until_ns, begin)
+
+
+def forget_minutes(connection: sqlite3.Connection, before_ns: int) -> None:
+    """Drop minutes that are too old, some at once. [ns]"""
+    connection.execute(
+        "DELETE FROM slot1 WHERE (start, robot, epoch, stop) IN (SELECT start, robot, epoch, "
+        "stop FROM slot1 WHERE start < ? LIMIT ?)",
+        (before_ns, MINUTES_AT_ONCE),
+    )
 
 
 def roll_again(connection: sqlite3.Connection, rolled: Rolled) -> None:

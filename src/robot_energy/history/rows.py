@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from robot_energy.history.differences import CountedSpan, Event
+from robot_energy.history.differences import CountedSpan, Epoch, Event
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
 from robot_energy.history.schema import LEVELS
 
@@ -57,6 +57,37 @@ def put_slot(
             ((*key[:4], name, *own) for name, own in span.joints.items() if any(own)),
         )
     return int(imported)
+
+
+def put_epoch(
+    connection: sqlite3.Connection, robot: int, origin: str, epoch: Epoch, number: int
+) -> int:
+    """Note where an epoch stands; return its number.
+
+    Args:
+        number: Its number; 0 for a new one.
+    """
+    texts = (text_of(epoch.last), epoch.known_until_ns, epoch.newest_ns)
+    if number:
+        connection.execute(
+            "UPDATE epoch SET last = ?, known_until = ?, newest = ? WHERE id = ?", (*texts, number)
+        )
+        return number
+    row = connection.execute(
+        "INSERT INTO epoch (robot, origin, energy_start, first, last, known_until, newest) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?)",
+        (robot, origin, epoch.last.energy_start_ns, text_of(epoch.first), *texts),
+    )
+    return int(row.lastrowid or 0)
+
+
+def put_job(connection: sqlite3.Connection, robot: int, job: Mapping[str, Any]) -> None:
+    """Put a job in, by `JOB_COLUMNS`; one that is there already is replaced."""
+    connection.execute(
+        f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) VALUES "
+        f"(?, {', '.join('?' * len(JOB_COLUMNS))})",
+        (robot, *(job[name] for name in JOB_COLUMNS)),
+    )
 
 
 def put_events(connection: sqlite3.Connection, robot: int, events: Iterable[Event]) -> None:

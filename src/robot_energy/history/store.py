@@ -12,13 +12,14 @@ import shutil
 import sqlite3
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
+from robot_energy.history.bags import BAG, BagReadings, give_way, has_bag, put_bag
 from robot_energy.history.differences import (
     Epoch,
     Event,
@@ -31,15 +32,14 @@ from robot_energy.history.differences import (
     thinned,
 )
 from robot_energy.history.files import open_writer, take_lock
-from robot_energy.history.readings import Reading
-from robot_energy.history.rollup import Rolled, put_span, roll, thin
-from robot_energy.history.rows import JOB_COLUMNS, put_events, reading_from, text_of
+from robot_energy.history.readings import OBSERVED, Reading
+from robot_energy.history.rollup import Rolled, forget_minutes, put_span, roll, thin
+from robot_energy.history.rows import put_epoch, put_events, put_job, reading_from
 from robot_energy.history.schema import FILE, prepare
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
 MAX_EVENTS = 10_000  # that wait
-MAX_MINUTES_AT_ONCE = 20_000  # rows of minutes that one transaction drops
 LIVE = "live"
 
 
@@ -48,13 +48,14 @@ class _Robot:
     """One robot as it stands on disk."""
 
     number: int
+    has_bags: bool = False
     epochs: dict[tuple[str, int], tuple[int, Epoch]] = field(
         default_factory=lambda: dict[tuple[str, int], tuple[int, Epoch]]()
     )
 
 
 Waiting = dict[tuple[str, str], list[Reading]]
-Jobs = dict[tuple[str, int, int], tuple[Any, ...]]
+Jobs = dict[tuple[str, int, int], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -181,8 +182,7 @@ class HistoryStore:
         """
         with self._mutex:
             for job in jobs:
-                row = tuple(job[name] for name in JOB_COLUMNS)
-                self._jobs[robot, int(job["start"]), int(job["id"])] = row
+                self._jobs[robot, int(job["start"]), int(job["id"])] = job
             while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
                 del self._jobs[next(iter(self._jobs))]
 
@@ -191,6 +191,34 @@ class HistoryStore:
         with self._mutex:
             self._events += ((robot, one) for one in events)
             del self._events[:-MAX_EVENTS]
+
+    def has_bag(self, name: str) -> bool:
+        """Whether a replayed bag is there, in this state and with these settings."""
+        return self._connection is not None and has_bag(self._connection, name)
+
+    def add_bag(self, bag: BagReadings) -> int:
+        """Put a replayed bag in at once; return the time that others have recorded. [ns]
+
+        Raises:
+            HistoryError: If it cannot be written.
+        """
+        connection = self._connection
+        if connection is None:
+            raise HistoryError(f"the history in {self.folder} is not open", "an open one")
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+            try:
+                robots = {name: replace(one) for name, one in self._robots.items()}
+                number = self._robot(connection, robots, bag.robot).number
+                left_out = put_bag(connection, Rolled.of(connection), number, bag)
+                connection.execute("COMMIT")
+            except BaseException:
+                connection.execute("ROLLBACK")
+                raise
+        except sqlite3.Error as error:
+            raise _unusable(self.folder, error) from error
+        self._robots = self._read()
+        return left_out
 
     def write(self, now_ns: int, newest: bool = False) -> bool:
         """Write what waits in one transaction, and drop minutes that are too old.
@@ -249,7 +277,7 @@ class HistoryStore:
         now_ns: int,
         newest: bool,
     ) -> _Written:
-        robots = {name: _Robot(one.number, dict(one.epochs)) for name, one in self._robots.items()}
+        robots = {name: replace(one, epochs=dict(one.epochs)) for name, one in self._robots.items()}
         done: dict[tuple[str, str], int] = {}
         ignored = 0
         connection.execute("BEGIN IMMEDIATE")
@@ -261,16 +289,11 @@ class HistoryStore:
                 for reading in waiting[:count]:
                     robot = self._robot(connection, robots, name)
                     ignored += not self._record(connection, rolled, name, robot, origin, reading)
-            for (name, _, _), row in jobs.items():
-                robot = self._robot(connection, robots, name)
-                marks = ", ".join("?" * len(row))
-                connection.execute(
-                    f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) "
-                    f"VALUES (?, {marks})", (robot.number, *row),
-                )  # fmt: skip
+            for (name, _, _), job in jobs.items():
+                put_job(connection, self._robot(connection, robots, name).number, job)
             for name, event in events:
                 put_events(connection, self._robot(connection, robots, name).number, [event])
-            self._forget_minutes(connection, now_ns)
+            forget_minutes(connection, now_ns - self._keep_ns)
             reached = roll(connection, rolled, now_ns)
             if self._keep_quarters_ns:
                 reached = thin(connection, reached, now_ns - self._keep_quarters_ns)
@@ -316,35 +339,17 @@ class HistoryStore:
         self._behind.pop(behind, None)
         if taken is None:
             return False
-        texts = (
-            text_of(taken.epoch.first),
-            text_of(taken.epoch.last),
-            taken.epoch.known_until_ns,
-            taken.epoch.newest_ns,
+        number = put_epoch(
+            connection, robot.number, origin, taken.epoch, 0 if taken.new else number
         )
-        if taken.new:
-            row = connection.execute(
-                "INSERT INTO epoch (robot, origin, energy_start, first, last, known_until, newest) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?)", (robot.number, origin, key[1], *texts),
-            )  # fmt: skip
-            number = int(row.lastrowid or 0)
-        else:
-            connection.execute(
-                "UPDATE epoch SET last = ?, known_until = ?, newest = ? WHERE id = ?",
-                (*texts[1:], number),
-            )
         robot.epochs[key] = number, taken.epoch
         if taken.span is not None:
+            span = taken.span
+            if robot.has_bags and span.values[OBSERVED]:
+                give_way(connection, rolled, robot.number, span.begin_ns, span.end_ns)
             put_span(connection, rolled, robot.number, number, taken.span)
         put_events(connection, robot.number, taken.events)
         return True
-
-    def _forget_minutes(self, connection: sqlite3.Connection, now_ns: int) -> None:
-        connection.execute(
-            "DELETE FROM slot1 WHERE (start, robot, epoch, stop) IN (SELECT start, robot, epoch, "
-            "stop FROM slot1 WHERE start < ? LIMIT ?)",
-            (now_ns - self._keep_ns, MAX_MINUTES_AT_ONCE),
-        )
 
     def _read(self) -> dict[str, _Robot]:
         assert self._connection is not None
@@ -356,7 +361,10 @@ class HistoryStore:
             "ORDER BY id"
         ):
             epoch = Epoch(reading_from(first), reading_from(last), known, newest)
-            by_number[robot].epochs[origin, start] = number, epoch
+            if origin.startswith(BAG):
+                by_number[robot].has_bags = True
+            else:
+                by_number[robot].epochs[origin, start] = number, epoch
         return robots
 
     def _check_space(self) -> None:
