@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy_cli.command import Command, Group, Options
+from robot_energy_cli.history_output import EXAMPLES, EXPORT, REPORT, export, report
 from robot_energy_cli.terminal import console
 
 FOLDER: Options = {
@@ -346,6 +347,19 @@ COMMAND = Group(
     "what",
     "WHAT",
     lambda: (
+        Command(
+            "export",
+            "write it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
+            lambda args: export(args, _folder(args)),
+            {**FOLDER, **EXPORT},
+            epilog=EXAMPLES,
+        ),
+        Command(
+            "report",
+            "a month as one page: verdict, days, robots, losses, standby, jobs",
+            lambda args: report(args, _folder(args)),
+            {**FOLDER, **REPORT},
+        ),
         Command(
             "show", "what robots and jobs used: today, this week, this month", _show, SHOW
         ),

@@ -48,8 +48,8 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api bags baseline check differences files readings rollup rows savings schema spans store tariffs
-        use
+        api bags baseline check differences files outputs readings rollup rows savings
+        schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -97,11 +97,12 @@ MODULES = {
         blocks coverage epochs gaps held_rows hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text history
-        identify_all identify_drives identify_dynamics identify_excitation identify_friction
-        identify_inputs identify_metered identify_thermal import_logs info layouts listings
-        main models monitoring numbers optimize predict replay replay_options report
-        result_schema simulate terminal test tool_options
+        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        history history_output identify_all identify_drives identify_dynamics
+        identify_excitation identify_friction identify_inputs identify_metered
+        identify_thermal import_logs info layouts listings main models monitoring numbers
+        optimize predict replay replay_options report result_schema simulate terminal test
+        tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns findings history_tables
@@ -196,7 +197,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout model notebook
+        held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
         replay_figures series
     """,
@@ -204,9 +205,9 @@ MODULES = {
         foxglove plotjuggler plots viewers
     """,
     "robot_energy_report.page": """
-        access alarms energy_flow headless_browser history hub json_numbers messages metrics
-        monitoring phase_totals recording robot_state rows saved_page settings web_app
-        web_server
+        access alarms answers energy_flow headless_browser history history_period
+        history_routes history_view hub json_numbers messages metrics monitoring phase_totals
+        recording robot_state rows saved_page settings web_app web_server
     """,
     "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply

@@ -219,6 +219,10 @@ class DashboardParameters:
     page_settings: str = parameter(
         "File with prices, emission factor and length of a shift; empty for none.", ""
     )
+    history_folder: str = parameter(
+        "Folder of the history that energy_recorder writes; none shows no history.",
+        "$ROS_HOME/robot_energy/history",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
