@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robot_energy.model import RobotModel, load
-from robot_energy_identify.drives.drives import DrivesFit
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
-from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
+from robot_energy_papers.drive_study import DriveTest, StudiedDrives, identify_drives, tested
 from robot_energy_papers.job_pool import Steps, StudyRun
 from robot_energy_papers.machines import (
     ARM,
@@ -92,7 +91,7 @@ class Trained:
     """
 
     model: RobotModel
-    drives: DrivesFit
+    drives: StudiedDrives
     mechanical: dict[str, MechanicalTest]
     tests: dict[str, DriveTest]
 

@@ -22,7 +22,6 @@ from robot_energy_papers.drawings import (
 )
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
 from robot_energy_papers.machines import MACHINES, PARTS, Energies
-from robot_energy_papers.mantis import RATE
 from robot_energy_papers.pages import Piece, hundred
 from robot_energy_papers.paper_b import (
     BOTH,
@@ -44,11 +43,13 @@ SHOWN: dict[Way, str] = {
     "none": "none",
     "constant": "87.5 %",
     "constant_fitted": "constant",
-    "map": "maps",
-    "map_processed": "maps, 2nd",
-    "losses": "losses",
+    "written": "maps as written",
+    "map": "our maps",
+    "map_processed": "our maps, 2nd",
+    "losses": "loss model",
+    "loss_map": "loss map",
 }
-DRAWN: dict[Way, str] = {"none": GREY, "map_processed": OTHER, "losses": OURS}
+DRAWN: dict[Way, str] = {"none": GREY, "written": OTHER, "losses": OURS}
 SMOOTH = 0.2  # s, of powers and efficiencies over time
 MIN_SHAFT_SHARE = 0.01  # of the shafts' energy; below it a drive has no accuracy of its own
 MIN_POWER = 0.5  # W, below which an efficiency is not drawn
@@ -150,7 +151,7 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
     powers = [("measured", test.measured, MEASURED, 2.4)]
     powers += [(WAY_NAMES[way], test.ways[way].power, c, 1.0) for way, c in DRAWN.items()]
     electrical = [
-        FigureLine(label, test.time, _with_sum(_smoothed(power)), colour, width)
+        FigureLine(label, test.time, _with_sum(_smoothed(power, test.time)), colour, width)
         for label, power, colour, width in powers
     ]
     efficiency = [
@@ -178,7 +179,7 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
         "efficiency": lambda path: over_time(
             by_column(drives, efficiency), "efficiency [-]", path, RIG, limits=(-0.1, 1.0)
         ),
-        "maps": lambda path: efficiency_maps(result.main.drives.axes, path, f"{RIG}, {BOTH}"),
+        "maps": lambda path: efficiency_maps(result.main.drives.fit.axes, path, f"{RIG}, {BOTH}"),
     }  # fmt: skip
 
 
@@ -234,16 +235,16 @@ def _with_sum(power: Float) -> Float:
 
 def _efficiency(test: DriveTest) -> Float:
     """Measured efficiency of each drive and of all, smoothed, shape (N, n + 1). [-]"""
-    shaft = _smoothed(_with_sum(test.shaft))
-    given = _smoothed(_with_sum(test.measured))
+    shaft = _smoothed(_with_sum(test.shaft), test.time)
+    given = _smoothed(_with_sum(test.measured), test.time)
     drawn = (given > MIN_POWER) & np.append(_moving(test), True)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(drawn, shaft / given, np.nan)
 
 
-def _smoothed(values: Float) -> Float:
+def _smoothed(values: Float, time: Float) -> Float:
     """Means over `SMOOTH` of every column, shape (N, K)."""
-    window = np.ones(round(SMOOTH * RATE))
+    window = np.ones(round(SMOOTH / float(np.median(np.diff(time)))))
     weight = np.convolve(np.ones(len(values)), window, mode="same")
     columns = [np.convolve(column, window, mode="same") / weight for column in values.T]
     return np.stack(columns, axis=1)

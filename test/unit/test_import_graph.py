@@ -136,7 +136,7 @@ MODULES = {
         bags log_channels observations recordings signals
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency losses total_power
+        all_drives delays drive_data drive_power drives efficiency loss_map losses total_power
         total_sums
     """,
     "robot_energy_identify.dynamics": """

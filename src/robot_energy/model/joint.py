@@ -11,7 +11,7 @@ from pydantic import (
     model_validator,
 )
 
-from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
+from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
 from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, without_absent
 from robot_energy.model.friction_laws import LawEntry
 
@@ -137,8 +137,9 @@ class Joint(ModelEntry):
         thermal: Thermal network of the motor, for its temperature where no sensor tells it.
         gear: Temperature of the gear; absent: friction follows the motor temperature.
         losses: For the drive model ``loss_model``.
-        efficiency_map: For the drive model ``efficiency_map``. Drive models that are
-            registered add their keys, see `robot_energy.model.open_schema`.
+        efficiency_map: For the drive model ``efficiency_map``.
+        loss_map: For the drive model ``loss_map``. Drive models that are registered add their
+            keys, see `robot_energy.model.open_schema`.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -151,6 +152,7 @@ class Joint(ModelEntry):
     gear: JointGear | None = None
     losses: LossDrive | None = None
     efficiency_map: EfficiencyMap | None = None
+    loss_map: LossMap | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Joint:
