@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,7 @@ SHOWN: dict[Way, str] = {
 DRAWN: dict[Way, str] = {"none": GREY, "written": OTHER, "losses": OURS}
 SMOOTH = 0.2  # s, of powers and efficiencies over time
 MIN_SHAFT_SHARE = 0.01  # of the shafts' energy; below it a drive has no accuracy of its own
+QUARTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 MIN_POWER = 0.5  # W, below which an efficiency is not drawn
 MACHINE_POWERS = {
     "net": "mechanical, net over the joints",
@@ -92,11 +94,9 @@ def below_every_joint(result: PaperB) -> list[str]:
 
 def context(result: PaperB) -> dict[str, Any]:
     """Return what the expressions of the templates use."""
-    ways = [test.ways for test in result.plants.values()]
     return {
         "result": result,
-        "nearer": sum(way["losses"].accuracy > way["map"].accuracy for way in ways),
-        "rougher": sum(way["losses"].rms > way["map"].rms for way in ways),
+        "distributions": {run: distributions(found) for run, found in result.plants.items()},
         "paper": {
             "joints": PAPER_JOINTS,
             "total": PAPER_TOTAL,
@@ -105,6 +105,7 @@ def context(result: PaperB) -> dict[str, Any]:
         },
         "paper_ways": [hundred(PAPER[way]) if way in PAPER else NOTHING for way in SHOWN],
         "short": SHOWN,
+        "way_names": WAY_NAMES,
         "test": result.main.tests[WALL],
         "held": result.main.tests[WALL_HELD],
         "beyond": result.trained[SLOWED].tests[VALIDATION],
@@ -114,6 +115,26 @@ def context(result: PaperB) -> dict[str, Any]:
         "energy_parts": PARTS,
         "relative": {stage: result.relative(stage) for stage in ("wall", "layer", "rig")},
         "wall_name": _wall_name(result),
+    }
+
+
+def distributions(plants: Mapping[int, DriveTest]) -> dict[Way, dict[str, list[float]]]:
+    """Return least value, quartiles and greatest value over plants, by way.
+
+    Args:
+        plants: By seed.
+
+    Returns:
+        Of ``accuracy`` [-] and ``rms`` [W].
+    """
+    return {
+        way: {
+            key: np.quantile(
+                [getattr(test.ways[way], key) for test in plants.values()], QUARTILES
+            ).tolist()
+            for key in ("accuracy", "rms")
+        }
+        for way in WAY_NAMES
     }
 
 
@@ -148,6 +169,14 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
         FigureLine("measured", check.time, _with_sum(check.shaft_measured), MEASURED, 2.4),
         FigureLine("predicted", check.time, _with_sum(check.shaft_predicted), OURS, 0.8),
     ]
+    position = check.recording.torque.joint_position[check.rows]
+    energy = {
+        name: (check.duration @ _with_sum(power)).tolist()
+        for name, power in (
+            ("measured", check.shaft_measured),
+            ("predicted", check.shaft_predicted),
+        )
+    }
     powers = [("measured", test.measured, MEASURED, 2.4)]
     powers += [(WAY_NAMES[way], test.ways[way].power, c, 1.0) for way, c in DRAWN.items()]
     electrical = [
@@ -166,6 +195,11 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
     paper = [100 * PAPER[way] if way in PAPER else None for way in SHOWN]
     joints, drives = [*names, "all joints"], [*names, "all drives"]
     return {
+        "excitation": lambda path: over_time(
+            by_column(names, [FigureLine("joint position", check.time, position, OURS)]),
+            "position [rad]", path, RIG,
+        ),
+        "energies": lambda path: bars(joints, energy, "mechanical energy [J]", path, RIG),
         "validation": lambda path: over_time(
             by_column(joints, mechanical), "power [W]", path, RIG
         ),
@@ -262,7 +296,11 @@ def figures(result: PaperB) -> dict[str, Any]:
             name: _accuracy(found) for name, found in result.weighted.items()
         },
         "trained": {name: _trained(found) for name, found in result.trained.items()},
-        "plants": {str(seed): _test(test) for seed, test in result.plants.items()},
+        "plants": {
+            run: {str(seed): _test(test) for seed, test in plants.items()}
+            for run, plants in result.plants.items()
+        },
+        "distributions": {run: distributions(found) for run, found in result.plants.items()},
         "machines": {
             key: {
                 "layer": _energies(found.layer),
