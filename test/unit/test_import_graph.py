@@ -67,12 +67,12 @@ MODULES = {
         friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema payload reference
-        schema
+        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        payload reference schema
     """,
     "robot_energy.physics": """
-        cabinet collision derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
+        cabinet collision counterbalance derivative drive drivetrain effort effort_check
+        electrical_power equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
         torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
@@ -140,7 +140,7 @@ MODULES = {
         total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out sufficiency
+        base_parameters consistent dynamics dynamics_model leave_one_out springs sufficiency
         torque_model validation
     """,
     "robot_energy_identify.excitation": """

@@ -11,6 +11,7 @@ from pydantic import (
     model_validator,
 )
 
+from robot_energy.model.counterbalance import Counterbalance
 from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
 from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, without_absent
 from robot_energy.model.friction_laws import LawEntry
@@ -134,6 +135,7 @@ class Joint(ModelEntry):
         standstill_velocity: Joint speed below which the joint counts as standing.
             [rad/s] or [m/s]
         friction: Friction of this axis.
+        counterbalance: Spring or gas spring that carries part of the weight at this joint.
         thermal: Thermal network of the motor, for its temperature where no sensor tells it.
         gear: Temperature of the gear; absent: friction follows the motor temperature.
         losses: For the drive model ``loss_model``.
@@ -148,6 +150,7 @@ class Joint(ModelEntry):
     torque_constant: Figure | None = None
     standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
     friction: JointFriction
+    counterbalance: Counterbalance | None = None
     thermal: JointThermal | None = None
     gear: JointGear | None = None
     losses: LossDrive | None = None
@@ -166,4 +169,5 @@ class Joint(ModelEntry):
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out absent keys that came later: a model without them keeps its identity."""
         late = [kind.key for kind in DRIVE_MODELS.values() if not kind.in_identity]
-        return without_absent(dump(self), "torque_constant", "thermal", "gear", *late)
+        optional = ("torque_constant", "counterbalance", "thermal", "gear")
+        return without_absent(dump(self), *optional, *late)
