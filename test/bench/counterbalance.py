@@ -15,7 +15,6 @@ import math
 import re
 import sys
 import tempfile
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -68,8 +67,8 @@ def with_spring(model: RobotModel, entry: dict[str, Any]) -> RobotModel:
 def large_robot(folder: Path) -> RobotModel:
     """Return the KR 300 of the mapping with limits of effort and a gas spring, from a file."""
     model = model_of(load_mapping(MAPPING), [MAPPING.parent])
-    number = count()
-    xml = re.sub('effort="0"', lambda _: f'effort="{EFFORT[next(number)]:g}"', model.urdf_xml, count=6)
+    efforts = iter(EFFORT)
+    xml = re.sub('effort="0"', lambda _: f'effort="{next(efforts):g}"', model.urdf_xml, count=6)
     model = model.model_copy(update={"urdf": model.urdf.model_copy(update={"xml": xml})})
     save(
         with_spring(model.with_urdf(xml, "kr300"), {"kind": "gas_spring", **GAS}),

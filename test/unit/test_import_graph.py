@@ -72,8 +72,8 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet collision counterbalance derivative drive drivetrain effort effort_check
-        electrical_power equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
-        torque torque_limits transmission
+        electrical_power equations friction hold_torque limit_utilisation motor_heat
+        plausibility rigid_body torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse

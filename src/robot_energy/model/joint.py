@@ -40,6 +40,7 @@ class JointFriction(ModelEntry):
         smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; absent: the plain sign. [rad/s]
         stribeck: Optional Stribeck term.
         load_coulomb: Optional Coulomb torque per rigid motor torque. [-]
+        load_saturation: Rigid motor torque beyond which that rises no further; absent: none. [N m]
     """
 
     coulomb: PositiveFigure
@@ -47,6 +48,12 @@ class JointFriction(ModelEntry):
     smooth_velocity: PositiveFigure | None = None
     stribeck: Stribeck | None = None
     load_coulomb: PositiveFigure | None = None
+    load_saturation: PositiveFigure | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a key that came later, as `Joint` does."""
+        return without_absent(dump(self), "load_saturation")
 
 
 class JointThermal(ModelEntry):
