@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drives import Way
@@ -22,7 +24,7 @@ from robot_energy_papers.drawings import (
     stacked,
 )
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
-from robot_energy_papers.machines import MACHINES, PARTS, Energies
+from robot_energy_papers.machines import ARM, MACHINES, PARTS, Energies
 from robot_energy_papers.pages import Piece, hundred
 from robot_energy_papers.paper_b import (
     BOTH,
@@ -53,6 +55,7 @@ SHOWN: dict[Way, str] = {
 DRAWN: dict[Way, str] = {"none": GREY, "written": OTHER, "losses": OURS}
 SMOOTH = 0.2  # s, of powers and efficiencies over time
 MIN_SHAFT_SHARE = 0.01  # of the shafts' energy; below it a drive has no accuracy of its own
+POINTS = 500  # of the path of the tool
 QUARTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 MIN_POWER = 0.5  # W, below which an efficiency is not drawn
 MACHINE_POWERS = {
@@ -248,6 +251,9 @@ def _machine_figures(result: PaperB) -> dict[str, Piece]:
         for key, found in machines.items()
     }
     return {
+        "path": lambda path: over_time(
+            {"tool, less its mean": _tool_path(result)}, "position [m]", path, "models", columns=1
+        ),
         "parts": lambda path: stacked(
             _machine_names(), _parts(result), marks, "energy of one layer [J]", path, "models"
         ),
@@ -260,6 +266,19 @@ def _machine_figures(result: PaperB) -> dict[str, Piece]:
         ),
         "positions": lambda path: over_time(positions, "from start [rad, m]", path),
     }  # fmt: skip
+
+
+def _tool_path(result: PaperB) -> list[FigureLine]:
+    """Position of the arm's tool in the base frame during one layer. [m]"""
+    machine, curve = MACHINES[ARM], result.machines[ARM].curve
+    robot = Robot.from_model(load(machine.model))
+    rows = slice(None, None, max(1, len(curve.time) // POINTS))
+    place = np.array([robot.link_position(q, machine.link) for q in curve.joint_position[rows]])
+    place -= place.mean(axis=0)
+    return [
+        FigureLine(axis, curve.time[rows], values, colour)
+        for axis, values, colour in zip("xyz", place.T, SERIES, strict=False)
+    ]
 
 
 def _with_sum(power: Float) -> Float:

@@ -31,7 +31,7 @@ def test_everything_is_written_and_labelled(found, capsys):
     figures, folder = found
     page = (folder / "report.html").read_text()
     assert "virtual rig" in page
-    assert page.count("<img ") == 11
+    assert page.count("<img ") == 12
     assert "nothing was measured on a robot" in figures["about"]
     assert load(folder / "identified.yaml").joint_names == ("joint_1", "joint_2", "joint_3")
     assert (folder / "front.svg").stat().st_size > 1000
