@@ -68,13 +68,13 @@ MODULES = {
         friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema payload reference
-        schema
+        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        payload reference schema
     """,
     "robot_energy.physics": """
-        cabinet collision derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
-        torque torque_limits transmission
+        cabinet collision counterbalance derivative drive drivetrain effort effort_check
+        electrical_power equations friction hold_torque limit_utilisation motor_heat
+        plausibility rigid_body torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
@@ -138,11 +138,11 @@ MODULES = {
         bags log_channels observations recordings signals
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency losses total_power
+        all_drives delays drive_data drive_power drives efficiency loss_map losses total_power
         total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out sufficiency
+        base_parameters consistent dynamics dynamics_model leave_one_out springs sufficiency
         torque_model validation
     """,
     "robot_energy_identify.excitation": """

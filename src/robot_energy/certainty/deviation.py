@@ -85,6 +85,10 @@ class PowerDeviation:
             [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
         )
         self._coulomb_squared = self._coulomb**2
+        by_load = [joint.friction.load_coulomb for joint in model.joints]
+        self._by_load = np.asarray(
+            [0.0 if one is None else figure_std(one, "coulomb") for one in by_load]
+        )
         self._viscous_prior = np.asarray(
             [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
         )
@@ -188,6 +192,8 @@ class PowerDeviation:
         variance += self._coulomb_squared
         np.sqrt(variance, out=friction)
         friction *= speed
+        if self._by_load.any():  # of friction by load: its share times the torque of the bodies
+            np.hypot(friction, self._by_load * rigid_power, out=friction)
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
         else:
