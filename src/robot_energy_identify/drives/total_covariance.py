@@ -101,7 +101,7 @@ def _independent(losses: Fit, squares: Float) -> float:
 
 
 def _with_grid_side(covariance: Float, std: float) -> Float:
-    """Split the constant: the DC side is what is left of it beside the grid side."""
+    """Split the constant: the DC side is what the grid side leaves of it."""
     size = len(covariance)
     whole = np.zeros((size + 1, size + 1))
     whole[:size, :size] = covariance
