@@ -20,7 +20,7 @@ TEXT = re.compile(r"\w\W+\w")  # two words: what has fewer is a name
 JS_TEXT = re.compile(r"""(["'`])((?:(?!\1)[^\\\n]|\\.)*)\1|>([^<>{}\n]+)<""")
 PLAIN = ("*.msg", "*.srv", "*.md", "*.rst", "*.yaml", "*.j2")
 # Records say what was so then, and the glossary names the words itself.
-RECORDS = ("src/doc/decisions/", "CHANGELOG", "src/doc/glossary.md")
+RECORDS = ("src/doc/decisions/", "CHANGELOG", "src/doc/glossary.md", "test/docs/test_words.py")
 METHOD = re.compile(r"\.\w+\(|def \w+\(")  # of files: ``log.tell()``
 
 

@@ -12,12 +12,29 @@ from robot_energy_report.energy import scale_of
 from robot_energy_report.formats import counted, energy_text, percent, signed_percent
 from robot_energy_report.page.settings import PageSettings
 
+AGREES = 5e-4  # of the energy; less is 0.0 % as it is shown [-]
 LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
 
 
 def place_of(report: ReplayReport) -> str:
     """Return where the power of the comparison flows, in words."""
     return LOCATION_NAMES.get(report.comparison.meter_location or "", "the meter")
+
+
+def verdict(report: ReplayReport) -> str:
+    """Return what the result means, in plain words: how good, how sure, what to measure next."""
+    error, sure = report.comparison.predicted_minus_measured_relative, report.uncertainty
+    if error is None:
+        text = "Nothing was measured: this is a prediction alone"
+    elif abs(error) < AGREES:
+        text = f"The model agrees with the meter within {percent(AGREES)}"
+    else:
+        text = f"The model reads {percent(abs(error))} {'high' if error > 0 else 'low'}"
+    if sure.half_relative is not None:
+        text += f"; its energy is known within {percent(sure.half_relative)} (90 % band)"
+    if sure.contributions:
+        text += f"; measure next: {sure.contributions[0].name}"
+    return text
 
 
 def headline(report: ReplayReport) -> str:

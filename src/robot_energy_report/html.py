@@ -32,6 +32,7 @@ from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.saved_page import inline_parts
+from robot_energy_report.terms import TERMS, with_hints
 
 NUMBER = ' class="n"'
 PROSE = 24  # characters from which a cell is read as a sentence
@@ -76,7 +77,7 @@ def page_html(document: Document) -> str:
     if len(links) > 2:
         contents = f'<nav class="card" aria-label="Contents"><ol>{"".join(links)}</ol></nav>'
     lead = f'<p class="small">{_prose(document.lead)}</p>' if document.lead else ""
-    cards = [_card(anchor, parts) for anchor, parts in named.items()]
+    cards, terms = with_hints("".join(_card(anchor, parts) for anchor, parts in named.items()))
     title, (head, script) = _escape(document.title), inline_parts()
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -85,7 +86,7 @@ def page_html(document: Document) -> str:
         '<meta name="color-scheme" content="light dark">'
         f"<title>{title}</title>{head}</head><body>\n"
         f'<header><h1>{MARK}{title}</h1><nav aria-label="Page">{THEME}</nav></header>\n'
-        f'<main class="report">\n{lead}{contents}\n{"".join(cards)}</main>\n'
+        f'<main class="report">\n{lead}{contents}\n{cards}{_terms(terms)}</main>\n'
         f"{script}</body></html>\n"
     )
 
@@ -106,6 +107,14 @@ def _card(anchor: str, parts: Sequence[Part]) -> str:
     first = any(isinstance(part, FlowDiagram) for part in parts)
     inner = "\n".join(filter(None, map(_part, parts)))
     return f'<section class="card{" first" if first else ""}"{place}>\n{inner}\n</section>\n'
+
+
+def _terms(terms: Sequence[str]) -> str:
+    """What the words of the page mean."""
+    if not terms:
+        return ""
+    table = _table(Table("", (), [(term, TERMS[term]) for term in terms]))
+    return f'<section class="card" id="terms">\n<h2>Terms</h2>\n{table}\n</section>\n'
 
 
 def _part(part: Part) -> str:

@@ -27,7 +27,7 @@ from robot_energy_report.formats import (
     tags_text,
     utc,
 )
-from robot_energy_report.headline import beyond_constant, headline, place_of, tiles
+from robot_energy_report.headline import beyond_constant, headline, place_of, tiles, verdict
 from robot_energy_report.jobs import job_section, summary_section
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.prediction_figure import energy_bars
@@ -84,7 +84,8 @@ def replay_document(
         curves: For the figures over time; None: without them.
     """
     other = report.compared_with
-    page.paragraph(headline(report), "strong")
+    page.paragraph(verdict(report), "strong")
+    page.paragraph(headline(report))
     if beyond := beyond_constant(report):
         page.paragraph(beyond)
     if other is not None:

@@ -199,7 +199,7 @@ MODULES = {
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
-        replay_figures series
+        replay_figures series terms
     """,
     "robot_energy_report.layouts": """
         foxglove plotjuggler plots viewers
