@@ -205,9 +205,9 @@ MODULES = {
         foxglove plotjuggler plots viewers
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_period
-        history_routes history_view hub json_numbers messages metrics monitoring phase_totals
-        recording robot_state rows saved_page settings web_app web_server
+        access alarms answers energy_flow headless_browser history history_figures
+        history_period history_routes history_view hub json_numbers messages metrics monitoring
+        phase_totals recording robot_state rows saved_page settings web_app web_server
     """,
     "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply

@@ -40,6 +40,7 @@ class HistoryRoutes:
         self._waiting = 0
         self.routes = [
             Route("/api/history", self._answer, methods=["GET"]),
+            Route("/api/history/shifts", self._shifts, methods=["GET"]),
             Route("/history.csv", self._csv, methods=["GET"]),
         ]
         if allow_control:
@@ -53,6 +54,12 @@ class HistoryRoutes:
         def work(now_ns: int) -> str:
             wish = self._view.wish(_asked(request), now_ns)
             return json_text({**self._view.answer(wish, now_ns), "control": self._control})
+
+        return await self._worked(request, work, "application/json")
+
+    async def _shifts(self, request: Request) -> Response:
+        def work(now_ns: int) -> str:
+            return json_text(self._view.shifts(self._view.wish(_asked(request), now_ns)))
 
         return await self._worked(request, work, "application/json")
 

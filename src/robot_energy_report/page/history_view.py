@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,11 +13,26 @@ from typing import Any
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.history.api import History, history, history_events, history_jobs
-from robot_energy.history.differences import FLAGS, SLOT_NS, UNRESOLVED
+from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.files import open_reader
-from robot_energy.history.spans import robots_of
+from robot_energy.history.spans import Resolution, robots_of
 from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
-from robot_energy.timeline.time_series import TimeSeries
+from robot_energy_report.page.history_figures import (
+    GROUPS,
+    IMPORT,
+    Row,
+    comparable,
+    figures_by_robot,
+    harmless,
+    less,
+    parts_of,
+    remarks_of,
+    rests_of,
+    rows_of,
+    series_of,
+    summed,
+    total_of,
+)
 from robot_energy_report.page.history_period import (
     SPAN,
     Period,
@@ -28,31 +42,9 @@ from robot_energy_report.page.history_period import (
     zone_of,
 )
 
-MAX_SERIES = 8  # bars of one part of the time; further robots or joints are summed up
-ALIKE = 0.05  # by which observed times of two periods may differ to be compared
 MAX_JOBS = 200
 MAX_EVENTS = 100
 MAX_SPANS = 50  # of those that no part holds
-IMPORT = "predicted_import_microjoule"
-PARTS: dict[str, tuple[str, ...]] = {
-    "friction": ("friction",), "drives": ("drive_loss",), "motion": ("rigid",),
-    "brake": ("brake",), "cabinet": ("loss_dc", "loss_grid"), "capacitor": ("capacitor",),
-}  # fmt: skip
-"""Parts of the net energy from the grid, and the columns whose sum each is."""
-PHASES: dict[str, tuple[str, ...]] = {
-    "moves": ("motion",), "holds": ("hold",), "generates": ("generating",),
-}  # fmt: skip
-JOINT_PARTS = ("rigid", "friction", "drive_loss")  # electrical energy into the drive of a joint
-GROUPS = ("robot", "cell", "part", "phase", "joint")
-FIGURES = {
-    "energy": (IMPORT,), "returned": ("predicted_return_microjoule",),
-    "motion": ("motion_microjoule",), "hold": ("hold_microjoule",),
-    "standby": ("standby_microjoule",), "friction": ("friction_microjoule",),
-    "measured": ("measured_microjoule",), "at_meter": ("predicted_microjoule_at_meter",),
-}  # fmt: skip
-TIMES = {"observed": "observed_ns", "compared": "compared_ns", "standby_time": "standby_ns"}
-RESTS = {"night": "at night", "weekend": "at the weekend, nights included"}
-DANGEROUS = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a table is opened
 
 
 @dataclass(frozen=True)
@@ -123,17 +115,19 @@ class HistoryView:
         tariffs = stored_tariffs(self.folder)
         emits = any(one.co2_kg_per_kwh is not None for one in tariffs)
         wish, table = self._table(wish)
-        bars = table  # of joints: they hold neither times nor costs
-        if wish.group == "joint":
+        bars = rows_of(table)
+        if wish.group == "joint":  # they hold neither times nor costs
             table = self._read(replace(wish, group="robot"))
         period, before = wish.period, wish.period.moved(-1)
-        whole = self._sums(wish, period.start_ns, period.stop_ns)
+        if wish.group == "job":
+            bars = self._ended(wish, period, period.resolution)
+        whole = self._whole(wish, table)
         until = min(period.stop_ns, max(period.start_ns, now_ns // SLOT_NS * SLOT_NS))
         running = until < period.stop_ns
-        same = self._sums(wish, period.start_ns, until) if running else whole
+        same = less(whole, self._sums(wish, until, until + SLOT_NS)) if running else whole
         earlier = self._sums(wish, before.start_ns, period.same_part(until))
-        rows = _by_robot(whole, emits)
-        of_same, of_earlier = _by_robot(same, emits), _by_robot(earlier, emits)
+        rows = figures_by_robot(whole, emits)
+        of_same, of_earlier = figures_by_robot(same, emits), figures_by_robot(earlier, emits)
         for name, row in rows.items():
             now, then = of_same.get(name, {}), of_earlier.get(name, {})
             row["same"], row["before"] = now.get("energy"), then.get("energy")
@@ -148,30 +142,53 @@ class HistoryView:
             "next": period.moved(1).plain(),
             "now": now_ns / SECOND_NS,
             "running": period.at(until) if running else None,
-            "currency": whole.currency,
-            "parts": _parts(period, table, len(rows)),
-            "series": _series(wish, bars),
+            "currency": tariffs[-1].currency if tariffs else "",
+            "parts": parts_of(period, rows_of(table), len(rows)),
+            "series": series_of(period, wish.group, bars, len(wish.robots) == 1),
             "group": wish.group,
             "robots": list(rows.values()),
-            "total": _total(rows.values()),
-            "same": _total(of_same.values()),
-            "earlier": _total(of_earlier.values()),
+            "total": total_of(rows.values()),
+            "same": total_of(of_same.values()),
+            "earlier": total_of(of_earlier.values()),
             "fair": comparable(
                 *(sum(row["observed"] for row in one.values()) for one in (of_same, of_earlier))
             ),
             "spans": [
                 {"robot": row["robot"], "start": row["stamp_ns"] / SECOND_NS,
                  "stop": row["stop_ns"] / SECOND_NS, "energy": row[IMPORT] / 1e6}
-                for row in _rows(spans)[:MAX_SPANS]
+                for row in rows_of(spans)[:MAX_SPANS]
             ],
             "span_count": len(spans),
             "span_energy": sum(spans[IMPORT].tolist()) / 1e6 if len(spans) else 0.0,
-            "remarks": _remarks(whole),
-            "rests": _rests(whole),
+            "remarks": remarks_of(whole),
+            "rests": rests_of(whole),
             "jobs": self._jobs(wish, before),
             "events": self._events(wish),
             "tariffs": [one.model_dump(mode="json") for one in tariffs],
         }  # fmt: skip
+
+    def shifts(self, wish: Wish) -> dict[str, Any]:
+        """Return what all robots used in each shift of a period; no rows without shifts.
+
+        Raises:
+            HistoryError: If there is no history, or no such robot.
+        """
+        tariffs, period = stored_tariffs(self.folder), wish.period
+        found: dict[str, Row] = {}
+        if any(one.shifts for one in tariffs):
+            table = history(
+                self.folder, period.start_ns, period.stop_ns, "all", wish.robots,
+                period.zone.key, by_shift=True,
+            )  # fmt: skip
+            for row in rows_of(table):
+                own = found.setdefault(row["shift"], {"energy": 0.0, "standby": 0.0, "cost": None})
+                own["energy"] += row[IMPORT] / 1e6
+                own["standby"] += row["standby_microjoule"] / 1e6
+                if row["priced_microjoule"]:
+                    own["cost"] = (own["cost"] or 0.0) + row["cost"]
+        currency = tariffs[-1].currency if tariffs else ""
+        rows = [{"shift": name, **found[name]} for name in sorted(found)]
+        return {"currency": currency, "rows": rows}
 
     def csv(self, wish: Wish) -> str:
         """Return the parts of a period as a table, by robot, or by joint.
@@ -185,7 +202,7 @@ class HistoryView:
         flat = table.to_dict()
         begin, end = flat.pop("stamp_ns").tolist(), flat.pop("stop_ns").tolist()
         writer.writerow(["begin", "end", *flat])
-        columns = [_harmless(values.tolist()) for values in flat.values()]
+        columns = [harmless(values.tolist()) for values in flat.values()]
         for start, stop, *row in zip(begin, end, *columns, strict=True):
             writer.writerow([wish.period.at(start), wish.period.at(stop), *row])
         return text.getvalue()
@@ -227,18 +244,35 @@ class HistoryView:
             period.zone.key, by_joint,
         )  # fmt: skip
 
-    def _sums(self, wish: Wish, start_ns: int, stop_ns: int) -> History:
+    def _whole(self, wish: Wish, table: History) -> list[Row]:
+        """Sums of a period by robot: of its parts, unless they lack spans or costs."""
+        period = wish.period
+        inside = (
+            row["stamp_ns"] >= period.start_ns and row["stop_ns"] <= period.stop_ns
+            for row in rows_of(table.not_resolved)
+        )  # fmt: skip
+        if period.resolution == "minute" or any(inside):
+            return self._sums(wish, period.start_ns, period.stop_ns)
+        return summed(rows_of(table))
+
+    def _sums(self, wish: Wish, start_ns: int, stop_ns: int) -> list[Row]:
         zone = wish.period.zone.key
         stop_ns = max(stop_ns, start_ns + 1)  # of nothing: nothing
-        return history(self.folder, start_ns, stop_ns, "all", wish.robots, zone)
+        return rows_of(history(self.folder, start_ns, stop_ns, "all", wish.robots, zone))
+
+    def _ended(self, wish: Wish, period: Period, resolution: Resolution) -> list[Row]:
+        """Jobs that ended, in each part of a period."""
+        zone = period.zone.key
+        return rows_of(
+            history_jobs(
+                self.folder, period.start_ns, period.stop_ns, resolution, wish.robots, zone
+            )
+        )
 
     def _jobs(self, wish: Wish, before: Period) -> list[dict[str, Any]]:
-        now, earlier = (
-            history_jobs(self.folder, one.start_ns, one.stop_ns, "all", wish.robots, one.zone.key)
-            for one in (wish.period, before)
-        )
-        means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in _rows(earlier)}
-        rows = sorted(_rows(now), key=lambda one: -one[IMPORT])
+        now, earlier = (self._ended(wish, one, "all") for one in (wish.period, before))
+        means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in earlier}
+        rows = sorted(now, key=lambda one: -one[IMPORT])
         return [
             {"robot": one["robot"], "name": one["job"], "count": one["parts"],
              "time": one["observed_ns"] / one["parts"] / SECOND_NS, "energy": one[IMPORT] / 1e6,
@@ -256,139 +290,9 @@ class HistoryView:
         return [
             {"at": period.at(one["stamp_ns"])[:16].replace("T", " "), "robot": one["robot"],
              "kind": one["kind"], "text": one["text"]}
-            for one in _rows(found)[: -MAX_EVENTS - 1 : -1]
+            for one in rows_of(found)[: -MAX_EVENTS - 1 : -1]
         ]  # fmt: skip
-
-
-def comparable(now: float | None, before: float | None) -> bool:
-    """Whether about as much time was observed in two periods, so that a change says something.
-
-    Args:
-        now: Observed time of the later one; None for none. [s]
-        before: That of the earlier one, likewise. [s]
-    """
-    return bool(now and before) and abs((now or 0.0) / (before or 1.0) - 1.0) <= ALIKE
 
 
 def _joule(microjoule: float | None) -> float | None:
     return None if microjoule is None else microjoule / 1e6
-
-
-def _rows(table: TimeSeries) -> list[dict[str, Any]]:
-    flat = table.to_dict()
-    columns = [values.tolist() for values in flat.values()]
-    return [dict(zip(flat, values, strict=True)) for values in zip(*columns, strict=True)]
-
-
-def _by_robot(table: History, emits: bool) -> dict[str, dict[str, Any]]:
-    """Figures of each robot; what has no price or no factor is None."""
-    found: dict[str, dict[str, Any]] = {}
-    for row in _rows(table):
-        priced = row.get("priced_microjoule", 0)
-        figures: dict[str, Any] = {
-            name: sum(row[column] for column in columns) / 1e6 for name, columns in FIGURES.items()
-        }
-        figures |= {name: row[column] / SECOND_NS for name, column in TIMES.items()}
-        if not row["compared_ns"]:
-            figures["measured"] = figures["at_meter"] = None
-        figures["priced"] = priced / 1e6
-        figures["cost"] = row["cost"] if priced else None
-        figures["co2"] = row["co2_kg"] if priced and emits else None
-        figures["peak"] = row["peak_minute_microjoule"] / 60e6 or None  # [W]
-        found[row["robot"]] = {"robot": row["robot"], **figures}
-    return found
-
-
-def _total(rows: Iterable[dict[str, Any]]) -> dict[str, float] | None:
-    """Sums over robots; a figure that no robot has is left out. None without robots."""
-    sums: defaultdict[str, float] = defaultdict(float)
-    for row in rows:
-        for name, value in row.items():
-            if isinstance(value, float) and name not in ("peak", "same", "before"):
-                sums[name] += value
-    return dict(sums) or None
-
-
-def _rests(table: History) -> list[dict[str, Any]]:
-    """Standby at night and at weekends, with its cost; empty without a tariff."""
-    return [
-        {
-            "name": name,
-            "energy": sum(table[f"standby_{rest}_microjoule"].tolist()) / 1e6,
-            "cost": sum(table[f"standby_{rest}_cost"].tolist()),
-        }
-        for rest, name in RESTS.items()
-        if f"standby_{rest}_cost" in table and len(table)
-    ]
-
-
-def _parts(period: Period, table: History, robots: int) -> list[dict[str, Any]]:
-    """The parts of the time, with the observed share of all robots and the cost of each."""
-    observed: defaultdict[int, int] = defaultdict(int)
-    cost: defaultdict[int, float] = defaultdict(float)
-    for row in _rows(table):
-        observed[row["stamp_ns"]] += row["observed_ns"]
-        if row.get("priced_microjoule"):
-            cost[row["stamp_ns"]] += row["cost"]
-    parts = period.parts()
-    for one, start, stop in zip(parts, period.bounds, period.bounds[1:], strict=False):
-        one["cost"] = cost.get(start)
-        one["observed"] = min(1.0, observed[start] / ((stop - start) * robots)) if robots else 0.0
-    return parts
-
-
-def _series(wish: Wish, table: History) -> list[dict[str, Any]]:
-    """Energy of each robot, part, phase or joint in each part of the time. [J]"""
-    places = {start: place for place, start in enumerate(wish.period.bounds[:-1])}
-    sums: dict[str, list[float | None]] = {}
-    for row in _rows(table):
-        for name, value in _values(wish, row):
-            values = sums.setdefault(name, [None] * len(places))
-            place = places[row["stamp_ns"]]
-            values[place] = (values[place] or 0.0) + value / 1e6
-    if wish.group in ("part", "phase"):
-        return [{"name": name, "values": values} for name, values in sums.items()]
-    order = sorted(sums, key=lambda name: -sum(value or 0.0 for value in sums[name]))
-    shown, others = order[:MAX_SERIES], order[MAX_SERIES:]
-    series = [{"name": name, "values": sums[name]} for name in shown]
-    if others:
-        rest = [
-            None if all(one is None for one in column) else sum(one or 0.0 for one in column)
-            for column in zip(*(sums[name] for name in others), strict=True)
-        ]
-        series.append({"name": f"{len(others)} others", "values": rest, "rest": True})
-    return series
-
-
-def _values(wish: Wish, row: dict[str, Any]) -> list[tuple[str, int]]:
-    def total(names: Sequence[str]) -> int:
-        return sum(row[f"{name}_microjoule"] for name in names)
-
-    match wish.group:
-        case "part":
-            return [(name, total(columns)) for name, columns in PARTS.items()]
-        case "phase":
-            return [(name, total(columns)) for name, columns in PHASES.items()]
-        case "joint":
-            alone = len(wish.robots) == 1
-            name = row["joint"] if alone else f"{row['robot']} {row['joint']}"
-            return [(name, total(JOINT_PARTS))]
-        case "cell":  # the first part of its name, as in the name space of its nodes
-            return [(row["robot"].partition("/")[0], row[IMPORT])]
-        case _:
-            return [(row["robot"], row[IMPORT])]
-
-
-def _remarks(table: History) -> list[str]:
-    """What is to be known of these rows."""
-    flags = 0
-    for one in table["flags"].tolist() if len(table) else ():
-        flags |= one
-    return [text for flag, text in FLAGS.items() if flags & flag and flag != UNRESOLVED]
-
-
-def _harmless(values: list[Any]) -> list[Any]:
-    """Texts that no table program takes for a formula."""
-    return [
-        f"'{one}" if isinstance(one, str) and one.startswith(DANGEROUS) else one for one in values
-    ]

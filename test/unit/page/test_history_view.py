@@ -16,8 +16,9 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.rows import JOB_COLUMNS
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
+from robot_energy_report.page.history_figures import MAX_SERIES
 from robot_energy_report.page.history_period import KINDS, period_at, span_of
-from robot_energy_report.page.history_view import MAX_SERIES, HistoryView
+from robot_energy_report.page.history_view import HistoryView
 
 BERLIN = ZoneInfo("Europe/Berlin")
 NOW = START + 40 * DAY
@@ -129,6 +130,18 @@ def test_zoom_leads_from_a_year_to_a_minute_and_keeps_the_energy(view):
     assert seen == ["month", "day", "hour", "minute"]
 
 
+def test_shifts_add_up_to_the_day(tmp_path):
+    tariff = Tariff(begin=date(2026, 1, 1), price_per_kwh=0.5, shifts=["06:00", "14:00", "22:00"])
+    view = record(tmp_path / "history", {"a": [(24, 1000)], "b": [(8, 500)]}, [tariff])
+    wish = view.wish({"period": ["day"], "at": ["2026-01-01"]}, NOW)
+    found = view.shifts(wish)
+    assert found["currency"] == "EUR"
+    used = {row["shift"]: (row["energy"] / 3.6e6, row["cost"]) for row in found["rows"]}
+    assert used == {"06:00": (9.0, 4.5), "14:00": (8.0, 4.0), "22:00": (11.0, 5.5)}
+    none = record(tmp_path / "none", {"a": [(1, 1000)]})
+    assert none.shifts(none.wish({}, NOW)) == {"currency": "", "rows": []}
+
+
 def test_jobs_and_events_are_shown(tmp_path):
     view = record(tmp_path / "history", {"a": [(1, 1000)]})
     store = HistoryStore(view.folder)
@@ -146,6 +159,7 @@ def test_jobs_and_events_are_shown(tmp_path):
         {"robot": "a", "name": "part 7", "count": 1, "time": 60.0, "energy": 18_000.0,
          "mean": 18_000.0, "before": 9_000.0}
     ]  # fmt: skip
+    assert total(ask(view, period="day", at="2026-01-01", by="job")["series"]) == 18_000.0
     assert ask(view, period="day", at="2026-01-01")["events"] == [
         {"at": "2026-01-01 00:00", "robot": "a", "kind": "first",
          "text": "recorded from here on, with model m1"}

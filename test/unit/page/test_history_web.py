@@ -75,7 +75,7 @@ def test_the_history_is_served_to_this_computer(serve):
 
 def test_another_address_needs_the_token_for_the_history(serve, token_file):
     url = serve(address="0.0.0.0", token_file=token_file)
-    for path in (f"/api/history{DAY}", f"/history.csv{DAY}"):
+    for path in (f"/api/history{DAY}", f"/api/history/shifts{DAY}", f"/history.csv{DAY}"):
         assert request(url, path)[0] == 401
         assert request(url, path, **BEARER)[0] == 200
     assert request(url, "/history")[0] == 200  # the page itself holds no figure

@@ -48,6 +48,7 @@ async function load() {
     byId("access").hidden = true;
     byId("content").hidden = false;
     show();
+    await showShifts(asked, wish);
   } catch (error) {
     if (asked !== view.asked) return;
     if (error.message === "token") {
@@ -173,6 +174,14 @@ function links(table, names, open) {
   });
 }
 
+// Asked for after the rest, which does not wait for it.
+async function showShifts(asked, wish) {
+  const { rows, currency } = await (await ask(`api/history/shifts?${wish}`)).json();
+  if (asked !== view.asked) return;
+  byId("shifts-card").hidden = !rows.length;
+  fillRows(byId("shifts"), rows.map((row) => [row.shift || "before any tariff", n(energy(row.energy)), n(energy(row.standby)), n(known(row.cost) ? `${money(row.cost)} ${currency}` : DASH)]));
+}
+
 function showJobs() {
   const { jobs } = view.answer;
   fillRows(byId("jobs"), jobs.map((job) => [job.name, job.robot, n(String(job.count)), n(energy(job.energy)),
@@ -225,6 +234,8 @@ byId("tariff").addEventListener("submit", async (event) => {
     const tariff = { begin: field("begin"), currency: field("currency"), timezone: field("zone"), price_per_kwh: numberOf("price"),
       time_of_use: field("times").split(",").filter((one) => one.trim()).map(timeOf), co2_kg_per_kwh: numberOf("co2"),
       co2_source: field("source"), shifts: field("shifts").split(/[\s,]+/).filter(Boolean) };
+    const last = view.answer.tariffs.at(-1); // what has no field here stays
+    if (last) Object.assign(tariff, { night: last.night, weekend: last.weekend });
     const said = await (await ask("api/history/tariff", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(tariff) })).json();
     setText(answer, said.message);
     load();
