@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from itertools import pairwise
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -19,7 +20,15 @@ from numpy.typing import NDArray
 from robot_energy.foundation.units import DAY_NS, SECOND_NS
 from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.rollup import MAX_DAYS, QUARTERS, REGULAR, Rolled, curves_of
-from robot_energy.history.tariffs import MICROJOULE_PER_KWH, Rest, Tariff, day_begin
+from robot_energy.history.tariffs import (
+    DAY_MINUTES,
+    MICROJOULE_PER_KWH,
+    QUARTER,
+    Rest,
+    Tariff,
+    day_begin,
+    minute_of,
+)
 
 DAYS_AT_ONCE = 31
 RESTS: tuple[Rest, ...] = ("night", "weekend")
@@ -230,17 +239,16 @@ class _Calendar:
         key, ordinary = (number, local.weekday()), following - first == DAY_NS
         if ordinary and key in self._weekdays:
             return self._weekdays[key]
-        count = (following - first) // SLOT_NS
-        minutes = timedelta(minutes=15)
-        clocks = (
-            (MONDAY + timedelta(days=local.weekday()) + place * minutes for place in range(count))
-            if ordinary
-            else (
-                datetime.fromtimestamp((first + place * SLOT_NS) // SECOND_NS, zone)
-                for place in range(count)
-            )
-        )
-        found = np.array([self._number(tariff, clock) for clock in clocks], np.int64)
+        found = np.zeros((following - first) // SLOT_NS, np.int64)
+        if ordinary:
+            midnight = MONDAY + timedelta(days=local.weekday())
+            edges = sorted({0, DAY_MINUTES, *map(minute_of, tariff.clocks)})
+            for begin, end in pairwise(edges):
+                number = self._number(tariff, midnight + timedelta(minutes=begin))
+                found[begin // QUARTER : end // QUARTER] = number
+        for place in () if ordinary else range(len(found)):
+            clock = datetime.fromtimestamp((first + place * SLOT_NS) // SECOND_NS, zone)
+            found[place] = self._number(tariff, clock)
         if ordinary:
             self._weekdays[key] = found
         return found
