@@ -60,6 +60,11 @@ class JointEnergy(Result):
     drive_input_energy: Annotated[float, "Sum of the three."]
     share_of_grid: Annotated[Number, "Of the energy from the grid. [-]"]
     last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
+    last_gear_temperature_degc: Annotated[
+        Number,
+        "Estimated temperature of the gear, which friction follows; None for a joint whose model "
+        "has no gear. [degC]",
+    ] = None
 
 
 class MeterComparison(Result):
@@ -205,13 +210,18 @@ class EnergyReport(Result):
 
 
 def common_figures(
-    account: EnergyAccount, model: RobotModel, temperature_degc: Sequence[float], change: str | None
+    account: EnergyAccount,
+    model: RobotModel,
+    temperature_degc: Sequence[float],
+    change: str | None,
+    gear_degc: Sequence[float] | None = None,
 ) -> dict[str, Any]:
     """Return the fields of an `EnergyReport` but for the sentences.
 
     Args:
         temperature_degc: Of the motors; NaN where unknown, shape (n,). [degC]
         change: What was changed about the model.
+        gear_degc: Of the gears; NaN for a joint without one, shape (n,); None: no gear. [degC]
     """
     registers, counts = account.registers, account.counts
     seconds = registers.time.observed_ns * NANOSECOND
@@ -224,7 +234,9 @@ def common_figures(
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
-        "joints": _joints_of(registers, model, temperature_degc),
+        "joints": _joints_of(
+            registers, model, temperature_degc, gear_degc or [math.nan] * len(model.joints)
+        ),
         "quality": SampleQuality(
             counts.samples,
             {str(Quality(b).name).lower(): counts.quality[b] for b in sorted(counts.quality)},
@@ -262,19 +274,23 @@ def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakd
 
 
 def _joints_of(
-    registers: Registers, model: RobotModel, temperature_degc: Sequence[float]
+    registers: Registers,
+    model: RobotModel,
+    temperature_degc: Sequence[float],
+    gear_degc: Sequence[float],
 ) -> tuple[JointEnergy, ...]:
     """Return where each joint's energy went."""
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
     rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)
     found: list[JointEnergy] = []
-    for name, row, degc in zip(model.joint_names, rows, temperature_degc, strict=True):
+    degrees = zip(temperature_degc, gear_degc, strict=True)
+    for name, row, of_joint in zip(model.joint_names, rows, degrees, strict=True):
         out, back, rigid, friction, loss = row
         drawn = rigid + friction + loss
         shown = float(known_part("drive_loss", loss, model.unmodelled))
         share = drawn / net if net > 0 else None
-        found.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, degc))
+        found.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, *of_joint))
     return tuple(found)
 
 

@@ -136,7 +136,7 @@ def _run(
 
 
 def _windows(options: Mapping[str, Any]) -> list[float]:
-    """Windows of accelerations to try in addition to that of the monitor; none where one was asked for."""
+    """Windows of accelerations to try as well; none where one was asked for."""
     if options.get("derivative_window") is not None or options.get("out") is not None:
         return []
     return [] if options.get("inputs") is not None else [WIDER * Settings.derivative_window]

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
+import yaml
 
 from command_line import refused
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
@@ -276,3 +277,26 @@ def test_a_replay_names_the_payload_that_explains_its_torque(
         text = " ".join(capsys.readouterr().out.split())
         assert ("what check finds: the robot carries" in text) is named
         assert ("remedy: payload:" in text) is named
+
+
+def test_a_replay_shows_the_temperature_of_a_gear_where_the_model_has_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "geared.yaml"
+    save(load("kr16"), path)
+    data = yaml.safe_load(path.read_text())
+    part = {"value": 5.0, "tag": "assumed"}
+    data["joints"][1]["gear"] = {
+        "capacity": {**part, "value": 5000.0},
+        "motor_conductance": part,
+        "ambient_conductance": part,
+        "std": 1.0,
+    }
+    path.write_text(yaml.safe_dump(data))
+    words = ["replay", str(ROOT / "bags/kr16_warm"), "--model", str(path), "--json"]
+    assert main([*words, str(tmp_path / "r.json")]) == 0
+    assert "gear" in capsys.readouterr().out
+    joints = json.loads((tmp_path / "r.json").read_text())["joints"]
+    gears = [joint["last_gear_temperature_degc"] for joint in joints]
+    assert [gear is not None for gear in gears] == [False, True, False, False, False, False]
+    assert 10.0 < gears[1] < 100.0
