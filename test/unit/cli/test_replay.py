@@ -285,13 +285,9 @@ def test_a_replay_shows_the_temperature_of_a_gear_where_the_model_has_one(
     path = tmp_path / "geared.yaml"
     save(load("kr16"), path)
     data = yaml.safe_load(path.read_text())
-    part = {"value": 5.0, "tag": "assumed"}
-    data["joints"][1]["gear"] = {
-        "capacity": {**part, "value": 5000.0},
-        "motor_conductance": part,
-        "ambient_conductance": part,
-        "std": 1.0,
-    }
+    values = {"capacity": 5000.0, "motor_conductance": 5.0, "ambient_conductance": 5.0}
+    parts = {name: {"value": value, "tag": "assumed"} for name, value in values.items()}
+    data["joints"][1]["gear"] = {**parts, "std": 1.0}
     path.write_text(yaml.safe_dump(data))
     words = ["replay", str(ROOT / "bags/kr16_warm"), "--model", str(path), "--json"]
     assert main([*words, str(tmp_path / "r.json")]) == 0
