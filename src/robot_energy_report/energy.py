@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
@@ -102,9 +101,10 @@ def add_flow(
         returned=total("grid_return"),
         auxiliary=auxiliary,
     )
-    picture = flow_picture(parts, JOULE_PER_WH)
+    scale = scale_of([one.energy for one in reports])
+    picture = flow_picture(parts, scale.factor)
     if picture is not None and picture.flows:
-        page.add(FlowDiagram(picture, caption))
+        page.add(FlowDiagram(picture, caption, scale.unit, scale.factor))
 
 
 def sum_of_known(energies: Iterable[float | None]) -> float | None:
@@ -136,7 +136,7 @@ class EnergySections:
         """Add where the energy goes."""
         energy, scale = self._report.energy, self._scale
         net = energy.net
-        columns = ["", f"energy [{scale.unit}]", "", "share"]
+        columns = ["", f"energy [{scale.unit}]", "share"]
         second: dict[str, float | None] = {}
         if other is not None:
             change = other[0].replace("friction ", "friction\n")
@@ -153,7 +153,6 @@ class EnergySections:
         cells = [[*names.values(), "from the grid"]]
         for texts, whole in (
             (scale.parts(values), scale.joule(net)),
-            (scale.watt_hour_parts(values), scale.watt_hour(net)),
             ([percent(_share(value, net)) for value in values], percent(one)),
         ):
             cells.append([*texts, whole])

@@ -89,7 +89,7 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
     found = [
         (
             "Energy from the grid",
-            scale.watt_hour(net),
+            scale.text(net),
             f"predicted, {counted(len(reports), 'recording')} of {duration(observed)} in all{sure}",
         ),
         ("Mean power", f"{net / observed:.0f} W" if observed else "-", "predicted"),
@@ -105,11 +105,11 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         name = max(names, key=names.count)
         jobs = [job.energy for one in reports for job in one.jobs if job.name == name]
         found.append(
-            ("Per job", scale.watt_hour(sum(jobs) / len(jobs)), f"mean of {len(jobs)} of '{name}'")
+            ("Per job", scale.text(sum(jobs) / len(jobs)), f"mean of {len(jobs)} of '{name}'")
         )
     if net > 0:
         found.append(
-            ("Into friction", percent(friction / net), f"{scale.watt_hour(friction)} of all joints")
+            ("Into friction", percent(friction / net), f"{scale.text(friction)} of all joints")
         )
     spans = [(one.time.start_ns or 0, one.time.span_ns) for one in reports]
     prices = [settings.mean_price(start_ns, start_ns + span_ns) for start_ns, span_ns in spans]

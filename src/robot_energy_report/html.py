@@ -16,7 +16,6 @@ from pathlib import Path
 
 from robot_energy.foundation.files.output_files import HTML, HTML_MARK, PDF, write_file
 from robot_energy.foundation.shown_text import shown_lines
-from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy_report.document import (
     HEADINGS,
     Document,
@@ -152,19 +151,19 @@ def _tile(name: str, value: str, note: str) -> str:
 def _flow(diagram: FlowDiagram) -> str:
     """The picture, drawn by the script of the live page, and the same as a table."""
     picture = diagram.picture
-    digits = max(0, round(-math.log10(picture.unit / JOULE_PER_WH)))
+    digits = max(0, round(-math.log10(picture.unit / diagram.factor)))
     drawn = sum(flow.units for flow in picture.flows if flow.source == GRID)
     rows = [
         (
             picture.labels[flow.source],
             picture.labels[flow.target],
-            number(flow.units * picture.unit / JOULE_PER_WH, digits),
+            number(flow.units * picture.unit / diagram.factor, digits),
             percent(flow.units / drawn if drawn else None),
         )
         for flow in picture.flows
     ]
-    data = escaped(json_text(picture.plain(JOULE_PER_WH)))
-    table = _table(Table("", ("from", "to", "Wh", "share"), rows))
+    data = escaped(json_text({**picture.plain(diagram.factor), "energy": diagram.unit}))
+    table = _table(Table("", ("from", "to", diagram.unit, "share"), rows))
     return (
         f'<figure class="flow"><div class="figure" data-flow="{data}"></div>'
         f"<figcaption>{_prose(diagram.caption)}</figcaption>"
