@@ -161,16 +161,16 @@ class EnergyRecorder(ManagedNode):
         if self._writing is None or self._writing.done():
             self._begin(self._written)
 
-    def _begin(self, work: Callable[[], None]) -> None:
+    def _begin(self, work: Callable[[], None]) -> Future[Any]:
         """Hand work on the disk to the thread that does it, after what it has begun."""
         self._begun = time.monotonic()
         self._writing = self._thread.submit(self.guard.run, "history", work)
+        return self._writing
 
     def _finish(self, work: Callable[[], None]) -> None:
         """Do work on the disk and wait for it, but not for ever."""
-        self._begin(work)
         try:
-            self._writing.result(CLOSING)
+            self._begin(work).result(CLOSING)
         except TimeoutError:
             self.get_logger().error(
                 f"the disk has been at work on the history for over {CLOSING:.0f} s; what it does "

@@ -177,15 +177,19 @@ class Tariff(Prices):
 
     @model_validator(mode="after")
     def _at_quarters(self) -> Self:
-        clocks = [*self.shifts, self.night.begin, self.night.end]
-        clocks += [clock for one in self.time_of_use for clock in (one.begin, one.end)]
-        odd = [clock for clock in clocks if minute_of(clock) % QUARTER]
+        odd = [clock for clock in self.clocks if minute_of(clock) % QUARTER]
         if odd:
             raise ValueError(
                 f"{odd[0]} is no quarter of an hour, and the history knows what was used in each "
                 "quarter, not within it"
             )
         return self
+
+    @property
+    def clocks(self) -> list[str]:
+        """Local times at which prices, shifts or nights begin and end."""
+        periods = (self.night, *self.time_of_use)
+        return [*self.shifts, *(clock for one in periods for clock in (one.begin, one.end))]
 
     @property
     def begin_ns(self) -> int:

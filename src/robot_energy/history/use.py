@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from itertools import pairwise
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -19,7 +20,15 @@ from numpy.typing import NDArray
 from robot_energy.foundation.units import DAY_NS, SECOND_NS
 from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.rollup import MAX_DAYS, QUARTERS, REGULAR, Rolled, curves_of
-from robot_energy.history.tariffs import MICROJOULE_PER_KWH, Rest, Tariff, day_begin
+from robot_energy.history.tariffs import (
+    DAY_MINUTES,
+    MICROJOULE_PER_KWH,
+    QUARTER,
+    Rest,
+    Tariff,
+    day_begin,
+    minute_of,
+)
 
 DAYS_AT_ONCE = 31
 RESTS: tuple[Rest, ...] = ("night", "weekend")
@@ -81,10 +90,9 @@ def costs(
         stops = edges[np.clip(part + 1, 0, len(edges) - 1)]
         inside = (part >= 0) & (part < len(edges) - 1) & (begins + SLOT_NS <= stops)
         key = np.where(inside, part * calendar.capacity + calendar.of(start, len(begins)), -1)
-        order = np.argsort(key, kind="stable")
-        held, firsts = np.unique(key[order], return_index=True)
-        added = np.add.reduceat(energy[:, order], firsts, axis=1)
-        for place, one in enumerate(held.tolist()):
+        firsts = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
+        added = np.add.reduceat(energy, firsts, axis=1)
+        for place, one in enumerate(key[firsts].tolist()):
             if one >= 0:
                 add(one // calendar.capacity, calendar.uses[one % calendar.capacity],
                     added[:, place])  # fmt: skip
@@ -153,16 +161,20 @@ def _curves(
     while day <= last:
         days = min(DAYS_AT_ONCE, (last - day) // DAY_NS + 1)
         end = day + days * DAY_NS
-        energy = np.zeros((len(places), days * QUARTERS, 2), np.int64)
         rows = connection.execute(
             "SELECT s.id, s.energy FROM some r CROSS JOIN curve s ON s.id >= r.id * ? + ? AND "
             "s.id < r.id * ? + ?", (MAX_DAYS, day // DAY_NS, MAX_DAYS, end // DAY_NS),
         ).fetchall()  # fmt: skip
-        if rows:
-            numbers = np.array([number for number, _ in rows], np.int64)
-            robots = np.array([places[number // MAX_DAYS] for number, _ in rows])
-            whole = energy.reshape(len(places), days, QUARTERS, 2)
-            whole[robots, numbers % MAX_DAYS - day // DAY_NS] = curves_of([row[1] for row in rows])
+        at = [
+            places[number // MAX_DAYS] * days + number % MAX_DAYS - day // DAY_NS
+            for number, _ in rows
+        ]
+        energy = curves_of([blob for _, blob in rows])
+        if at != list(range(len(places) * days)):  # days that are not rolled up, or have nothing
+            whole = np.zeros((len(places) * days, QUARTERS, 2), np.int64)
+            whole[at] = energy
+            energy = whole
+        energy = energy.reshape(len(places), days * QUARTERS, 2)
         for robot, start, *used in connection.execute(
             "SELECT s.robot, s.start, s.predicted_import_microjoule, s.standby_microjoule FROM "
             "some r CROSS JOIN slot15 s ON s.robot = r.id AND s.start >= ? AND s.start < ? WHERE "
@@ -227,17 +239,16 @@ class _Calendar:
         key, ordinary = (number, local.weekday()), following - first == DAY_NS
         if ordinary and key in self._weekdays:
             return self._weekdays[key]
-        count = (following - first) // SLOT_NS
-        minutes = timedelta(minutes=15)
-        clocks = (
-            (MONDAY + timedelta(days=local.weekday()) + place * minutes for place in range(count))
-            if ordinary
-            else (
-                datetime.fromtimestamp((first + place * SLOT_NS) // SECOND_NS, zone)
-                for place in range(count)
-            )
-        )
-        found = np.array([self._number(tariff, clock) for clock in clocks], np.int64)
+        found = np.zeros((following - first) // SLOT_NS, np.int64)
+        if ordinary:
+            midnight = MONDAY + timedelta(days=local.weekday())
+            edges = sorted({0, DAY_MINUTES, *map(minute_of, tariff.clocks)})
+            for begin, end in pairwise(edges):
+                number = self._number(tariff, midnight + timedelta(minutes=begin))
+                found[begin // QUARTER : end // QUARTER] = number
+        for place in () if ordinary else range(len(found)):
+            clock = datetime.fromtimestamp((first + place * SLOT_NS) // SECOND_NS, zone)
+            found[place] = self._number(tariff, clock)
         if ordinary:
             self._weekdays[key] = found
         return found

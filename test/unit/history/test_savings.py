@@ -1,5 +1,6 @@
 """Savings against a baseline: equal to a solution by hand, and within their bands."""
 
+from dataclasses import replace
 from datetime import date, timedelta
 
 import numpy as np
@@ -48,6 +49,9 @@ def test_likeness_from_day_to_day_widens_the_band():
     found = fit_baseline(100.0 + noise, {})
     assert found.likeness == pytest.approx(0.6, abs=0.1)
     assert found.growth == pytest.approx(4.0, rel=0.35)
+    alone = compare(replace(found, likeness=0.0, days=10**6), np.full(9, 100.0), {}).band
+    alike = compare(replace(found, days=10**6), np.full(9, 100.0), {}).band
+    assert alike == pytest.approx(np.sqrt(found.growth) * alone, rel=1e-3)
 
 
 @pytest.mark.parametrize("saving", [0.05, 0.0])

@@ -163,6 +163,24 @@ def test_energy_whose_time_is_not_known_has_no_price(tmp_path):
     assert day["priced_microjoule"].tolist() == [sum(used.values())]
 
 
+def test_a_span_over_midnight_costs_something_in_the_month_alone(tmp_path):
+    """20 hours from 18:00 on that nobody recorded, at one price."""
+    start = ns(2026, 3, 3, 18)
+    store, robot = HistoryStore(tmp_path), Robot(now=start, start=start)
+    store.open()
+    for hours in (1, 20):
+        robot.advance(hours * HOUR, 1000)
+        store.add("a", [robot.read(robot.now)])
+        assert store.write(robot.now)
+    store.close()
+    flat = Tariff(begin=datetime(2026, 1, 1).date(), price_per_kwh=0.5, timezone="Europe/Berlin")
+    add_tariffs(tmp_path, [flat], 0)
+    days = history(tmp_path, "2026-03-03", "2026-03-05", "day", timezone="Europe/Berlin")
+    assert days["cost"].tolist() == [0.5]
+    month = history(tmp_path, "2026-03-01", "2026-04-01", "month", timezone="Europe/Berlin")
+    assert month["cost"].tolist() == [21 * 0.5]
+
+
 def test_a_tariff_of_the_same_day_takes_the_place_and_the_earlier_one_is_kept(tmp_path):
     store, _ = recorded(tmp_path, ns(2026, 3, 1), 1)
     for price in (0.1, 0.2):
