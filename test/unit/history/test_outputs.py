@@ -249,7 +249,8 @@ def test_the_command_writes_each_kind_and_replaces_only_its_own(folder, tmp_path
     assert "was not written by robot-energy" in capsys.readouterr().err
     for bad in (["--out", "rows.xlsx"], ["--out", "-"], ["--out", "-", "--format", "parquet"],
                 ["--out", "r.csv", "--timezone", "Mars/Base"], ["--out", "r.csv", "--start", "May"],
-                ["--out", str(tmp_path / "no" / "r.csv")]):  # fmt: skip
+                ["--out", str(tmp_path / "no" / "r.csv")], ["--out", str(folder / "r.csv")],
+                ["--out", str(folder / "history.sqlite"), "--format", "csv"]):  # fmt: skip
         assert main(["history", "export", str(folder), *bad]) == 2, bad
     capsys.readouterr()
     assert main(["history", "export", str(folder), "--out", "-", "--format", "csv", *days]) == 0
