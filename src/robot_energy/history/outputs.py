@@ -19,6 +19,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.foundation.time_zone import time_zone
+from robot_energy.history.api import PRICED as EVERY_PRICED
 from robot_energy.history.api import History, history
 from robot_energy.history.spans import Resolution, edges
 from robot_energy.history.tariffs import stored_tariffs
@@ -152,7 +153,7 @@ def sql_bytes(wanted: Wanted) -> bytes:
     All is one transaction; a row that is there already is replaced.
     """
     found = rows(wanted)
-    names = _names(found)
+    names = list(dict.fromkeys((*_names(found), *EVERY_PRICED)))
     others = [name for name in names if name not in KEY]
     types = {name: _plain(name, "double precision", "bigint") for name in others}
     key = ", ".join(f"{one} {'text' if one in TEXTS else 'bigint'} NOT NULL" for one in KEY)

@@ -31,6 +31,7 @@ from robot_energy.history.outputs import (
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_cli import main
+from robot_energy_report.page.monitoring import history_dashboard
 
 IMPORT = "predicted_import_microjoule"
 NAMES = ("a", "cell 1/b,c=d", "o'brien; DROP TABLE robot_energy; --", '\u00fc\U0001f916"\\x')
@@ -169,6 +170,28 @@ def test_a_real_postgresql_holds_the_history_once(wanted, folder):
             f"SELECT sum({IMPORT}) FROM robot_energy GROUP BY resolution;".encode()
         ).split()
         assert sums == [str(sum(recorded(folder).values()))] * 2
+
+
+@needs_postgres
+def test_each_query_of_the_dashboard_is_answered(wanted, folder):
+    board = history_dashboard()
+    with databases.postgres() as server:
+        server.run(sql_bytes(wanted))
+        asked = [panel["targets"][0]["rawSql"] for panel in board["panels"]]
+        answers = [
+            server.run(
+                query.replace("$__timeFilter(begin)", "begin >= '2026-01-01'")
+                .replace("${robot:sqlstring}", "'a'")
+                .encode()
+            )
+            for query in asked
+        ]
+        used = recorded(folder)["a"] / 3.6e12
+        assert float(answers[0].partition("|")[2]) == pytest.approx(used)
+        assert float(answers[3].rpartition("|")[2]) == pytest.approx(used)
+        assert all(one.startswith(("a|", "2026-01-01")) for one in answers)
+        names = server.run(board["templating"]["list"][1]["query"].encode())
+        assert set(names.splitlines()) == set(NAMES)
 
 
 @needs_postgres
