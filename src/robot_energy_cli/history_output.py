@@ -131,7 +131,8 @@ def export(args: Namespace, folder: Path) -> int:
     stop = day_of(args.stop) if args.stop else datetime.now(zone).date()
     start = day_of(args.start) if args.start else stop - timedelta(days=DAYS_AGAIN)
     wanted = Wanted(
-        folder, day_begin(start, zone), day_begin(stop, zone), args.resolution,
+        folder, day_begin(start, zone), min(day_begin(stop, zone), time.time_ns()),
+        args.resolution,
         tuple(args.robots.split(",")) if args.robots else (), args.timezone,
     )  # fmt: skip
     data = WRITERS[kind](wanted)

@@ -109,6 +109,18 @@ def test_what_is_not_known_is_left_out(tmp_path):
     assert "None" not in line
 
 
+def test_what_is_not_over_is_left_out(folder, tmp_path, monkeypatch):
+    until = START + 67 * 60 * 10**9
+    found = rows(Wanted(folder, START, until))
+    assert {row["stop_ns"] for row in found} == {START + n * HOUR // 4 for n in range(1, 5)}
+    monkeypatch.setattr("time.time_ns", lambda: until)
+    path = tmp_path / "rows.csv"
+    words = ["history", "export", str(folder), "--out", str(path), "--start", "2026-01-01"]
+    assert main([*words, "--stop", "2026-01-02"]) == 0
+    table = list(csv.DictReader(io.StringIO(path.read_text())))
+    assert [int(row["stop_ns"]) for row in table] == [row["stop_ns"] for row in found]
+
+
 def test_csv_and_parquet_hold_the_same(wanted, folder):
     table = list(csv.DictReader(io.StringIO(csv_bytes(wanted).decode())))
     frame = polars.read_parquet(io.BytesIO(parquet_bytes(wanted)))
