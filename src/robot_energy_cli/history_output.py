@@ -86,7 +86,7 @@ def report(args: Namespace, folder: Path) -> int:
     from robot_energy_report.history_month import month_document
     from robot_energy_report.html import write_page
 
-    check_report(args.out)
+    check_report(args.out, [str(folder)])
     robots = tuple(args.robots.split(",")) if args.robots else ()
     page = month_document(folder, args.month, time.time_ns(), args.timezone, robots)
     sign(args, page)
@@ -123,7 +123,7 @@ def export(args: Namespace, folder: Path) -> int:
         )  # fmt: skip
     if kind == "parquet" and args.out == STANDARD_OUTPUT:
         raise ReportError("Parquet to the standard output", "a file")
-    check_file(args.out, KINDS[kind][1], WHAT)
+    check_file(args.out, KINDS[kind][1], WHAT, [folder])
     try:
         zone = time_zone(args.timezone)
     except ValueError as error:
@@ -131,7 +131,8 @@ def export(args: Namespace, folder: Path) -> int:
     stop = day_of(args.stop) if args.stop else datetime.now(zone).date()
     start = day_of(args.start) if args.start else stop - timedelta(days=DAYS_AGAIN)
     wanted = Wanted(
-        folder, day_begin(start, zone), day_begin(stop, zone), args.resolution,
+        folder, day_begin(start, zone), min(day_begin(stop, zone), time.time_ns()),
+        args.resolution,
         tuple(args.robots.split(",")) if args.robots else (), args.timezone,
     )  # fmt: skip
     data = WRITERS[kind](wanted)

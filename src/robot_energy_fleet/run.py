@@ -25,7 +25,13 @@ MIN_MEMORY = 500_000_000  # of a worker [bytes]
 
 @contextmanager
 def open_history(folder: str | Path | None) -> Generator[HistoryStore | None]:
-    """Open the history that a run writes to; None for none.
+    """Open the history that a run writes to, and close it at the end.
+
+    Args:
+        folder: Of the history; None for none.
+
+    Yields:
+        Its store; None without one.
 
     Raises:
         HistoryError: If a recorder or another command writes to it, or it cannot be used.

@@ -28,6 +28,7 @@ from robot_energy.history.readings import COLUMNS
 from robot_energy.history.rollup import Rolled, curve_id
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
+from robot_energy_report.page.history_view import HistoryView
 
 IMPORT = "predicted_import_microjoule"
 REPEATS = 5
@@ -165,6 +166,17 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, boo
         f"a priced year by month, {robots} robots": (of_year(YEAR, "month"), 0.5),
         "a priced year by day, one robot": (of_year(YEAR, "day", ("r001",)), 0.5),
         "a priced day by hour, one robot": (of_year(1, "hour", ("r001",)), 0.05),
+    }
+    page, noon = HistoryView(folder / "year"), START + (YEAR - 1) * DAY + 12 * HOUR
+
+    def of_page(period: str, names: tuple[str, ...] = ()) -> float:
+        wish = page.wish({"period": [period], "robot": names}, noon)
+        return median(lambda: page.answer(wish, noon), time.process_time)
+
+    priced |= {
+        "page: a day of one robot": (of_page("day", ("r001",)), 0.05),
+        f"page: a month of {robots} robots": (of_page("month"), 0.5),
+        f"page: a year of {robots} robots": (of_page("year"), 0.5),
     }
     wall, used = minute_of(folder / "minute", robots)
     table = Table("question", "history", "polars on one Parquet file", title="history")

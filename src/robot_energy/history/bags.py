@@ -49,10 +49,13 @@ def has_bag(connection: sqlite3.Connection, name: str) -> bool:
 
 
 def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: BagReadings) -> int:
-    """Put a bag in; return the time that others have recorded, which is left out. [ns]
+    """Put a bag in.
 
     Args:
         robot: Number of its robot.
+
+    Returns:
+        The time that others have recorded, which is left out. [ns]
 
     Raises:
         HistoryError: If what it gave before can no longer be taken out.

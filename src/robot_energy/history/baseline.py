@@ -67,7 +67,11 @@ class EnergyBaseline:
         return np.sqrt(np.diag(self.inverse) * self.growth) * self.deviation
 
     def half_width(self, share: float) -> float:
-        """Return how many deviations a band of a share of truths has on each side. [-]"""
+        """Return how many deviations a band has on each side. [-]
+
+        Args:
+            share: Of the truths that lie within it. [-]
+        """
         from scipy.special import stdtrit  # heavy to import
 
         return float(stdtrit(self.degrees, 0.5 + 0.5 * share))
@@ -97,7 +101,7 @@ def fit_baseline(energy: Float, drivers: Mapping[str, Float]) -> EnergyBaseline:
 
     Args:
         energy: Of each day, shape (N,). [kWh]
-        drivers: What explains it, by name, shape (N,) each.
+        drivers: What explains it, by name, shape (N,) each. [its own unit]
 
     Raises:
         HistoryError: If there are too few days, or they used nothing.
@@ -142,7 +146,7 @@ def compare(
 
     Args:
         energy: Of each day, shape (N,). [kWh]
-        drivers: Of each day, as those of the baseline.
+        drivers: Of each day, as those of the baseline, shape (N,) each. [its own unit]
     """
     columns = [np.ones_like(energy), *(drivers[name] for name in baseline.names[1:])]
     rows = np.stack(columns, axis=1)

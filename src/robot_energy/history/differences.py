@@ -209,14 +209,18 @@ def supersedes(reading: Reading, before: Reading) -> bool:
 
 
 def finished(waiting: Sequence[Reading], now_ns: int) -> int:
-    """How many readings are recorded now: a last one within a minute waits for its end."""
+    """Return how many readings are recorded now: a last one within a minute waits for its end.
+
+    Args:
+        now_ns: Time of this computer. [ns]
+    """
     if not waiting or waiting[-1].minute_ns or now_ns - waiting[-1].stamp_ns > 2 * MINUTE_NS:
         return len(waiting)
     return len(waiting) - 1
 
 
 def thinned(waiting: list[Reading]) -> list[Reading]:
-    """Drop every other reading of the older half, but none that begins or ends other registers."""
+    """Return readings without every other of the older half, but for ends of registers."""
     half = len(waiting) // 2
     return [
         one

@@ -19,6 +19,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.foundation.time_zone import time_zone
+from robot_energy.history.api import PRICED as EVERY_PRICED
 from robot_energy.history.api import History, history
 from robot_energy.history.spans import Resolution, edges
 from robot_energy.history.tariffs import stored_tariffs
@@ -73,7 +74,7 @@ Row = dict[str, Any]
 
 
 def rows(wanted: Wanted) -> list[Row]:
-    """Return all rows of a time in order of their begin, spans that no part holds among them.
+    """Return the rows that end in a time by their begin, spans that no part holds among them.
 
     Raises:
         HistoryError: If there is no history, or there are too many rows.
@@ -89,6 +90,8 @@ def rows(wanted: Wanted) -> list[Row]:
         )  # fmt: skip
     by_key: dict[tuple[int, str, int], Row] = {}
     for row in found:
+        if row["stop_ns"] > wanted.stop_ns:  # it may not be over
+            continue
         key = row["start_ns"], row["robot"], row["stop_ns"]
         by_key[key] = _added(by_key[key], row) if key in by_key else row
     return [by_key[key] for key in sorted(by_key)]
@@ -152,7 +155,7 @@ def sql_bytes(wanted: Wanted) -> bytes:
     All is one transaction; a row that is there already is replaced.
     """
     found = rows(wanted)
-    names = _names(found)
+    names = list(dict.fromkeys((*_names(found), *EVERY_PRICED)))
     others = [name for name in names if name not in KEY]
     types = {name: _plain(name, "double precision", "bigint") for name in others}
     key = ", ".join(f"{one} {'text' if one in TEXTS else 'bigint'} NOT NULL" for one in KEY)
@@ -196,7 +199,7 @@ def metrics_bytes(wanted: Wanted) -> bytes:
     ]
     for robot in sorted({*before, *(row["robot"] for row in found)}):
         steps = sorted(
-            (row for row in found if row["robot"] == robot and row["stop_ns"] <= wanted.stop_ns),
+            (row for row in found if row["robot"] == robot),
             key=itemgetter("stop_ns"),
         )
         for part, column in COUNTERS.items():

@@ -104,7 +104,14 @@ def curves_of(blobs: Sequence[bytes]) -> NDArray[np.int64]:
 
 
 def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
-    """Roll up days that have ended, some at once; return up to where."""
+    """Roll up days that have ended, some at once.
+
+    Args:
+        now_ns: Time of this computer. [ns]
+
+    Returns:
+        Up to where it is rolled up.
+    """
     until, target = rolled.until_ns, (now_ns - LATE_NS) // DAY_NS * DAY_NS
     for _ in range(DAYS_AT_ONCE):
         day = _next_day(connection, until)
@@ -121,6 +128,9 @@ def thin(connection: sqlite3.Connection, rolled: Rolled, keep_from_ns: int) -> R
 
     Args:
         keep_from_ns: Begin of what is kept. [ns]
+
+    Returns:
+        Up to where it is rolled up, and from where on there are quarter hours.
     """
     begin = rolled.quarters_from_ns
     target = min(rolled.until_ns, keep_from_ns // DAY_NS * DAY_NS)

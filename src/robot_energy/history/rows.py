@@ -44,11 +44,14 @@ JOINTS = {
 def put_slot(
     connection: sqlite3.Connection, level: int, key: tuple[int, ...], span: CountedSpan
 ) -> int:
-    """Add a span to a slot of a level; return the energy from the grid in it. [uJ]
+    """Add a span to a slot of a level.
 
     Args:
         level: Length of its slots. [min]
         key: Begin, robot, epoch, end, flags and most energy within a minute of the slot.
+
+    Returns:
+        The energy from the grid in the slot. [uJ]
     """
     ((imported,),) = connection.execute(SLOTS[level], (*key, *span.values)).fetchall()
     if level in JOINTS:
@@ -62,10 +65,13 @@ def put_slot(
 def put_epoch(
     connection: sqlite3.Connection, robot: int, origin: str, epoch: Epoch, number: int
 ) -> int:
-    """Note where an epoch stands; return its number.
+    """Note where an epoch stands.
 
     Args:
         number: Its number; 0 for a new one.
+
+    Returns:
+        Its number.
     """
     texts = (text_of(epoch.last), epoch.known_until_ns, epoch.newest_ns)
     if number:

@@ -197,7 +197,10 @@ class HistoryStore:
         return self._connection is not None and has_bag(self._connection, name)
 
     def add_bag(self, bag: BagReadings) -> int:
-        """Put a replayed bag in at once; return the time that others have recorded. [ns]
+        """Put a replayed bag in at once.
+
+        Returns:
+            The time of it that others have recorded, which is left out. [ns]
 
         Raises:
             HistoryError: If it cannot be written.

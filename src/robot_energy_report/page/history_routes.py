@@ -90,16 +90,18 @@ class HistoryRoutes:
         if self._waiting >= MAX_WAITING:
             return PlainTextResponse("too many requests for the history wait already\n", 503)
         self._waiting += 1
+
+        def answer() -> Response:
+            return packed(request, work(time.time_ns()).encode(), kind)
+
         try:
-            loop = asyncio.get_running_loop()
-            text = await loop.run_in_executor(self._workers, work, time.time_ns())
+            return await asyncio.get_running_loop().run_in_executor(self._workers, answer)
         except HistoryError as error:
             return PlainTextResponse(f"{error}\n", 400)
         except RobotEnergyError as error:
             return PlainTextResponse(f"{error}\n", 500)
         finally:
             self._waiting -= 1
-        return packed(request, text.encode(), kind)
 
 
 def _asked(request: Request) -> dict[str, list[str]]:

@@ -72,6 +72,7 @@ def test_one_robot_and_another_time_zone(folder):
     text = text_of(month_document(folder, "2026-03", NOW, "America/New_York", ["left"]))
     # The first two hours of March in UTC are February in New York.
     assert "4.40 kWh from the grid" in text
+    assert "not compared with February 2026" in text  # which has six hours there, March four
     assert "1 robot" in text
 
 

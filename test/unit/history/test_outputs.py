@@ -31,6 +31,7 @@ from robot_energy.history.outputs import (
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_cli import main
+from robot_energy_report.page.monitoring import history_dashboard
 
 IMPORT = "predicted_import_microjoule"
 NAMES = ("a", "cell 1/b,c=d", "o'brien; DROP TABLE robot_energy; --", '\u00fc\U0001f916"\\x')
@@ -108,6 +109,18 @@ def test_what_is_not_known_is_left_out(tmp_path):
     assert "None" not in line
 
 
+def test_what_is_not_over_is_left_out(folder, tmp_path, monkeypatch):
+    until = START + 67 * 60 * 10**9
+    found = rows(Wanted(folder, START, until))
+    assert {row["stop_ns"] for row in found} == {START + n * HOUR // 4 for n in range(1, 5)}
+    monkeypatch.setattr("time.time_ns", lambda: until)
+    path = tmp_path / "rows.csv"
+    words = ["history", "export", str(folder), "--out", str(path), "--start", "2026-01-01"]
+    assert main([*words, "--stop", "2026-01-02"]) == 0
+    table = list(csv.DictReader(io.StringIO(path.read_text())))
+    assert [int(row["stop_ns"]) for row in table] == [row["stop_ns"] for row in found]
+
+
 def test_csv_and_parquet_hold_the_same(wanted, folder):
     table = list(csv.DictReader(io.StringIO(csv_bytes(wanted).decode())))
     frame = polars.read_parquet(io.BytesIO(parquet_bytes(wanted)))
@@ -169,6 +182,28 @@ def test_a_real_postgresql_holds_the_history_once(wanted, folder):
             f"SELECT sum({IMPORT}) FROM robot_energy GROUP BY resolution;".encode()
         ).split()
         assert sums == [str(sum(recorded(folder).values()))] * 2
+
+
+@needs_postgres
+def test_each_query_of_the_dashboard_is_answered(wanted, folder):
+    board = history_dashboard()
+    with databases.postgres() as server:
+        server.run(sql_bytes(wanted))
+        asked = [panel["targets"][0]["rawSql"] for panel in board["panels"]]
+        answers = [
+            server.run(
+                query.replace("$__timeFilter(begin)", "begin >= '2026-01-01'")
+                .replace("${robot:sqlstring}", "'a'")
+                .encode()
+            )
+            for query in asked
+        ]
+        used = recorded(folder)["a"] / 3.6e12
+        assert float(answers[0].partition("|")[2]) == pytest.approx(used)
+        assert float(answers[3].rpartition("|")[2]) == pytest.approx(used)
+        assert all(one.startswith(("a|", "2026-01-01")) for one in answers)
+        names = server.run(board["templating"]["list"][1]["query"].encode())
+        assert set(names.splitlines()) == set(NAMES)
 
 
 @needs_postgres
@@ -249,7 +284,8 @@ def test_the_command_writes_each_kind_and_replaces_only_its_own(folder, tmp_path
     assert "was not written by robot-energy" in capsys.readouterr().err
     for bad in (["--out", "rows.xlsx"], ["--out", "-"], ["--out", "-", "--format", "parquet"],
                 ["--out", "r.csv", "--timezone", "Mars/Base"], ["--out", "r.csv", "--start", "May"],
-                ["--out", str(tmp_path / "no" / "r.csv")]):  # fmt: skip
+                ["--out", str(tmp_path / "no" / "r.csv")], ["--out", str(folder / "r.csv")],
+                ["--out", str(folder / "history.sqlite"), "--format", "csv"]):  # fmt: skip
         assert main(["history", "export", str(folder), *bad]) == 2, bad
     capsys.readouterr()
     assert main(["history", "export", str(folder), "--out", "-", "--format", "csv", *days]) == 0

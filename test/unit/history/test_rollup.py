@@ -9,6 +9,7 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
+from robot_energy.history import spans
 from robot_energy.history.api import history
 from robot_energy.history.check import check, repair
 from robot_energy.history.files import open_reader
@@ -151,6 +152,30 @@ def test_days_of_years_are_rolled_up_some_at_once(tmp_path):
     store.close()
     with closing(open_reader(tmp_path)) as connection:
         assert Rolled.of(connection).until_ns == START + 20 * DAY
+
+
+def test_a_reader_sees_one_state_whatever_is_written_meanwhile(tmp_path, monkeypatch):
+    """One transaction adds to a quarter hour and to a day, between the questions for these."""
+    store, robot, _ = record(tmp_path, 5)
+    before = robot.values[IMPORT]
+
+    class Meanwhile(str):
+        def format(self, **given):
+            if robot.values[IMPORT] == before:
+                for step in (0, -3 * DAY):
+                    robot.step_clock(step)
+                    robot.advance(QUARTER)
+                    store.add("a", [robot.read(robot.now)])
+                assert store.write(START + 5 * DAY, newest=True), store.trouble
+            return super().format(**given)
+
+    quarters, *others = spans._REGULAR
+    monkeypatch.setattr(spans, "_REGULAR", (quarters, *map(Meanwhile, others)))
+    asked = (tmp_path, START, START + 6 * DAY, "all")
+    assert history(*asked)[IMPORT].tolist() == [before]
+    assert history(*asked)[IMPORT].tolist() == [robot.values[IMPORT]]
+    assert robot.values[IMPORT] > before
+    store.close()
 
 
 def test_pieces_cover_a_time_once():

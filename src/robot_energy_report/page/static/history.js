@@ -7,6 +7,11 @@ import "./theme.js";
 const REFRESH = 60000; // of a period that is not over [ms]
 const MANY = 16; // robots from which on there are cells and a search
 const PARTS = { friction: "friction", drives: "drives", motion: "motion", brake: "brake resistor", cabinet: "cabinet", capacitor: "capacitor" };
+const BARS = {
+  part: "Parts of the energy from the grid, less what was fed back. ",
+  joint: "Electrical energy into the drives of the joints, without the cabinet. ",
+  job: "Energy of jobs, in the time in which they ended; the rest is in no bar. ",
+};
 const OUT = { hour: "day", day: "month", week: "month", month: "year" };
 const n = (text) => ({ text, kind: "n" });
 const view = { answer: null, search: "", asked: 0 };
@@ -98,13 +103,15 @@ function showBars() {
   byId("legend").replaceChildren(...series.flatMap((one, index) => [element("span", { class: `key part ${kindOf(one, index)}` }), one.name, " "]),
     ...(series.length ? [element("span", { class: "key unseen" }), "not observed"] : []));
   const focused = byId("bars").contains(document.activeElement) ? document.activeElement.dataset.place : null;
-  drawBars(byId("bars"), byId("bar-note"), { ...answer, series }, goPeriod);
+  // Costs are those of all energy from the grid.
+  const parts = BARS[answer.group] ? answer.parts.map((part) => ({ ...part, cost: null })) : answer.parts;
+  drawBars(byId("bars"), byId("bar-note"), { ...answer, parts, series }, goPeriod);
   if (focused !== null) byId("bars").querySelector(`[data-place="${focused}"]`)?.focus();
   const remarks = answer.remarks.length ? `Some of it: ${answer.remarks.join(", ")}. ` : "";
   const last = answer.spans.at(-1);
   const zone = answer.timezone;
   const when = (seconds) => new Date(1000 * seconds).toLocaleString([], { timeZone: zone, hour12: false, dateStyle: "short", timeStyle: "short" });
-  setText(byId("span-note"), `${remarks}${answer.span_count ? `${energy(answer.span_energy)} more lie in ${answer.span_count} span${answer.span_count > 1 ? "s" : ""} that no bar holds, as the recorder was off; the last, of ${last.robot}, from ${when(last.start)} to ${when(last.stop)}. ` : ""}Times of ${zone}.`);
+  setText(byId("span-note"), `${BARS[answer.group] ?? ""}${remarks}${answer.span_count ? `${energy(answer.span_energy)} more lie in ${answer.span_count} span${answer.span_count > 1 ? "s" : ""} that no bar holds, as the recorder was off; the last, of ${last.robot}, from ${when(last.start)} to ${when(last.stop)}. ` : ""}Times of ${zone}.`);
 }
 
 function showHeadline(before) {
@@ -145,8 +152,10 @@ function showRobots() {
     n(energy(one.measured)), n(known(one.measured) && one.measured ? signedPercent(one.at_meter / one.measured - 1) : DASH), n(duration(one.observed)),
   ]));
   links("robots", found.map((one) => one.robot), (name) => go({ robot: name }));
+  const moved = robots.filter((one) => one.fair && one.before > 0).sort((a, b) => Math.abs(b.same / b.before - 1) - Math.abs(a.same / a.before - 1));
+  const most = moved.length > 1 ? `Largest changes: ${moved.slice(0, 3).map((one) => `${one.robot} ${change(one.same, one.before)}`).join(", ")}. ` : "";
   const absent = all.length - robots.length;
-  setText(byId("robots-note"), `${currency ? `Cost in ${currency}. ` : ""}${!chosen.length && absent > 0 ? `${absent} more robot${absent > 1 ? "s have" : " has"} nothing recorded in this time. ` : ""}${found.length < robots.length ? `${found.length} of ${robots.length} shown.` : ""}`);
+  setText(byId("robots-note"), `${most}${currency ? `Cost in ${currency}. ` : ""}${!chosen.length && absent > 0 ? `${absent} more robot${absent > 1 ? "s have" : " has"} nothing recorded in this time. ` : ""}${found.length < robots.length ? `${found.length} of ${robots.length} shown.` : ""}`);
 }
 
 function showCells() {
