@@ -23,7 +23,6 @@ from robot_energy_identify.drives.drives import (
     DrivesFit,
     Way,
     fit_drives,
-    fitted_loss_map,
 )
 from robot_energy_identify.drives.efficiency import (
     CUTOFF,
@@ -32,6 +31,7 @@ from robot_energy_identify.drives.efficiency import (
     fitted_efficiency,
     processed,
 )
+from robot_energy_identify.drives.loss_map import fitted_loss_map
 from robot_energy_papers.mantis import PrintRun
 
 WAY_NAMES: dict[Way, str] = {
@@ -126,9 +126,7 @@ def identify_drives(
     for axis in fit.axes:
         if axis.map is None or axis.losses is None:
             raise NotIdentifiableError(axis.notes[0], "an excitation that moves every drive")
-    loss_maps = tuple(
-        one for axis in fit.axes if isinstance(one := fitted_loss_map(axis, ""), LossMap)
-    )
+    loss_maps = tuple(one for axis in fit.axes if (one := fitted_loss_map(axis, "")) is not None)
     return StudiedDrives(fit, maps_as_written(runs, cutoff), loss_maps)
 
 

@@ -28,7 +28,6 @@ from robot_energy_identify.drives.efficiency import (
     processed,
     reduced_map,
 )
-from robot_energy_identify.drives.loss_map import fit_loss_map
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
 from robot_energy_identify.stats.cross_validation import GAIN, averaged, contiguous_folds, rms_of
 from robot_energy_identify.stats.regression import one_thread
@@ -197,10 +196,12 @@ def _choose(axes: Sequence[AxisFit], comparisons: Sequence[DriveComparison]) -> 
     """
     by_split = {comparison.split: comparison for comparison in comparisons}
     comparison = by_split.get("recordings") or by_split.get("blocks")
-    chosen, least = DEFAULT, np.inf if comparison is None else comparison.scores["losses"].rms
+    chosen, least = DEFAULT, np.inf
+    if comparison is not None:
+        least = GAIN * comparison.scores["losses"].rms
     for kind, way, fitted in _fitted_kinds():
         score = None if comparison is None else comparison.scores.get(way)
-        if score is None or not score.rms < GAIN * least:
+        if score is None or not score.rms < least:
             continue
         if all(_entry(fitted, axis) is not None for axis in axes):
             chosen, least = kind.name, score.rms
@@ -384,39 +385,3 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
                 axis.notes[0],
             )
     return model.changed(joints=joints, drive=fit.chosen)
-
-
-def fitted_losses(axis: AxisFit, source: str) -> object:
-    """Return the entry of the loss model; None where the data do not determine it.
-
-    Args:
-        source: Where the data come from.
-    """
-    return None if axis.losses is None else axis.losses.entry(source)
-
-
-def fitted_loss_map(axis: AxisFit, source: str) -> object:
-    """Return the entry of the loss map; None where the data do not tell it.
-
-    Args:
-        source: Where the data come from.
-    """
-    if (seen := axis.samples) is None:
-        return None
-    return fit_loss_map(
-        seen.motor_velocity,
-        seen.motor_torque,
-        seen.motor_temperature_degc,
-        seen.drive_power,
-        seen.window,
-        source,
-    )
-
-
-def fitted_map(axis: AxisFit, source: str) -> object:
-    """Return the entry of the efficiency map; None where the data do not determine it.
-
-    Args:
-        source: Where the data come from.
-    """
-    return None if axis.map is None else axis.map.entry

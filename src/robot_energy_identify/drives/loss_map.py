@@ -8,6 +8,8 @@ as anywhere. A weak penalty on curvature carries the map into corners without sa
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
@@ -15,6 +17,9 @@ from robot_energy.model.drive_models import LossMap
 from robot_energy.physics.drive import equal_heat_torque, knot_cells
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT
+
+if TYPE_CHECKING:
+    from robot_energy_identify.drives.drives import AxisFit
 
 KNOTS = 7  # along speed and along torque
 MIN_WINDOWS = 2 * KNOTS**2
@@ -103,3 +108,21 @@ def _bend(knots: Float) -> Float:
     width = np.diff(knots)
     slope = np.diff(np.eye(len(knots)), axis=0) / width[:, None]
     return np.diff(slope, axis=0) * (0.5 * (width[1:] + width[:-1]))[:, None]
+
+
+def fitted_loss_map(axis: AxisFit, source: str) -> LossMap | None:
+    """Return the entry of the loss map; None where the data do not tell it.
+
+    Args:
+        source: Where the data come from.
+    """
+    if (seen := axis.samples) is None:
+        return None
+    return fit_loss_map(
+        seen.motor_velocity,
+        seen.motor_torque,
+        seen.motor_temperature_degc,
+        seen.drive_power,
+        seen.window,
+        source,
+    )

@@ -115,13 +115,12 @@ def _write_lever(
         own, other = first.moment.std, estimate.std
         std[0] = float(np.hypot(a * own, estimate.value * other)) / moment
         std[1] = float(np.hypot(estimate.value * own, a * other)) / moment**2
-    known = {"tag": estimate.tag, "source": estimate.source}
     angle = float(np.arctan2(estimate.value, a))
     return _with(
         joint,
         first,
-        moment=PositiveFigure(value=moment, std=std[0], **known),
-        angle=Figure(value=angle, std=std[1], **known),
+        moment=PositiveFigure(value=moment, std=std[0], tag=estimate.tag, source=estimate.source),
+        angle=Figure(value=angle, std=std[1], tag=estimate.tag, source=estimate.source),
     )
 
 
