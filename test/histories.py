@@ -36,15 +36,16 @@ class Robot:
     def __post_init__(self):
         self.random = random.Random(self.seed)
 
-    def advance(self, ns: int, watt: int | None = None) -> None:
-        """Work for a time, at a power drawn from the grid, else a random one."""
+    def advance(self, ns: int, watt: int | None = None, standby: bool = False) -> None:
+        """Work for a time, or stand by, at a power drawn from the grid, else a random one."""
         self.now += ns
         power = self.random.randint(100, 4000) if watt is None else watt
         energy = power * ns // 1000  # uJ
         self.values["observed_ns"] += ns
         self.values["predicted_import_microjoule"] += energy
-        self.values["motion_microjoule"] += energy
-        self.values["motion_ns"] += ns
+        for kind in ("hold", "standby") if standby else ("motion",):
+            self.values[f"{kind}_microjoule"] += energy
+            self.values[f"{kind}_ns"] += ns
         self.values["measured_microjoule"] += energy + self.random.randint(-9, 9)
         self.values["compared_ns"] += ns
         self.values["capacitor_microjoule"] += self.random.randint(-5, 5)

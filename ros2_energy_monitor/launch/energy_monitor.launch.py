@@ -185,20 +185,23 @@ def monitors(context) -> list[Node]:
                 respawn_delay=RESPAWN_DELAY,
             )
         )
+    keeps = folder not in ("", "none")
+    history = "" if folder == AS_CONFIGURED else f"{folder}/history" if keeps else "none"
     if is_true(value["dashboard"]):
         name = "energy_dashboard"
+        shown = {"history_folder": history} if history else {}
         nodes.append(
             Node(
                 package=PACKAGE,
                 executable=name,
                 name=name,
-                parameters=[share("config", f"{name}.yaml"), *further],
+                parameters=[share("config", f"{name}.yaml"), *further, shown],
                 output="screen",
             )
         )
-    if is_true(value["history"]) and folder not in ("", "none"):
+    if is_true(value["history"]) and keeps:
         name = "energy_recorder"
-        kept = {} if folder == AS_CONFIGURED else {"folder": f"{folder}/history"}
+        kept = {"folder": history} if history else {}
         nodes.append(
             Node(
                 package=PACKAGE,

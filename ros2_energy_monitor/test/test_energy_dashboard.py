@@ -28,6 +28,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 from sensor_msgs.msg import JointState
 
 from robot_energy.foundation.errors import PageError, ParameterError
+from robot_energy.history.store import HistoryStore
 from robot_energy_report.page import web_app
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.demo.processes import NodeProcesses
@@ -38,6 +39,7 @@ from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "test"))
 from chromium import Browser, browser, needs_browser
+from histories import Robot
 
 TOKEN = "0123456789abcdef0123"
 PATIENCE = 120.0  # s, on a machine that does much else
@@ -90,6 +92,21 @@ class Answers:
     def robot(self, name: str = "robot") -> dict[str, Any]:
         robots = self("api/state")["robots"]
         return next((one for one in robots if one["name"] == name), {})
+
+
+def test_the_history_that_is_recorded_is_shown(bench: Any, tmp_path: Path) -> None:
+    store, robot = HistoryStore(tmp_path / "history"), Robot()
+    store.open()
+    store.add("left", [robot.minute(1000)])
+    assert store.write(robot.now), store.trouble
+    store.close()
+    page = bench.add(EnergyDashboard, port=0, history_folder=str(store.folder))
+    ask = Answers(bench, page.server.url)
+    found = ask("api/history?period=year&at=2026-01-01")
+    assert found["known"] == ["left"]
+    assert found["total"]["energy"] == pytest.approx(60_000.0)
+    none = bench.add(EnergyDashboard, port=0, history_folder="none")
+    assert Answers(bench, none.server.url)("api/state")["recorded"] is False
 
 
 def test_figures_job_intervals_and_reset(

@@ -11,22 +11,27 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ros2_energy_msgs.msg import EnergyRegisters, JointEnergy
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 
-from robot_energy.history.api import history
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.history.api import history, history_events
 from robot_energy.history.check import check
 from robot_energy.history.files import open_reader
 from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.nodes import energy_recorder
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
+from ros2_energy_monitor.recorder import alarm_watch
 
 IMPORT = "predicted_import_microjoule"
 QUICK = {"take_period": 0.2, "write_period": 1.0, "look_period": 1.0, "min_free": 0}
@@ -34,7 +39,12 @@ SECOND = 10**9
 
 
 def total(folder: Any, name: str = IMPORT) -> int:
-    with closing(open_reader(folder)) as connection:
+    """What the history holds; 0 before there is one."""
+    try:
+        reader = open_reader(folder)
+    except HistoryError:
+        return 0
+    with closing(reader) as connection:
         return connection.execute(f"SELECT coalesce(sum({name}), 0) FROM slot15").fetchone()[0]
 
 
@@ -83,7 +93,7 @@ def test_a_monitor_its_jobs_and_its_registers(bench: Any, tmp_path: Any) -> None
 
     def recorded() -> bool:
         recorder.take()
-        recorder._write(newest=True)
+        recorder._finish(lambda: recorder._written(newest=True))
         return total(tmp_path / "h") == last.cabinet_energy_microjoule["grid_import"]
 
     bench.spin_until(recorded, "the registers")
@@ -132,6 +142,75 @@ def test_a_full_disk_is_said_and_survived(
     assert total(tmp_path) == 300 * 100 * 10**6
 
 
+def test_a_disk_that_hangs_is_said_and_stops_no_taking(
+    bench: Any, publish: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The check of the space hangs, as of a share that does not answer."""
+    monkeypatch.setattr(energy_recorder, "LATE", 0.5)
+    diagnosed = bench.diagnosed()
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    bench.spin_until(lambda: recorder.store.commits, "the file")
+    free, real = threading.Event(), shutil.disk_usage
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: (free.wait(60), real(path))[1])
+    publish("/energy/registers", registers(60))
+    diagnosed.wait("energy_recorder: history", "a write has been under way")
+    publish("/energy/registers", registers(180), registers(300))
+    bench.spin_until(lambda: recorder.store.waiting >= 3, "what waits")
+    assert total(tmp_path) == 0
+    free.set()
+    bench.spin_until(lambda: total(tmp_path) == 300 * 100 * 10**6, "all of it")
+    assert check(tmp_path) == []
+
+
+def test_alarms_and_restarts_are_events(
+    bench: Any, publish: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(alarm_watch, "LASTING", 0.3)
+    monkeypatch.setattr(alarm_watch, "OVER", 0.3)
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    publish("/left/energy/registers", registers(60))
+    bench.spin_until(lambda: recorder.store.robots == ("left",), "the robot")
+    statuses = bench.tester.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def until(kind: str, level: bytes, restarts: int) -> None:
+        message = DiagnosticArray()
+        message.header.stamp.sec = 1_700_000_100
+        for name in ("left/energy_monitor", "right/energy_monitor", "energy_monitor"):
+            message.status.append(
+                DiagnosticStatus(name=f"{name}: registers", level=level, message="no disk",
+                                 values=[KeyValue(key="restarts", value=str(restarts))])
+            )  # fmt: skip
+
+        def noted() -> bool:
+            statuses.publish(message)
+            found = history_events(tmp_path, 0, 2**62)
+            return kind in found["kind"].tolist()
+
+        bench.spin_until(noted, kind)
+
+    until("alarm", DiagnosticStatus.ERROR, 3)
+    until("alarm_ended", DiagnosticStatus.OK, 3)
+    until("restart", DiagnosticStatus.OK, 4)
+    found = history_events(tmp_path, 0, 2**62)
+    assert found["robot"].tolist() == ["left"] * 4
+    texts = dict(zip(found["kind"].tolist(), found["text"].tolist(), strict=True))
+    assert texts["alarm"] == "energy_monitor: registers: error: no disk"
+    assert texts["restart"] == "energy_monitor was started again"
+
+
+def test_an_alarm_is_noted_once_it_lasts_and_one_that_comes_again_is_the_same() -> None:
+    watch = alarm_watch.AlarmWatch("/left/")
+    ok, bad = (
+        [DiagnosticStatus(name="left/energy_monitor: energy", level=level, message="odd")]
+        for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
+    )
+    kinds = []
+    for second, status in enumerate([bad] * 5 + [ok] * 5 + [bad] * 30 + [ok] * 30 + [bad] * 30
+                                    + [ok] * 100):  # fmt: skip
+        kinds += [(second, one.kind) for one in watch.take(status, 0, float(second))]
+    assert kinds == [(20, "alarm"), (160, "alarm_ended")]
+
+
 def test_a_folder_that_cannot_be_used_is_said_and_taken_once_it_can(
     bench: Any, publish: Any, tmp_path: Any
 ) -> None:
@@ -142,7 +221,7 @@ def test_a_folder_that_cannot_be_used_is_said_and_taken_once_it_can(
     diagnosed.wait("energy_recorder: history", "cannot be written")
     publish("/energy/registers", registers(60))
     place.unlink()
-    bench.spin_until(lambda: (place / "h/history.sqlite").exists() and total(place / "h"), "it")
+    bench.spin_until(lambda: total(place / "h"), "it")
     assert total(place / "h") == 60 * 100 * 10**6
 
 

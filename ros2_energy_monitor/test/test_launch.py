@@ -114,8 +114,14 @@ def test_the_monitor_runs_in_one_process_or_in_three(describe):
 def test_the_dashboard_is_started_where_it_is_asked_for(describe, file):
     made = nodes_of(describe(FILES[0], dashboard="true", namespace="left", params_file=file))
     assert list(made) == ["energy_monitor", "energy_dashboard"]
-    assert made["energy_dashboard"].options["parameters"][1:] == [file]
+    assert made["energy_dashboard"].options["parameters"][1:] == [file, {}]
     assert "namespace" not in made["energy_dashboard"].options  # one page for all robots
+
+
+@pytest.mark.parametrize(("kept", "shown"), [("/kept", "/kept/history"), ("none", "none")])
+def test_the_dashboard_shows_the_history_that_is_recorded(describe, kept, shown):
+    made = nodes_of(describe(FILES[0], dashboard="true", state_folder=kept))
+    assert made["energy_dashboard"].options["parameters"][1:] == [{"history_folder": shown}]
 
 
 def test_what_all_robots_use_is_recorded_in_one_folder_unless_it_is_turned_off(describe, file):

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
-    from robot_energy.history.api import History, history
+    from robot_energy.history.api import History, history, history_events, history_jobs
+    from robot_energy.history.baseline import EnergyBaseline
+    from robot_energy.history.savings import EnergySavings, history_savings
     from robot_energy.model import RobotModel
     from robot_energy.model import load as load_model
     from robot_energy.model import save as save_model
@@ -84,7 +86,9 @@ _NAMES = {
         "NotIdentifiableError", "ParameterError", "PayloadError", "ReportError",
         "RobotDescriptionError", "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
-    "robot_energy.history.api": ("History", "history"),
+    "robot_energy.history.api": ("History", "history", "history_events", "history_jobs"),
+    "robot_energy.history.baseline": ("EnergyBaseline",),
+    "robot_energy.history.savings": ("EnergySavings", "history_savings"),
     "robot_energy.model": ("RobotModel", "load_model:load", "save_model:save"),
     "robot_energy.model.payload": ("Payload",),
     "robot_energy.pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
@@ -121,17 +125,17 @@ _EXPORTS = {
     for public, _, original in (name.partition(":") for name in names)
 }
 __all__ = [
-    "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBreakdown",
-    "EnergyPipeline", "EvaluationReport", "FleetFriction", "FleetReport", "FleetRunReport",
-    "History", "HistoryError", "IdentificationResult", "ImplausibleIdentificationError",
-    "JointEnergy", "LogFormatError",
-    "MeterComparison", "MissingTopicError", "ModelFileError", "MotionError",
-    "NotIdentifiableError", "OnlineMonitor", "OptimizationReport", "OptimizationResult",
-    "ParameterError", "Payload", "PayloadError", "Phase", "PhaseEnergy", "PipelineSettings",
-    "PredictionReport", "PredictionResult", "Quality", "ReplayReport", "ReplayResult",
-    "ReportError", "RestState", "RobotDescriptionError", "RobotEnergyError", "RobotModel",
-    "SensorLimits", "ShapeError", "TimeSeries", "ToolOptions", "UnknownJointError", "advise",
-    "evaluate", "fleet_identify", "fleet_report", "fleet_run", "history", "identify_all",
+    "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBaseline", "EnergyBreakdown",
+    "EnergyPipeline", "EnergySavings", "EvaluationReport", "FleetFriction", "FleetReport",
+    "FleetRunReport", "History", "HistoryError", "IdentificationResult",
+    "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
+    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
+    "OptimizationReport", "OptimizationResult", "ParameterError", "Payload", "PayloadError",
+    "Phase", "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
+    "ReplayReport", "ReplayResult", "ReportError", "RestState", "RobotDescriptionError",
+    "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "TimeSeries", "ToolOptions",
+    "UnknownJointError", "advise", "evaluate", "fleet_identify", "fleet_report", "fleet_run",
+    "history", "history_events", "history_jobs", "history_savings", "identify_all",
     "identify_auxiliary", "identify_cabinet", "identify_dynamics", "identify_friction",
     "identify_thermal", "load_model", "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip

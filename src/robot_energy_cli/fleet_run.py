@@ -55,6 +55,8 @@ OPTIONS = {
     "--name NAME": "name of the robot in the fleet (default: that of the folder "
     "in which a recording lies); a column 'robot' of a table goes before",
     "--split-files": "each MCAP file is a bag of its own, also in the folder of a split recording",
+    "--history FOLDER": "put what each robot used in each minute and job into a history as well, "
+    "for `robot-energy history`; a recorder must not write to it meanwhile",
     "--watch S": (
         "look again every so many seconds for new bags, until stopped; what is still being "
         "written is left until it is complete",
@@ -88,16 +90,18 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.bag_list import FleetModels
     from robot_energy_fleet.dataset import Dataset
-    from robot_energy_fleet.run import FleetRun, run_fleet, where_asked
+    from robot_energy_fleet.run import FleetRun, open_history, run_fleet, where_asked
 
     check_outputs(args)
     models, dataset = FleetModels(), Dataset(args.out)
     bags = None if args.watch else _bags(args, models)
     scratch = int(args.scratch * 1e9)
     done = FleetRun()
-    with dataset.locked():
+    with dataset.locked(), open_history(args.history) as store:
         nothing = bags is not None and all(
-            bag.place.problem is not None or dataset.has(bag.name) for bag in bags
+            bag.place.problem is not None
+            or (dataset.has(bag.name) and (store is None or store.has_bag(bag.name)))
+            for bag in bags
         )
         where = (None, 0) if nothing else (args.scheduler, args.workers)
         with where_asked(*where, args.memory, scratch) as replays:
@@ -105,12 +109,17 @@ def _run(args: Namespace) -> int:
                 if args.watch:
                     done.bags = done.there = 0
                 with _shown(round_, done) as show:
-                    run_fleet(round_, models.models, dataset, replays, done, show)
+                    run_fleet(round_, models.models, dataset, replays, done, show, store)
                 dataset.pack(PACKED_WATCHING if args.watch else 2)
                 if args.json is not None:
                     write_json(args.json, done.report(dataset).to_dict())
     if args.json != "-":
         _print(args, done.report(dataset))
+        if done.overlap_ns:
+            console().print(
+                f"  {done.overlap_ns / 3.6e12:.3f} h of these bags are in the history from others "
+                "already, and are left out there"
+            )
     return DAMAGED if done.refused or done.damaged else 0
 
 

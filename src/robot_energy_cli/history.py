@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from contextlib import closing
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, date, datetime, timedelta
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy_cli.command import Command, Group, Options
+from robot_energy_cli.history_output import EXAMPLES, EXPORT, REPORT, export, report
 from robot_energy_cli.terminal import console
 
 FOLDER: Options = {
@@ -33,8 +34,28 @@ SHOW: Options = {
         {"choices": ("hour", "day", "week", "month", "year", "all"), "default": "day"},
     ),
 }
+SAVINGS: Options = {
+    **FOLDER,
+    "--robot NAME": ("the robot", {"required": True}),
+    "--baseline DAYS": (
+        "first day of the baseline and the day after its last, such as 2026-03-01:2026-05-01",
+        {"required": True},
+    ),
+    "--reported DAYS": ("the same of the days that are compared with it", {"required": True}),
+    "--drivers NAMES": (
+        "what explains energy, separated by commas: parts, motion_hours, on_hours",
+        {"default": "parts"},
+    ),
+    "--further FILE": "CSV table with a column date and more that explains it, as the temperature",
+    "--measured": (
+        "the energy of the meter, in place of that of the model",
+        {"action": "store_true"},
+    ),
+    "--timezone NAME": SHOW["--timezone NAME"],
+}
 KWH = 3.6e12  # [uJ]
 HOUR = 3.6e12  # [ns]
+MAX_EVENTS = 50  # that are shown
 
 
 def _folder(args: Namespace) -> Path:
@@ -70,9 +91,7 @@ def _show(args: Namespace) -> int:
 
 def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
     """Add what robots, phases and jobs used in a time."""
-    from robot_energy.history.api import history
-    from robot_energy.history.files import open_reader
-    from robot_energy.history.spans import jobs, robots_of
+    from robot_energy.history.api import history, history_events, history_jobs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import counted, fixed
 
@@ -94,7 +113,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             Column("robot", "robot"),
             *when,
             *(
-                Column(name, f"{key}_microjoule", lambda value: f"{value / KWH:.4f}", "kWh")
+                Column(name, f"{key}_microjoule", _kwh, "kWh")
                 for name, key in (
                     ("from the grid", "predicted_import"),
                     ("motion", "motion"),
@@ -112,27 +131,31 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             [Column(c.name, _of(c.value), c.form, c.unit) for c in columns],
             rows,
         )
+    if found.currency and rows and resolution == "all":
+        _standby(page, rows, found.currency)
+        _shifts(args, page, start, stop, names, found.currency)
+    asked = (_folder(args), start, stop)
     if resolution == "all" and rows:
-        first, last = int(found.stamp_ns.min()), int(found["stop_ns"].max())
-        with closing(open_reader(_folder(args))) as connection:
-            own = jobs(connection, robots_of(connection, names), first, last)
-        if own:
-            page.rows(
-                "Jobs that ended",
-                [
-                    Column("job", "name"),
-                    Column("robot", "robot"),
-                    Column("count", "count"),
-                    Column("energy", lambda job: job.import_microjoule / KWH, fixed(4), "kWh"),
-                    Column(
-                        "of each",
-                        lambda job: job.import_microjoule / job.count / KWH,
-                        fixed(4),
-                        "kWh",
-                    ),
-                ],
-                own,
-            )
+        ended = list(_rows(history_jobs(*asked, "all", names, args.timezone)))
+        if ended:
+            columns = [
+                Column("job", itemgetter("job")),
+                Column("robot", itemgetter("robot")),
+                Column("parts", itemgetter("parts")),
+                Column("energy", itemgetter("predicted_import_microjoule"), _kwh, "kWh"),
+                Column("of each", itemgetter("microjoule_per_part"), _kwh, "kWh"),
+            ]
+            page.rows("Jobs that ended", columns, ended)
+    if args.start:
+        known = list(_rows(history_events(*asked, names, args.timezone)))
+        if known:
+            columns = [
+                Column("when", lambda row: local(row["stamp_ns"])),
+                Column("robot", itemgetter("robot")),
+                Column("what", itemgetter("kind")),
+                Column("in words", itemgetter("text")),
+            ]
+            page.rows(f"Events, the last {MAX_EVENTS} at most", columns, known[-MAX_EVENTS:])
     spans = found.not_resolved
     if len(spans):
         used = int(spans["predicted_import_microjoule"].sum()) / KWH
@@ -144,6 +167,123 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
     if found.currency and unpriced:
         page.note(f"{unpriced / KWH:.4f} kWh have no cost: when they were used is not known, or no "
                   "tariff holds")  # fmt: skip
+
+
+def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
+    """Add what standby cost while nobody worked, where there was any."""
+    from robot_energy.history.use import RESTS
+    from robot_energy_report.document import Column
+    from robot_energy_report.formats import fixed
+
+    idle = [row for row in rows if any(row[f"standby_{rest}_microjoule"] for rest in RESTS)]
+    if not idle:
+        return
+    columns = [Column("robot", itemgetter("robot"))]
+    for rest in RESTS:
+        energy, money = (itemgetter(f"standby_{rest}_{end}") for end in ("microjoule", "cost"))
+        columns += [
+            Column(f"at {rest}" if rest == "night" else f"at the {rest}", energy, _kwh, "kWh"),
+            Column("cost", money, fixed(2), currency),
+        ]
+    page.rows("Standby while nobody worked", columns, idle)
+
+
+def _shifts(
+    args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
+) -> None:
+    """Add what each shift used, where a tariff has shifts."""
+    from robot_energy.history.api import history
+    from robot_energy.history.tariffs import stored_tariffs
+    from robot_energy_report.document import Column
+    from robot_energy_report.formats import fixed
+
+    if not any(one.shifts for one in stored_tariffs(_folder(args))):
+        return
+    found = history(_folder(args), start, stop, "all", names, args.timezone, by_shift=True)
+    columns = [
+        Column("shift from", itemgetter("shift")),
+        Column("robot", itemgetter("robot")),
+        Column("from the grid", itemgetter("predicted_import_microjoule"), _kwh, "kWh"),
+        Column("standby", itemgetter("standby_microjoule"), _kwh, "kWh"),
+        Column("cost", itemgetter("cost"), fixed(2), currency),
+    ]
+    page.rows("Energy by shift", columns, list(_rows(found)))
+
+
+def _kwh(microjoule: float) -> str:
+    return f"{microjoule / KWH:.4f}"
+
+
+def _savings(args: Namespace) -> int:
+    """Print what a robot saved against a baseline."""
+    from robot_energy.history.savings import history_savings
+    from robot_energy_report.document import Column, Document
+    from robot_energy_report.formats import fixed
+    from robot_energy_report.printing import print_document
+
+    found = history_savings(
+        _folder(args), args.robot, _span(args.baseline), _span(args.reported),
+        args.drivers.split(","), args.timezone, _further(args.further), args.measured,
+    )  # fmt: skip
+    model, page = found.baseline, Document()
+    page.heading(f"Savings of {args.robot}")
+    page.paragraph(
+        f"saved {found.saved:.3f} +-{found.band:.3f} kWh of {found.expected:.3f} kWh expected "
+        f"({found.saved / found.expected:.1%} +-{found.band / found.expected:.1%}, 90 % band): "
+        + ("a saving" if found.claimed else "not certain to be a saving")
+    )
+    page.rows(
+        f"Baseline of {model.days} days, CV(RMSE) {model.cv_rmse:.1%}",
+        [
+            Column("explained by", itemgetter(0)),
+            Column("kWh of each", itemgetter(1), fixed(4)),
+            Column("+-", itemgetter(2), fixed(4)),
+        ],
+        list(zip(model.names, model.values, model.std * model.half_width(0.9), strict=True)),
+    )
+    zone, rows = ZoneInfo(args.timezone), list(_rows(found))
+    weekly = [*rows[6:-1:7], *rows[-1:]]
+    page.rows(
+        "Saved up to the end of each seventh day",
+        [
+            Column(
+                "day", lambda row: f"{datetime.fromtimestamp(row['stamp_ns'] // 10**9, zone):%F}"
+            ),
+            Column("saved", itemgetter("saved"), fixed(3), "kWh"),
+            Column("+-", itemgetter("band"), fixed(3), "kWh"),
+        ],
+        weekly,
+    )
+    for note in found.notes:
+        page.note(note)
+    print_document(page, console())
+    return 0
+
+
+def _span(text: str) -> tuple[str, str]:
+    first, _, last = text.partition(":")
+    if not last:
+        raise HistoryError(f"days '{text}'", "two days, such as 2026-03-01:2026-05-01")
+    return first, last
+
+
+def _further(path: str | None) -> dict[str, dict[date, float]]:
+    """Columns of a CSV table by day."""
+    found: dict[str, dict[date, float]] = {}
+    if path is None:
+        return found
+    try:
+        with Path(path).open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                day = date.fromisoformat(row.pop("date"))
+                for name, text in row.items():
+                    if text:
+                        found.setdefault(name, {})[day] = float(text)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise HistoryError(
+            f"{path} cannot be read ({error})", "CSV: date,ambient and rows such as 2026-03-01,21.5"
+        ) from error
+    return found
 
 
 def _rows(table: Any) -> Iterator[dict[str, Any]]:
@@ -180,27 +320,19 @@ def _repair(args: Namespace) -> int:
 
 
 def _tariff(args: Namespace) -> int:
-    from robot_energy.history.files import open_reader
-    from robot_energy.history.store import HistoryStore
-    from robot_energy.history.tariffs import load_tariffs, stored_tariffs
+    from robot_energy.history.tariffs import add_tariffs, load_tariffs, stored_tariffs
 
     folder = _folder(args)
     if args.add:
-        tariffs = load_tariffs(args.add)
-        store = HistoryStore(folder)
-        store.open()
-        try:
-            store.add_tariffs(tariffs, time.time_ns())
-        finally:
-            store.close()
-    with closing(open_reader(folder)) as connection:
-        known = stored_tariffs(connection)
+        add_tariffs(folder, load_tariffs(args.add), time.time_ns())
+    known = stored_tariffs(folder)
     for one in known:
         begin = datetime.fromtimestamp(one.begin_ns / 1e9, UTC)
         price = "no price" if one.price_per_kwh is None else f"{one.price_per_kwh:g} {one.currency}"
         console().print(
             f"from {one.begin} ({begin:%F %R} UTC), {one.timezone}: {price} per kWh, "
             f"{len(one.time_of_use)} times of use, "
+            + (f"shifts from {', '.join(one.shifts)}, " if one.shifts else "")
             + ("no CO2 factor" if one.co2_kg_per_kwh is None else f"{one.co2_kg_per_kwh:g} kg/kWh")
         )
     if not known:
@@ -216,15 +348,30 @@ COMMAND = Group(
     "WHAT",
     lambda: (
         Command(
+            "export",
+            "write it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
+            lambda args: export(args, _folder(args)),
+            {**FOLDER, **EXPORT},
+            epilog=EXAMPLES,
+        ),
+        Command(
+            "report",
+            "a month as one page: verdict, days, robots, losses, standby, jobs",
+            lambda args: report(args, _folder(args)),
+            {**FOLDER, **REPORT},
+        ),
+        Command(
             "show", "what robots and jobs used: today, this week, this month", _show, SHOW
         ),
+        Command("savings", "what a robot saved against earlier days, with its band", _savings,
+                SAVINGS),
         Command("check", "whether its sums are the registers, to the microjoule", _check, FOLDER),
         Command("repair", "keep what can be read, and make its sums right", _repair, FOLDER),
         Command(
             "tariff",
             "show or add prices, CO2 and shifts, each from a day on",
             _tariff,
-            {**FOLDER, "--add FILE": "tariffs to add; stop the recorder meanwhile"},
+            {**FOLDER, "--add FILE": "tariffs to add, also while the recorder runs"},
         ),
     ),
 )  # fmt: skip

@@ -18,9 +18,9 @@ from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import REQUIRED, Command, Options
 
 DESCRIPTION = """\
-Write prometheus.yaml, alert_rules.yaml and grafana.json into a folder: a configuration of
-Prometheus that reads /metrics of the energy page, alert rules, and a dashboard to import into
-Grafana.
+Write prometheus.yaml, alert_rules.yaml, grafana.json and grafana_history.json into a folder: a
+configuration of Prometheus that reads /metrics of the energy page, alert rules, and dashboards to
+import into Grafana, the second on the PostgreSQL table that `history export` fills.
 """
 EPILOG = """\
 examples:
@@ -30,7 +30,7 @@ examples:
 
 
 OPTIONS: Options = {
-    "--out FOLDER": ("folder for the three files", REQUIRED),
+    "--out FOLDER": ("folder for the four files", REQUIRED),
     "--target HOST:PORT": "the energy page",
     "--token-file FILE": ("file with its token, for Prometheus", {"default": ""}),
 }
@@ -41,6 +41,7 @@ def _run(args: Namespace) -> int:
         DEFAULT_TARGET,
         alert_rules,
         grafana_dashboard,
+        history_dashboard,
         scrape_config,
     )
 
@@ -52,13 +53,18 @@ def _run(args: Namespace) -> int:
         "prometheus.yaml": scrape_config(args.target or DEFAULT_TARGET, args.token_file),
         "alert_rules.yaml": alert_rules(),
     }
+    dashboards = {
+        "grafana.json": grafana_dashboard(),
+        "grafana_history.json": history_dashboard(),
+    }
     with all_or_none():
         for name, text in texts.items():
             check_file(folder / name, TEXT, name)
             write_file(folder / name, text.encode(), TEXT, name)
-        check_file(folder / "grafana.json", JSON, "grafana.json")
-        write_file(folder / "grafana.json", json_bytes(grafana_dashboard()), JSON, "grafana.json")
-    print(f"written to {shown(args.out)}: {', '.join([*texts, 'grafana.json'])}")
+        for name, dashboard in dashboards.items():
+            check_file(folder / name, JSON, name)
+            write_file(folder / name, json_bytes(dashboard), JSON, name)
+    print(f"written to {shown(args.out)}: {', '.join([*texts, *dashboards])}")
     return 0
 
 

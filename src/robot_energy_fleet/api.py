@@ -15,7 +15,7 @@ from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset, read_tables
 from robot_energy_fleet.identify import identify_fleet
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
-from robot_energy_fleet.run import FleetRun, run_fleet, where_asked
+from robot_energy_fleet.run import FleetRun, open_history, run_fleet, where_asked
 from robot_energy_identify.api.identify import IdentificationResult
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy_report.page.settings import load_settings
@@ -34,6 +34,7 @@ def fleet_run(
     workers: int | None = None,
     scheduler: str | None = None,
     memory: str = "2GB",
+    history: str | Path | None = None,
     progress: Callable[[FleetRun], None] = lambda done: None,
     **options: Any,
 ) -> FleetRunReport:
@@ -49,6 +50,8 @@ def fleet_run(
         workers: Processes to start; None: one for each core; 0: in this process.
         scheduler: Address of a Dask scheduler, instead of processes of this host.
         memory: Of each process at most.
+        history: Folder of a history, into which what each robot used in each minute and job is
+            put as well; None for none.
         progress: Called after each bag.
         **options: How bags are read: those of `robot_energy.replay`, but for ``out``,
             ``overwrite``, ``learned``.
@@ -70,8 +73,12 @@ def fleet_run(
     if robot := options.get("robot"):
         named = ROBOTS[robot].model_or(named)
     listed = list_bags(str(bags), models, named, options, name, split_files)
-    with dataset.locked(), where_asked(scheduler, workers, memory) as replays:
-        done = run_fleet(listed, models.models, dataset, replays, progress=progress)
+    with (
+        dataset.locked(),
+        open_history(history) as store,
+        where_asked(scheduler, workers, memory) as replays,
+    ):
+        done = run_fleet(listed, models.models, dataset, replays, progress=progress, history=store)
         dataset.pack()
     return done.report(dataset)
 

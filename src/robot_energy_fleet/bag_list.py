@@ -47,6 +47,7 @@ class FleetBag:
         options: Of the replay, plain values under the names of `ReplayOptions`.
         texts: Text of files among the options, by option: workers need not have the files.
         named: Addresses under which a table names it.
+        with_history: Whether its registers at each minute are wanted as well.
     """
 
     place: BagPlace
@@ -59,6 +60,7 @@ class FleetBag:
     model_digest: str = ""
     version: str = __version__
     named: tuple[str, ...] = ()
+    with_history: bool = False
 
     @cached_property
     def settings(self) -> str:

@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path, PurePosixPath
@@ -20,6 +20,7 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
 from robot_energy.foundation.units import SECOND_NS
+from robot_energy.history.bags import BagReadings
 from robot_energy.model import RobotModel
 from robot_energy.replay.api import run_replay
 from robot_energy.replay.bag_replay import Replay
@@ -27,6 +28,7 @@ from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import Phase
 from robot_energy_fleet.bag_list import FleetBag
+from robot_energy_fleet.bag_minutes import BagMinutes, history_job
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
@@ -47,6 +49,7 @@ class BagRow:
         jobs_left_out: Jobs of which the bag holds a part only, how many.
         observed_time: Predicted. [s]
         peak_memory: Most memory that the process has held so far. [bytes]
+        history: Its registers at each minute and its jobs; None where nobody asked for them.
     """
 
     key: RowKey
@@ -56,6 +59,7 @@ class BagRow:
     jobs_left_out: int
     observed_time: float
     peak_memory: int
+    history: BagReadings | None = None
 
 
 def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) -> BagRow:
@@ -153,13 +157,15 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         file.write_text(text, encoding="utf-8")
         options[name] = file
     joints, hours, errors = JointSums(model), HourSums(model), MeterErrors()
+    minutes = BagMinutes(model) if bag.with_history else None
     takers: list[Callable[[Any], None]] = [joints.take, hours.take, errors.take]
 
     def take(output: Any) -> None:
         for taker in takers:
             taker(output)
 
-    result = run_replay(path, model, on_output=take, keep_compared=True, **options)
+    read = None if minutes is None else minutes.take
+    result = run_replay(path, model, on_output=take, keep_compared=True, on_reading=read, **options)
     report, totals = replay_report(result), result.account.totals()
     rows = joints.table(result.pipeline.power.condition.wear)
     start_ns = report.time.start_ns
@@ -179,7 +185,11 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "joints": [own | more for own, more in zip(rows, _joints(totals), strict=True)],
         "meter_errors": errors.table(result.compared if result.topics.meter else ()),
     }
-    return _sealed(bag, bag.name, row, day, report.time.observed_time)
+    sealed = _sealed(bag, bag.name, row, day, report.time.observed_time)
+    if minutes is None:
+        return sealed
+    jobs = tuple(history_job(place, one) for place, one in enumerate(row["jobs"]))
+    return replace(sealed, history=BagReadings(bag.robot, bag.name, minutes.readings(), jobs))
 
 
 def _common(bag: FleetBag, bag_hash: str | None) -> Row:

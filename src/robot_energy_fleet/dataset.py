@@ -28,6 +28,7 @@ from robot_energy.foundation.files.output_files import GENERATOR, PARQUET, write
 from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.foundation.shown_text import shown
 from robot_energy_fleet.dataset_columns import RUNS, SCHEMA, TABLES
+from robot_energy_fleet.history_tables import history_tables, is_history
 from robot_energy_fleet.tables import SCHEMAS, FleetTables
 
 PER_JOULE, PER_SECOND = 1e-6, 1e-9
@@ -352,11 +353,13 @@ def _why_wrong(rows: pl.DataFrame) -> str:
 
 
 def read_tables(folder: str | Path) -> FleetTables:
-    """Return the rows of a dataset as the tables that reports are made from.
+    """Return the rows of a dataset, or of a history, as the tables that reports are made from.
 
     Raises:
         DatasetError: If there is none, or a file cannot be read.
     """
+    if is_history(folder):
+        return history_tables(folder)
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
     energy = {"grid_energy": "grid_import", "brake_energy": "brake", "measured_energy": "measured",

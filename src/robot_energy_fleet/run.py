@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.shown_text import shown
+from robot_energy.history.store import HistoryStore
 from robot_energy_fleet.bag_list import FleetBag
 from robot_energy_fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy_fleet.dataset import Bag, Dataset
@@ -19,6 +21,31 @@ from robot_energy_fleet.workers import MAX_SCRATCH, Models, Replays, Source, on_
 
 MAX_WORKERS = 1024  # of one host
 MIN_MEMORY = 500_000_000  # of a worker [bytes]
+
+
+@contextmanager
+def open_history(folder: str | Path | None) -> Generator[HistoryStore | None]:
+    """Open the history that a run writes to, and close it at the end.
+
+    Args:
+        folder: Of the history; None for none.
+
+    Yields:
+        Its store; None without one.
+
+    Raises:
+        HistoryError: If a recorder or another command writes to it, or it cannot be used.
+    """
+    if folder is None:
+        yield None
+        return
+    store = HistoryStore(Path(folder).expanduser())
+    store.open()
+    try:
+        yield store
+        store.write(time.time_ns())
+    finally:
+        store.close()
 
 
 @dataclass
@@ -35,6 +62,7 @@ class FleetRun:
         written: Size of their rows. [bytes]
         peak_memory: Most memory that one worker has held. [bytes]
         done_size: Size of the bags that are done. [bytes]
+        overlap_ns: Time of the bags replayed that the history had from others. [ns]
     """
 
     bags: int = 0
@@ -47,6 +75,7 @@ class FleetRun:
     written: int = 0
     peak_memory: int = 0
     done_size: int = 0
+    overlap_ns: int = 0
     begun: float = field(default_factory=time.monotonic)
 
     def report(self, dataset: Dataset) -> FleetRunReport:
@@ -70,6 +99,7 @@ def run_fleet(
     replays: Replays,
     done: FleetRun | None = None,
     progress: Callable[[FleetRun], None] = lambda done: None,
+    history: HistoryStore | None = None,
 ) -> FleetRun:
     """Replay what the dataset does not hold yet.
 
@@ -78,6 +108,8 @@ def run_fleet(
         dataset: Where the rows go.
         replays: From `in_turn` or `on_dask`.
         progress: Called after each bag.
+        history: An open history, into which what each robot used is put as well; bags that it
+            lacks are replayed.
 
     Returns:
         What was done.
@@ -93,17 +125,19 @@ def run_fleet(
             done.bags += 1
             if bag.place.problem is not None:
                 unusable.append(bag)
-            elif dataset.has(bag.name):
+            elif dataset.has(bag.name) and (history is None or history.has_bag(bag.name)):
                 dataset.remove(bag.parts)
                 dataset.remove(bag.missed, unread=True)
                 done.there += 1
                 done.done_size += bag.place.size
                 progress(done)
             else:
-                yield bag
+                yield bag if history is None else replace(bag, with_history=True)
 
     for bag, row in replays(missing(), models):
         _keep(bag, row, dataset, done)
+        if history is not None and row.history is not None:
+            done.overlap_ns += history.add_bag(row.history)
         progress(done)
     for bag in unusable:
         _keep(bag, refused(bag, bag.place.problem or ValueError()), dataset, done)

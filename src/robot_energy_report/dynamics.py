@@ -87,7 +87,8 @@ def dynamics_document(
     }
     _torque_errors(
         page,
-        f"torque error (norm of error / norm of torque); held out: {FOLDS} contiguous blocks",
+        f"torque error below {result.settings.filters.cutoff:g} Hz "
+        f"(norm of error / norm of torque); held out: {FOLDS} contiguous blocks",
         list(errors),
         list(errors.values()),
         result.model.joint_names,
@@ -193,7 +194,8 @@ def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> 
     heads = [_split(judgement) for judgement in judgements]
     _torque_errors(
         page,
-        "torque error of recordings held out (norm of error / norm of torque); model file, "
+        "torque error of recordings held out, filtered alike (norm of error / norm of torque); "
+        "model file, "
         "without sensor offsets",
         heads,
         [each.torque for each in judgements],

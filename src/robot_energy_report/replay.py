@@ -21,6 +21,7 @@ from robot_energy_report.formats import (
     counted,
     fixed,
     percent,
+    plus_minus,
     seconds,
     signed_percent,
     tags_text,
@@ -197,7 +198,7 @@ def _compared(page: Document, report: ReplayReport) -> None:
         with page.only("page"):
             page.paragraph("Nothing was measured that could be compared.")
         return
-    rows = [("measured", scale.joule(measured), f"{power:.1f} W", "", "", "")]
+    rows = [("measured", scale.joule(measured), f"{power:.1f} W", "", "", "", "")]
     for entry in (report, other):
         values = None if entry is None else entry.comparison
         if entry is None or values is None or values.measured_energy is None:
@@ -210,6 +211,7 @@ def _compared(page: Document, report: ReplayReport) -> None:
                 f"{fixed(1)(values.predicted_mean_power_at_meter)} W",
                 scale.joule(values.predicted_minus_measured_energy),
                 signed_percent(values.predicted_minus_measured_relative),
+                plus_minus(values.half_relative),
                 f"{fixed(1)(values.power_error_rms)} W",
             )
         )
@@ -222,6 +224,7 @@ def _compared(page: Document, report: ReplayReport) -> None:
             "mean power",
             f"error [{scale.unit}]",
             "",
+            "90 % band\nof the model",
             "RMS error\nof power",
         ),
         rows,

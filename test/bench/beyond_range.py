@@ -27,8 +27,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from places import ROOT
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy_identify.friction.friction import moving_samples
-from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
+from robot_energy_identify.friction.samples import (
+    FrictionData,
+    friction_data_of_log,
+    moving_samples,
+)
 from robot_energy_identify.friction.temperature_study import Span, temperature_split
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import load_mapping

@@ -48,7 +48,8 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api check differences files readings rows schema spans store tariffs
+        api bags baseline check differences files outputs readings rollup rows savings
+        schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -67,13 +68,13 @@ MODULES = {
         friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema payload reference
-        schema
+        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        payload reference schema
     """,
     "robot_energy.physics": """
-        cabinet collision derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
-        torque torque_limits transmission
+        cabinet collision counterbalance derivative drive drivetrain effort effort_check
+        electrical_power equations friction hold_torque limit_utilisation motor_heat
+        plausibility rigid_body torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
@@ -96,16 +97,17 @@ MODULES = {
         blocks coverage epochs gaps held_rows hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text history
-        identify_all identify_drives identify_dynamics identify_excitation identify_friction
-        identify_inputs identify_metered identify_thermal import_logs info layouts listings
-        main models monitoring numbers optimize predict replay replay_options report
-        result_schema simulate terminal test tool_options
+        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        history history_output identify_all identify_drives identify_dynamics
+        identify_excitation identify_friction identify_inputs identify_metered
+        identify_thermal import_logs info layouts listings main models monitoring numbers
+        optimize predict replay replay_options report result_schema simulate terminal test
+        tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns findings
-        identify joint_sums merged_friction merged_laws report run sisters tables
-        wear_history workers
+        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
+        findings history_tables identify joint_sums merged_friction merged_laws report run sisters
+        tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
         claims dataset_evidence evidence run speeds
@@ -136,11 +138,11 @@ MODULES = {
         bags log_channels observations recordings signals
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency losses total_power
-        total_sums
+        all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
+        total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out sufficiency
+        base_parameters consistent dynamics dynamics_model leave_one_out springs sufficiency
         torque_model validation
     """,
     "robot_energy_identify.excitation": """
@@ -156,7 +158,7 @@ MODULES = {
         arm description joints model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic
+        autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
@@ -195,7 +197,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out html identification identify_all jobs kinds layout model notebook
+        held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
         replay_figures series terms
     """,
@@ -203,9 +205,9 @@ MODULES = {
         foxglove plotjuggler plots viewers
     """,
     "robot_energy_report.page": """
-        access alarms energy_flow headless_browser history hub json_numbers messages metrics
-        monitoring phase_totals recording robot_state rows saved_page settings web_app
-        web_server
+        access alarms answers energy_flow headless_browser history history_figures
+        history_period history_routes history_view hub json_numbers messages metrics monitoring
+        phase_totals recording robot_state rows saved_page settings web_app web_server
     """,
     "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply

@@ -219,6 +219,10 @@ class DashboardParameters:
     page_settings: str = parameter(
         "File with prices, emission factor and length of a shift; empty for none.", ""
     )
+    history_folder: str = parameter(
+        "Folder of the history that energy_recorder writes; none shows no history.",
+        "$ROS_HOME/robot_energy/history",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,8 +241,12 @@ class RecorderParameters:
         "Whether the node configures and activates itself; if not, a life cycle manager does.",
         True,
     )
-    keep_minutes: float = parameter(
-        "How long minutes are kept; quarter hours are kept for ever [days].", 35.0, 1.0, 4000.0
+    keep_minutes: float = parameter("How long minutes are kept [days].", 35.0, 1.0, 4000.0)
+    keep_quarters: float = parameter(
+        "How long quarter hours are kept; 0 for ever, as hours and days are [days].",
+        0.0,
+        0.0,
+        4000.0,
     )
     min_free: int = parameter(
         "Free space that is left on the disk; with less nothing is written [MB].",

@@ -25,6 +25,7 @@ from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import PageHub
 from robot_energy_report.page.settings import load_settings
 from robot_energy_report.page.web_server import PageServer
+from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import DashboardParameters
 from ros2_energy_monitor.base.parameters import declare
@@ -63,6 +64,7 @@ class EnergyDashboard(Node):
             "",
             load_settings(wanted.page_settings),
             control=self._ask if wanted.allow_control else None,
+            history_folder=folder_of(wanted.history_folder),
         )
         self._feeds: dict[str, RobotFeed] = {}
         self._wishes: SimpleQueue[tuple[str, str, str, Future[tuple[bool, str]]]] = SimpleQueue()

@@ -11,9 +11,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
@@ -23,7 +25,7 @@ from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.node_parameters import RecorderParameters
 from ros2_energy_monitor.base.parameters import declare
-from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC
+from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, best_effort
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.reporter import (
     ERROR,
@@ -36,13 +38,15 @@ from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
 MEGABYTE = 2**20
+LATE = 30.0  # a write that takes longer is said [s]
+CLOSING = 5.0  # how long deactivate and cleanup wait for the disk [s]
 
 
 class EnergyRecorder(ManagedNode):
     """Writes the registers and job intervals of all robots to a history.
 
     While another recorder writes there, or the disk is in trouble, readings wait, and it goes on
-    once it can.
+    once it can. A thread of its own works on the disk: messages are taken all the time.
 
     Args:
         options: Options of `rclpy.node.Node`.
@@ -60,6 +64,8 @@ class EnergyRecorder(ManagedNode):
         self._timers_of_work: list[Any] = []
         self._left_out = ""
         self._said = ""
+        self._begun = 0.0  # when the disk was given work last, steady time [s]
+        self._writing: Future[Any] | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         try:
             self.parameters = declare(self, RecorderParameters)
@@ -80,8 +86,11 @@ class EnergyRecorder(ManagedNode):
         folder = folder_of(wanted.folder)
         if folder is None:
             raise ParameterError(f"folder is '{wanted.folder}'", "the folder of a history")
-        self.store = HistoryStore(folder, wanted.keep_minutes, wanted.min_free * MEGABYTE)
-        self._write()
+        self.store = HistoryStore(
+            folder, wanted.keep_minutes, wanted.min_free * MEGABYTE, wanted.keep_quarters
+        )
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="history")
+        self.write()
 
     def activate(self) -> None:
         """Look for robots and record them from now on."""
@@ -89,25 +98,30 @@ class EnergyRecorder(ManagedNode):
         for period, callback in (
             (wanted.take_period, self.take),
             (wanted.look_period, self.look),
-            (wanted.write_period, self._write),
+            (wanted.write_period, self.write),
         ):
             self._timers_of_work.append(self.create_timer(period, callback, clock=self._steady))
         for namespace in wanted.robots:
             self._add(namespace)
+        self._diagnostics = self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._take_statuses, best_effort(200)
+        )
         self.look()
 
     def deactivate(self) -> None:
         """Write all that has come."""
         self.take()
-        self._write(newest=True)
+        self._finish(lambda: self._written(newest=True))
         for timer in self._timers_of_work:
             self.destroy_timer(timer)
         self._timers_of_work.clear()
+        self.destroy_subscription(self._diagnostics)
 
     def cleanup(self) -> None:
         """Let another recorder write."""
         if self.store is not None:
-            self.store.close()
+            self._finish(self.store.close)
+            self._thread.shutdown(wait=False)
         self.store = None
         self._robots.clear()
 
@@ -118,6 +132,10 @@ class EnergyRecorder(ManagedNode):
                 robot.take()
             except HistoryError:  # others were recorded before
                 self._left_out = robot.name
+
+    def _take_statuses(self, message: DiagnosticArray) -> None:
+        for robot in self._robots.values():
+            robot.take_statuses(message)
 
     def look(self) -> None:
         """Look for robots that are new, and for job intervals."""
@@ -138,7 +156,28 @@ class EnergyRecorder(ManagedNode):
             return
         self._robots[name] = RecordedRobot(self, namespace, self.store)
 
-    def _write(self, newest: bool = False) -> None:
+    def write(self) -> None:
+        """Begin to write what waits, unless the disk is still at work."""
+        if self._writing is None or self._writing.done():
+            self._begin(self._written)
+
+    def _begin(self, work: Callable[[], None]) -> Future[Any]:
+        """Hand work on the disk to the thread that does it, after what it has begun."""
+        self._begun = time.monotonic()
+        self._writing = self._thread.submit(self.guard.run, "history", work)
+        return self._writing
+
+    def _finish(self, work: Callable[[], None]) -> None:
+        """Do work on the disk and wait for it, but not for ever."""
+        try:
+            self._begin(work).result(CLOSING)
+        except TimeoutError:
+            self.get_logger().error(
+                f"the disk has been at work on the history for over {CLOSING:.0f} s; what it does "
+                "not write now is in the next reading"
+            )
+
+    def _written(self, newest: bool = False) -> None:
         """Write what waits; say what is new of it."""
         store = self.store
         if store is None:
@@ -178,6 +217,13 @@ class EnergyRecorder(ManagedNode):
             "messages_malformed": sum(robot.malformed for robot in robots),
             "messages_lost": sum(robot.lost for robot in robots),
         }
+        busy = self._writing is not None and not self._writing.done()
+        if busy and time.monotonic() - self._begun > LATE:
+            found.add(
+                ERROR,
+                f"a write has been under way for {time.monotonic() - self._begun:.0f} s",
+                "look at the disk",
+            )
         if store.trouble:
             found.add(ERROR, store.trouble.rstrip("."))
         if self._left_out:

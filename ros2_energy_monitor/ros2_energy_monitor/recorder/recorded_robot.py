@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Feeds the history with the registers and the job intervals of one robot."""
+"""Feeds the history with the registers, the job intervals and the alarms of one robot."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters
@@ -27,6 +28,7 @@ from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
+from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch
 
 DEPTH = 120  # registers that wait for the next look: a minute and more [messages]
 SILENCE = 30.0  # of a robot, after which it is subscribed and asked again [s]
@@ -51,6 +53,7 @@ class RecordedRobot:
         self._decoder = ReadingDecoder()
         self._jobs: list[dict[str, Any]] = []  # of the newest answer
         self._recorded = 0  # registers left out since a player published them
+        self._alarms = AlarmWatch(namespace)
         self._client: Client | None = None
         self._listing: Any = None  # the answer that is awaited
         self._asked = 0.0  # when, steady time [s]
@@ -85,6 +88,16 @@ class RecordedRobot:
         else:
             self._store.add(self.name, self._decoder.decode(batch))
         self._add_jobs()
+
+    def take_statuses(self, message: DiagnosticArray) -> None:
+        """Hand alarms and restarts among diagnostic statuses to the store, but for played ones."""
+        if self._decoder.recording or self._played.players:
+            return
+        stamp = message.header.stamp
+        stamp_ns = stamp.sec * SECOND_NS + stamp.nanosec
+        events = self._alarms.take(message.status, stamp_ns, time.monotonic())
+        if events:
+            self._store.add_events(self.name, events)
 
     def look_after(self, services: Iterable[str]) -> None:
         """Ask for the job intervals, and subscribe again what is silent.

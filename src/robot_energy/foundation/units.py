@@ -18,4 +18,5 @@ DQ_FACTORS: dict[DqScaling, float] = {"peak": 1.5, "rms": 3.0, "power_invariant"
 SECOND_NS = 1_000_000_000  # [ns]
 MINUTE_NS = 60 * SECOND_NS  # [ns]
 HOUR_NS = 60 * MINUTE_NS  # [ns]
+DAY_NS = 24 * HOUR_NS  # [ns]
 DAY = 86_400.0  # [s]

@@ -16,20 +16,26 @@ from robot_energy.foundation.time_zone import time_zone
 from robot_energy.history.files import open_reader
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.spans import (
+    JOB_SUMS,
     RESOLUTIONS,
     Resolution,
-    SlotCost,
     SlotSums,
-    costs,
     edges,
+    events,
+    jobs,
     joint_sums,
     not_resolved,
     robots_of,
     sums,
 )
 from robot_energy.history.tariffs import day_begin, stored_tariffs
+from robot_energy.history.use import ENERGIES, RESTS, Costs, costs
 from robot_energy.timeline.time_series import Column, TimeSeries
 
+PRICED = (
+    "cost", "co2_kg", "priced_microjoule",
+    *(f"standby_{rest}_{unit}" for rest in RESTS for unit in ("microjoule", "cost")),
+)  # fmt: skip
 Instant = str | int | date | datetime
 
 
@@ -55,6 +61,7 @@ def history(
     robots: Sequence[str] = (),
     timezone: str = "UTC",
     by_joint: bool = False,
+    by_shift: bool = False,
 ) -> History:
     """Return what robots used, from the history that `energy_recorder` writes.
 
@@ -68,19 +75,133 @@ def history(
         robots: Names of the robots; empty for all.
         timezone: Where days begin, such as ``Europe/Berlin``.
         by_joint: Whether each joint has a row; from quarter hours on.
+        by_shift: Whether each shift of the tariffs has a row, ``shift`` being the time at which it
+            begins; from quarter hours on. Rows have the energy from the grid and in standby alone.
 
     Returns:
         Columns ``robot`` (and ``joint``), ``stop_ns`` [ns], times in ns and energies in uJ as
         integers, ``flags``; with a tariff ``cost`` [currency], ``co2_kg`` and
-        ``priced_microjoule``, the energy from the grid whose price is known.
+        ``priced_microjoule``, the energy from the grid whose price is known, and of what is used
+        in standby ``standby_night_microjoule``, ``standby_weekend_microjoule`` (a night at a
+        weekend is weekend) and their ``standby_night_cost``, ``standby_weekend_cost``.
 
     Raises:
         HistoryError: If there is no history, or something that was asked for is not in it.
     """
+    if (by_joint or by_shift) and resolution == "minute":
+        raise HistoryError("minutes of joints or shifts", "a resolution of quarter or coarser")
+    if by_joint and by_shift:
+        raise HistoryError("joints by shift", "by_joint or by_shift")
+    bounds = _bounds(start, stop, resolution, timezone)
+    tariffs = stored_tariffs(folder)
+    if by_shift and not any(one.shifts for one in tariffs):
+        raise HistoryError(
+            "shifts without a tariff that has some", "a tariff with shifts",
+            "robot-energy history tariff --add FILE",
+        )  # fmt: skip
+    with closing(open_reader(folder)) as connection:
+        connection.execute("BEGIN")  # one state of the file, whatever is written meanwhile
+        known = robots_of(connection, robots)
+        if by_joint:
+            return _history(_series(joint_sums(connection, known, bounds), JOINT_COLUMNS))
+        if resolution == "minute":
+            return _history(_series(sums(connection, known, bounds, minutes=True), COLUMNS))
+        spans = _series(not_resolved(connection, known, bounds), COLUMNS)
+        cost = costs(connection, known, bounds, tariffs, by_shift) if tariffs else {}
+        if by_shift:
+            return _by_shift(known, bounds, cost, spans, tariffs[-1].currency)
+        found = sums(connection, known, bounds)
+    if not tariffs:
+        return _history(_series(found, COLUMNS), spans)
+    place = {name: number for number, name in enumerate(known)}
+    part = {start: number for number, start in enumerate(bounds)}
+    own = [(cost.get((part[one.start_ns], "")), place[one.robot]) for one in found]
+    priced = _columns(own, PRICED)
+    return _history(_series(found, COLUMNS), spans, priced, tariffs[-1].currency)
+
+
+def history_jobs(
+    folder: str | Path,
+    start: Instant,
+    stop: Instant,
+    resolution: Resolution = "all",
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+) -> TimeSeries:
+    """Return the jobs that ended in each part of the time: parts, energy, energy per part.
+
+    Args:
+        folder: Folder of the history.
+        start: As of `history`.
+        stop: As of `history`.
+        resolution: As of `history`.
+        robots: As of `history`.
+        timezone: As of `history`.
+
+    Returns:
+        A row of each part of the time, robot and name: ``parts``, how many jobs ended,
+        times in ns and energies in uJ as integers, ``microjoule_per_part``.
+
+    Raises:
+        HistoryError: As of `history`.
+    """
+    bounds = _bounds(start, stop, resolution, timezone)
+    with closing(open_reader(folder)) as connection:
+        connection.execute("BEGIN")
+        found = jobs(connection, robots_of(connection, robots), bounds)
+    columns: dict[str, Column] = {
+        "robot": np.array([one.robot for one in found], dtype=str),
+        "stop_ns": np.array([one.stop_ns for one in found], dtype=np.int64),
+        "job": np.array([one.name for one in found], dtype=str),
+        "parts": np.array([one.count for one in found], dtype=np.int64),
+    }
+    for place, name in enumerate(JOB_SUMS):
+        columns[name] = np.array([one.values[place] for one in found], dtype=np.int64)
+    used = [one.import_microjoule / one.count for one in found]
+    columns["microjoule_per_part"] = np.array(used, dtype=float)
+    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *JOB_SUMS)}
+    units["microjoule_per_part"] = "uJ"
+    return TimeSeries(
+        np.array([one.start_ns for one in found], dtype=np.int64), columns, units=units
+    )
+
+
+def history_events(
+    folder: str | Path,
+    start: Instant,
+    stop: Instant,
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+) -> TimeSeries:
+    """Return what happened to robots and their registers: alarms, resets, restarts, meter changes.
+
+    Args:
+        folder: Folder of the history.
+        start: As of `history`.
+        stop: As of `history`.
+        robots: As of `history`.
+        timezone: As of `history`.
+
+    Returns:
+        A row of each event, in order of time: ``robot``, ``kind`` and ``text``.
+
+    Raises:
+        HistoryError: As of `history`.
+    """
+    bounds = _bounds(start, stop, "all", timezone)
+    with closing(open_reader(folder)) as connection:
+        rows = events(connection, robots_of(connection, robots), bounds[0], bounds[1])
+    columns: dict[str, Column] = {
+        name: np.array([row[place] for row in rows], dtype=str)
+        for place, name in enumerate(("robot", "kind", "text"), 1)
+    }
+    return TimeSeries(np.array([row[0] for row in rows], dtype=np.int64), columns)
+
+
+def _bounds(start: Instant, stop: Instant, resolution: Resolution, timezone: str) -> list[int]:
+    """Where parts of the time begin, and the end of the last. [ns]"""
     if resolution not in RESOLUTIONS:
         raise HistoryError(f"resolution '{resolution}'", ", ".join(RESOLUTIONS))
-    if by_joint and resolution == "minute":
-        raise HistoryError("minutes of joints", "a resolution of quarter or coarser")
     try:
         zone = time_zone(timezone)
     except ValueError as error:
@@ -90,27 +211,43 @@ def history(
     begin, end = (_stamp(one, zone) for one in (start, stop))
     if begin >= end:
         raise HistoryError(f"a time from {start} to {stop}", "a start before its stop")
-    bounds = edges(begin, end, resolution, zone)
-    with closing(open_reader(folder)) as connection:
-        known = robots_of(connection, robots)
-        if by_joint:
-            return _history(_series(joint_sums(connection, known, bounds), JOINT_COLUMNS))
-        minutes = resolution == "minute"
-        found = sums(connection, known, bounds, minutes=minutes)
-        if minutes:
-            return _history(_series(found, COLUMNS))
-        spans = _series(not_resolved(connection, known, bounds), COLUMNS)
-        tariffs = stored_tariffs(connection)
-        if not tariffs:
-            return _history(_series(found, COLUMNS), spans)
-        cost = costs(connection, known, bounds, tariffs)
-    own = [cost.get((one.start_ns, one.robot), SlotCost()) for one in found]
-    priced: dict[str, Column] = {
-        "cost": np.array([one.amount for one in own], dtype=float),
-        "co2_kg": np.array([one.co2_kg for one in own], dtype=float),
-        "priced_microjoule": np.array([one.priced_microjoule for one in own], dtype=np.int64),
+    return edges(begin, end, resolution, zone)
+
+
+def _by_shift(
+    robots: dict[str, int],
+    bounds: Sequence[int],
+    found: dict[tuple[int, str], Costs],
+    spans: TimeSeries,
+    currency: str,
+) -> History:
+    """Rows of each part, shift and robot that used energy in it."""
+    rows = [
+        (key, robot, place)
+        for key in sorted(found)
+        for place, robot in enumerate(robots)
+        if any(found[key][name][place] for name in ENERGIES)
+    ]
+    columns: dict[str, Column] = {
+        "robot": np.array([robot for _, robot, _ in rows], dtype=str),
+        "stop_ns": np.array([bounds[key[0] + 1] for key, *_ in rows], dtype=np.int64),
+        "shift": np.array([key[1] for key, *_ in rows], dtype=str),
     }
-    return _history(_series(found, COLUMNS), spans, priced, tariffs[-1].currency)
+    columns |= _columns([(found[key], place) for key, _, place in rows], (*ENERGIES, *PRICED))
+    starts = np.array([bounds[key[0]] for key, *_ in rows], dtype=np.int64)
+    units = {"stop_ns": "ns", **dict.fromkeys(ENERGIES, "uJ")}
+    return _history(TimeSeries(starts, columns, units=units), spans, currency=currency)
+
+
+def _columns(rows: Sequence[tuple[Costs | None, int]], names: Sequence[str]) -> dict[str, Column]:
+    """Columns of costs, a row of each part and place of a robot in it."""
+    return {
+        name: np.array(
+            [0 if one is None else one[name][place] for one, place in rows],
+            dtype=np.int64 if name.endswith("_microjoule") else float,
+        )
+        for name in names
+    }
 
 
 def _history(
@@ -119,7 +256,9 @@ def _history(
     priced: dict[str, Column] | None = None,
     currency: str = "",
 ) -> History:
-    units = {**table.units, "cost": currency, "co2_kg": "kg", "priced_microjoule": "uJ"}
+    units = {**table.units, "co2_kg": "kg"}
+    for name in PRICED:
+        units[name] = "uJ" if name.endswith("_microjoule") else units.get(name, currency)
     columns = {**table.columns, **(priced or {})}
     return History(
         table.stamp_ns,

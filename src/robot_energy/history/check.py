@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy.history.differences import REPAIRED, CountedSpan, Event
 from robot_energy.history.files import open_reader, open_writer, take_lock
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
-from robot_energy.history.rows import put_events, put_span, reading_from
-from robot_energy.history.schema import FILE, TABLES, VERSION, prepare
+from robot_energy.history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
+from robot_energy.history.rows import put_events, reading_from
+from robot_energy.history.schema import FILE, LEVELS, TABLES, VERSION, prepare
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
@@ -22,7 +26,8 @@ Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tupl
 def check(folder: str | Path) -> list[str]:
     """Return what is wrong with a history; nothing is changed.
 
-    Sums of slots must be the difference of the registers, to the microjoule, of every robot.
+    Sums of slots must be the difference of the registers, to the microjoule, of every robot, and
+    hours and days those of the quarter hours that they were made from.
 
     Args:
         folder: Folder of the history.
@@ -37,7 +42,7 @@ def check(folder: str | Path) -> list[str]:
                 for row in connection.execute("PRAGMA quick_check(10)")
                 if row[0] != "ok"
             ]
-            return found or [_said(one) for one in _missing(connection)]
+            return found or [*map(_said, _missing(connection)), *_unlike(connection)]
         except sqlite3.DatabaseError as error:
             return [f"the file is damaged: {error}"]
 
@@ -66,10 +71,14 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
         with closing(open_writer(path.parent)) as connection:
             prepare(connection, path)
             connection.execute("BEGIN IMMEDIATE")
+            rolled = Rolled.of(connection)
+            if said or _unlike(connection):
+                said += _unlike(connection)
+                roll_again(connection, rolled)
             for one in _missing(connection):
                 robot, epoch, _, first, last, lacking, joints = one
                 span = CountedSpan(first.stamp_ns, last.stamp_ns, lacking, joints, REPAIRED)
-                put_span(connection, robot, epoch, span)
+                put_span(connection, rolled, robot, epoch, span)
                 put_events(connection, robot, [Event(now_ns + epoch, "repair", _said(one))])
                 said.append(f"{_said(one)}; it is now one span over all of their time")
             connection.execute("COMMIT")
@@ -99,17 +108,20 @@ def check_file(path: Path) -> str:
 
 def _missing(connection: sqlite3.Connection) -> list[Missing]:
     """Epochs whose slots do not add up to the difference of their readings."""
+    kept = (Rolled.of(connection).quarters_from_ns,)
     sums = ", ".join(f"total_{name}" for name in COLUMNS)
     inner = ", ".join(f"sum({name}) AS total_{name}" for name in COLUMNS)
     rows = connection.execute(
         f"SELECT e.id, e.robot, r.name, e.first, e.last, {sums} FROM epoch e JOIN robot r ON "
-        f"r.id = e.robot LEFT JOIN (SELECT epoch, {inner} FROM slot15 GROUP BY epoch) s "
-        "ON s.epoch = e.id"
+        f"r.id = e.robot LEFT JOIN (SELECT epoch, {inner} FROM ({_both('slot', COLUMNS)}) "
+        "GROUP BY epoch) s ON s.epoch = e.id",
+        kept,
     ).fetchall()
     of_joints: dict[int, dict[str, tuple[int, ...]]] = {}
     for epoch, joint, *values in connection.execute(
-        f"SELECT epoch, joint, {', '.join(f'sum({name})' for name in JOINT_COLUMNS)} FROM joint15 "
-        "GROUP BY epoch, joint"
+        f"SELECT epoch, joint, {', '.join(f'sum({name})' for name in JOINT_COLUMNS)} FROM "
+        f"({_both('joint', ('joint', *JOINT_COLUMNS))}) GROUP BY epoch, joint",
+        kept,
     ):
         of_joints.setdefault(epoch, {})[joint] = tuple(values)
     found: list[Missing] = []
@@ -131,6 +143,50 @@ def _missing(connection: sqlite3.Connection) -> list[Missing]:
         }
         if any(lacking) or any(map(any, joints.values())):
             found.append((robot, epoch, name, first, last, lacking, joints))
+    return found
+
+
+def _both(table: str, columns: Sequence[str]) -> str:
+    """Quarter hours, and hours of the days of which these are not kept."""
+    names = ", ".join(("epoch", *columns))
+    return f"SELECT {names} FROM {table}15 UNION ALL SELECT {names} FROM {table}60 WHERE start < ?"
+
+
+def _unlike(connection: sqlite3.Connection) -> list[str]:
+    """Levels that do not add up to what they were rolled up from, a sentence each."""
+    rolled = Rolled.of(connection)
+    found: list[str] = []
+    for table, by, columns in (("slot", "", COLUMNS), ("joint", ", joint", JOINT_COLUMNS)):
+        sums = ", ".join(f"sum({name})" for name in columns)
+        of: dict[int, set[Any]] = {}
+        for level in (15, *LEVELS):
+            length = level * MINUTE_NS
+            of[level] = set(
+                connection.execute(
+                    f"SELECT robot, epoch, start / {DAY_NS}{by}, {sums} FROM {table}{level} s "
+                    f"WHERE start >= ? AND start < ? AND {REGULAR.format(length=length)} "
+                    f"GROUP BY robot, epoch, start / {DAY_NS}{by}",
+                    (rolled.quarters_from_ns, rolled.until_ns),
+                )
+            )
+        found += [
+            f"{table}{level} and {table}15 differ on {len(own)} days of robots"
+            for level in LEVELS
+            if (own := {row[:3] for row in of[level] ^ of[15]})
+        ]
+    imported = {
+        divmod(number, MAX_DAYS): int(curves_of([blob])[0, :, 0].sum())
+        for number, blob in connection.execute("SELECT id, energy FROM curve")
+    }
+    days = {
+        (robot, start // DAY_NS): used
+        for robot, start, used in connection.execute(
+            "SELECT robot, start, sum(predicted_import_microjoule) FROM slot1440 "
+            "GROUP BY robot, start"
+        )
+    }
+    if wrong := len(imported.items() ^ days.items()):
+        found.append(f"curves and slot1440 differ in {wrong} rows")
     return found
 
 

@@ -6,6 +6,7 @@ does not is kept with its true beginning and end, and no energy is spread over i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from robot_energy.foundation.units import MINUTE_NS
@@ -102,19 +103,24 @@ class EpochStep:
     events: tuple[Event, ...] = ()
 
 
-def begun(reading: Reading, known: bool) -> EpochStep:
-    """Return the beginning of registers that are new here: all since they were zero counts.
-
-    Args:
-        known: Whether this robot was recorded before, with other registers.
-    """
-    zero = replace(
+def zero_of(reading: Reading) -> Reading:
+    """Return registers as they were when they were zero."""
+    return replace(
         reading,
         stamp_ns=reading.energy_start_ns,
         minute_ns=0,
         values=(0,) * len(COLUMNS),
         joints=dict.fromkeys(reading.joints, (0,) * len(JOINT_COLUMNS)),
     )
+
+
+def begun(reading: Reading, known: bool) -> EpochStep:
+    """Return the beginning of registers that are new here: all since they were zero counts.
+
+    Args:
+        known: Whether this robot was recorded before, with other registers.
+    """
+    zero = zero_of(reading)
     begin = reading.stamp_ns - reading.counted_ns
     flags = 0 if known else EARLIER
     until = reading.stamp_ns
@@ -187,6 +193,42 @@ def step(epoch: Epoch, reading: Reading) -> EpochStep | None:
     return EpochStep(
         Epoch(first, reading, reading.known_until_ns, newest), new, span, tuple(events)
     )
+
+
+def supersedes(reading: Reading, before: Reading) -> bool:
+    """Whether a reading can take the place of the one before: same minute, same registers."""
+    return (
+        not before.minute_ns
+        and reading.energy_start_ns == before.energy_start_ns
+        and reading.model_id == before.model_id
+        and reading.meter_location == before.meter_location
+        and before.counted_ns <= reading.counted_ns
+        and (reading.stamp_ns - 1) // MINUTE_NS == (before.stamp_ns - 1) // MINUTE_NS
+        and reading.stamp_ns - before.stamp_ns == reading.counted_ns - before.counted_ns
+    )
+
+
+def finished(waiting: Sequence[Reading], now_ns: int) -> int:
+    """Return how many readings are recorded now: a last one within a minute waits for its end.
+
+    Args:
+        now_ns: Time of this computer. [ns]
+    """
+    if not waiting or waiting[-1].minute_ns or now_ns - waiting[-1].stamp_ns > 2 * MINUTE_NS:
+        return len(waiting)
+    return len(waiting) - 1
+
+
+def thinned(waiting: list[Reading]) -> list[Reading]:
+    """Return readings without every other of the older half, but for ends of registers."""
+    half = len(waiting) // 2
+    return [
+        one
+        for place, one in enumerate(waiting)
+        if place >= half
+        or place % 2 == 0
+        or waiting[place + 1].energy_start_ns != one.energy_start_ns
+    ]
 
 
 def _less(values: tuple[int, ...], before: tuple[int, ...]) -> tuple[int, ...]:

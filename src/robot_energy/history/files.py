@@ -100,6 +100,7 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
             "a history",
             f"robot-energy history check {path.parent}",
         ) from error
+    connection.execute("PRAGMA temp_store = MEMORY")
     if version != VERSION:
         connection.close()
         raise HistoryError(

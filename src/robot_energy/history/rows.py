@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.history.differences import SLOT_NS, CountedSpan, Event
+from robot_energy.history.differences import CountedSpan, Epoch, Event
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
+from robot_energy.history.schema import LEVELS
 
 JOB_COLUMNS = (
     "id", "start", "stop", "name", "observed_ns", "gap_ns", "compared_ns",
@@ -32,26 +31,68 @@ def _upsert(table: str, key: str, columns: Sequence[str], further: str = "") -> 
 
 
 _KEY = "start robot epoch stop"
-_FURTHER = ("flags", "peak_microjoule")
-SLOT1 = (
-    _upsert("slot1", _KEY, (*_FURTHER, *COLUMNS), "flags peak_microjoule")
-    + " RETURNING predicted_import_microjoule"
-)
-SLOT15 = _upsert("slot15", _KEY, (*_FURTHER, *COLUMNS), "flags peak_microjoule")
-JOINT15 = _upsert("joint15", f"{_KEY} joint", JOINT_COLUMNS)
+SLOTS = {
+    level: _upsert(f"slot{level}", _KEY, ("flags", "peak_microjoule", *COLUMNS), "flags "
+                   "peak_microjoule") + " RETURNING predicted_import_microjoule"
+    for level in (1, 15, *LEVELS)
+}  # fmt: skip
+JOINTS = {
+    level: _upsert(f"joint{level}", f"{_KEY} joint", JOINT_COLUMNS) for level in (15, *LEVELS)
+}
 
 
-def put_span(connection: sqlite3.Connection, robot: int, epoch: int, span: CountedSpan) -> None:
-    """Add a span to the minutes, the quarter hours, and the joints of these."""
-    start, stop, flags = span.slot(MINUTE_NS)
-    row = (start, robot, epoch, stop, flags, 0, *span.values)
-    ((minute,),) = connection.execute(SLOT1, row).fetchall()
-    peak = minute if stop - start == MINUTE_NS else 0
-    start, stop, flags = span.slot(SLOT_NS)
-    connection.execute(SLOT15, (start, robot, epoch, stop, flags, peak, *span.values))
-    connection.executemany(
-        JOINT15,
-        ((start, robot, epoch, stop, name, *own) for name, own in span.joints.items() if any(own)),
+def put_slot(
+    connection: sqlite3.Connection, level: int, key: tuple[int, ...], span: CountedSpan
+) -> int:
+    """Add a span to a slot of a level.
+
+    Args:
+        level: Length of its slots. [min]
+        key: Begin, robot, epoch, end, flags and most energy within a minute of the slot.
+
+    Returns:
+        The energy from the grid in the slot. [uJ]
+    """
+    ((imported,),) = connection.execute(SLOTS[level], (*key, *span.values)).fetchall()
+    if level in JOINTS:
+        connection.executemany(
+            JOINTS[level],
+            ((*key[:4], name, *own) for name, own in span.joints.items() if any(own)),
+        )
+    return int(imported)
+
+
+def put_epoch(
+    connection: sqlite3.Connection, robot: int, origin: str, epoch: Epoch, number: int
+) -> int:
+    """Note where an epoch stands.
+
+    Args:
+        number: Its number; 0 for a new one.
+
+    Returns:
+        Its number.
+    """
+    texts = (text_of(epoch.last), epoch.known_until_ns, epoch.newest_ns)
+    if number:
+        connection.execute(
+            "UPDATE epoch SET last = ?, known_until = ?, newest = ? WHERE id = ?", (*texts, number)
+        )
+        return number
+    row = connection.execute(
+        "INSERT INTO epoch (robot, origin, energy_start, first, last, known_until, newest) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?)",
+        (robot, origin, epoch.last.energy_start_ns, text_of(epoch.first), *texts),
+    )
+    return int(row.lastrowid or 0)
+
+
+def put_job(connection: sqlite3.Connection, robot: int, job: Mapping[str, Any]) -> None:
+    """Put a job in, by `JOB_COLUMNS`; one that is there already is replaced."""
+    connection.execute(
+        f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) VALUES "
+        f"(?, {', '.join('?' * len(JOB_COLUMNS))})",
+        (robot, *(job[name] for name in JOB_COLUMNS)),
     )
 
 
@@ -72,4 +113,4 @@ def reading_from(text: str) -> Reading:
 
 def text_of(reading: Reading) -> str:
     """Return a reading as it is stored."""
-    return json.dumps(asdict(reading))
+    return json.dumps(vars(reading))

@@ -9,15 +9,33 @@ from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy.history.tariffs import Tariff, add_tariffs
 
-VERSION = 1
+VERSION = 2
 FILE = "history.sqlite"
 KEY = (
     "start INTEGER NOT NULL, robot INTEGER NOT NULL, epoch INTEGER NOT NULL, stop INTEGER NOT NULL"
 )
+LEVELS = (60, 1440)
+"""What quarter hours are rolled up to, in UTC. [min]"""
 _SLOT = f"""({KEY}, flags INTEGER NOT NULL, peak_microjoule INTEGER NOT NULL,
     {", ".join(f"{name} INTEGER NOT NULL" for name in COLUMNS)}, PRIMARY KEY ({{key}}))
     STRICT, WITHOUT ROWID"""
+_JOINT = f"""({KEY}, joint TEXT NOT NULL,
+    {", ".join(f"{name} INTEGER NOT NULL" for name in JOINT_COLUMNS)},
+    PRIMARY KEY (robot, start, epoch, stop, joint)) STRICT, WITHOUT ROWID"""
+ROLLED = (
+    "".join(
+        f"""
+CREATE TABLE slot{level} {_SLOT.format(key="robot, start, epoch, stop")};
+CREATE TABLE joint{level} {_JOINT};"""
+        for level in LEVELS
+    )
+    + """
+CREATE TABLE curve (id INTEGER PRIMARY KEY, energy BLOB NOT NULL) STRICT;
+CREATE INDEX ended ON job (robot, stop);
+"""
+)
 TABLES = f"""
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
 CREATE TABLE robot (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
@@ -26,22 +44,30 @@ CREATE TABLE epoch (id INTEGER PRIMARY KEY, robot INTEGER NOT NULL, origin TEXT 
     known_until INTEGER NOT NULL, newest INTEGER NOT NULL) STRICT;
 CREATE TABLE slot1 {_SLOT.format(key="start, robot, epoch, stop")};
 CREATE TABLE slot15 {_SLOT.format(key="robot, start, epoch, stop")};
-CREATE TABLE joint15 ({KEY}, joint TEXT NOT NULL,
-    {", ".join(f"{name} INTEGER NOT NULL" for name in JOINT_COLUMNS)},
-    PRIMARY KEY (robot, start, epoch, stop, joint)) STRICT, WITHOUT ROWID;
+CREATE TABLE joint15 {_JOINT};
 CREATE TABLE job (robot INTEGER NOT NULL, id INTEGER NOT NULL, start INTEGER NOT NULL,
     stop INTEGER NOT NULL, name TEXT NOT NULL, observed_ns INTEGER NOT NULL,
     gap_ns INTEGER NOT NULL, compared_ns INTEGER NOT NULL,
     predicted_import_microjoule INTEGER NOT NULL, predicted_return_microjoule INTEGER NOT NULL,
     measured_microjoule INTEGER NOT NULL, predicted_microjoule_at_meter INTEGER NOT NULL,
     peak_power REAL, PRIMARY KEY (robot, start, id)) STRICT, WITHOUT ROWID;
-CREATE TABLE tariff (id INTEGER PRIMARY KEY, begin INTEGER NOT NULL, added INTEGER NOT NULL,
-    document TEXT NOT NULL) STRICT;
 CREATE TABLE event (robot INTEGER NOT NULL, stamp INTEGER NOT NULL, kind TEXT NOT NULL,
     text TEXT NOT NULL, PRIMARY KEY (robot, stamp, kind)) STRICT, WITHOUT ROWID;
 CREATE INDEX irregular ON slot15 (robot, start) WHERE flags & 1;
-"""
-MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {}
+{ROLLED}"""
+
+
+def _rolled_up(connection: sqlite3.Connection) -> None:
+    """Version 2: hours, days and curves, which the writer fills day by day; tariffs have a file."""
+    for statement in ROLLED.split(";"):
+        connection.execute(statement)
+    folder = Path(connection.execute("PRAGMA database_list").fetchone()[2]).parent
+    for added, text in connection.execute("SELECT added, document FROM tariff ORDER BY id"):
+        add_tariffs(folder, [Tariff.model_validate_json(text)], added)
+    connection.execute("DROP TABLE tariff")
+
+
+MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _rolled_up}
 """How tables of a version become those of the next one."""
 
 

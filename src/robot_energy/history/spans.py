@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any, Literal
 from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import HOUR_NS, MINUTE_NS, SECOND_NS
+from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
-from robot_energy.history.tariffs import MICROJOULE_PER_KWH, Tariff, day_begin, priced_parts
+from robot_energy.history.rollup import FLAGS, REGULAR, Rolled
+from robot_energy.history.rows import JOB_COLUMNS
+from robot_energy.history.tariffs import day_begin
 
 Resolution = Literal["minute", "quarter", "hour", "day", "week", "month", "year", "all"]
 RESOLUTIONS: tuple[Resolution, ...] = (
@@ -24,6 +27,24 @@ FIXED: dict[str, int] = {"minute": MINUTE_NS, "quarter": SLOT_NS, "hour": HOUR_N
 MAX_BUCKETS = 200_000
 SUMS = ", ".join(f"sum(s.{name})" for name in COLUMNS)
 JOINT_SUMS = ", ".join(f"sum(s.{name})" for name in JOINT_COLUMNS)
+JOB_SUMS = tuple(name for name in JOB_COLUMNS if name.endswith(("_ns", "_microjoule", "_meter")))
+PEAK = "max(s.peak_microjoule)"
+_WITHIN = "{on}.start >= p.start AND {on}.start < p.stop AND {on}.stop <= p.stop"
+_SPANS = (
+    "piece p CROSS JOIN some r CROSS JOIN {table}1 s ON s.robot = r.id AND "
+    + _WITHIN.format(on="s"),
+)
+_REGULAR = tuple(
+    f"piece p CROSS JOIN some r CROSS JOIN {{table}}{length // MINUTE_NS} s ON s.robot = r.id AND "
+    f"s.start >= p.start AND s.start < p.stop WHERE p.length = {length}"
+    + (f" AND s.stop <= p.stop AND {REGULAR.format(length=length)}" if length == SLOT_NS else "")
+    for length in (SLOT_NS, HOUR_NS, DAY_NS)
+)
+_IRREGULAR = (
+    "part p CROSS JOIN some r CROSS JOIN slot15 i ON i.robot = r.id AND i.flags & 1 AND "
+    f"{_WITHIN.format(on='i')} CROSS JOIN {{table}}15 s ON s.robot = i.robot AND s.start = i.start "
+    "AND s.epoch = i.epoch AND s.stop = i.stop"
+)
 
 
 @dataclass(frozen=True)
@@ -51,36 +72,28 @@ class SlotSums:
 
 @dataclass(frozen=True)
 class Jobs:
-    """Jobs of one name of one robot that ended in a time.
+    """Jobs of one name of one robot that ended in a part of the time.
 
     Attributes:
+        start_ns: Begin of the part. [ns]
+        stop_ns: End of it. [ns]
         robot: Its name.
         name: Of the jobs.
-        count: How many.
-        observed_ns: Their time. [ns]
-        import_microjoule: Energy from the grid. [uJ]
+        count: How many: one makes one part.
+        values: By `JOB_SUMS`. [ns], [uJ]
     """
 
+    start_ns: int
+    stop_ns: int
     robot: str
     name: str
     count: int
-    observed_ns: int
-    import_microjoule: int
+    values: tuple[int, ...]
 
-
-@dataclass(frozen=True)
-class SlotCost:
-    """What energy from the grid cost in a time.
-
-    Attributes:
-        priced_microjoule: Energy whose price is known. [uJ]
-        amount: Its cost. [currency]
-        co2_kg: Its emission, where a factor is known. [kg]
-    """
-
-    priced_microjoule: int = 0
-    amount: float = 0.0
-    co2_kg: float = 0.0
+    @property
+    def import_microjoule(self) -> int:
+        """Energy from the grid. [uJ]"""
+        return self.values[JOB_SUMS.index("predicted_import_microjoule")]
 
 
 def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -> list[int]:
@@ -144,33 +157,76 @@ def sums(
         bounds: Where parts begin, and the end of the last. [ns]
         minutes: Whether minutes are summed, which are kept for some weeks, or quarter hours.
     """
-    _parts(connection, robots, pairwise(bounds))
-    rows = connection.execute(
-        f"SELECT p.start, p.stop, r.name, {SUMS}, max(s.peak_microjoule), max(s.flags & 2) | "
-        "max(s.flags & 4) | max(s.flags & 8) FROM part p CROSS JOIN some r CROSS JOIN "
-        f"{'slot1' if minutes else 'slot15'} s ON s.robot = r.id AND s.start >= p.start AND "
-        "s.start < p.stop AND s.stop <= p.stop GROUP BY p.start, r.name ORDER BY p.start, r.name"
-    )
-    return [
-        SlotSums(start, stop, name, tuple(values), flags, peak)
-        for start, stop, name, *values, peak, flags in rows
-    ]
+    return _added(connection, robots, bounds, "slot", minutes)
 
 
 def joint_sums(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
 ) -> list[SlotSums]:
     """Return the same of every joint; the sums of a joint are by `JOINT_COLUMNS`."""
-    _parts(connection, robots, pairwise(bounds))
-    rows = connection.execute(
-        f"SELECT p.start, p.stop, r.name, s.joint, {JOINT_SUMS} FROM part p CROSS JOIN some r "
-        "CROSS JOIN joint15 s ON s.robot = r.id AND s.start >= p.start AND s.start < p.stop "
-        "AND s.stop <= p.stop GROUP BY p.start, r.name, s.joint ORDER BY p.start, r.name, s.joint"
+    return _added(connection, robots, bounds, "joint", minutes=False)
+
+
+def _added(
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], table: str,
+    minutes: bool,
+) -> list[SlotSums]:  # fmt: skip
+    """Add up days, hours and quarters that each part is made of, and spans that lie within it."""
+    parts = list(pairwise(bounds))
+    until = Rolled.of(connection).until_ns
+    put_parts(connection, robots, parts)
+    connection.executemany(
+        "INSERT INTO temp.piece (length, start, stop, part) VALUES (?, ?, ?, ?)",
+        (
+            (*piece, part)
+            for part, (start, stop) in enumerate(parts)
+            for piece in ([(MINUTE_NS, start, stop)] if minutes else pieces(start, stop, until))
+        ),
     )
+    by = ", s.joint" if table == "joint" else ""
+    values = ", s.joint, 0, 0, " + JOINT_SUMS if by else f", '', {FLAGS}, {PEAK}, {SUMS}"
+    found: dict[tuple[int, str, str], tuple[int, ...]] = {}
+    for source in _SPANS if minutes else (*_REGULAR, _IRREGULAR):
+        number = "p.id" if source is _IRREGULAR else "p.part"
+        for part, robot, joint, flags, peak, *own in connection.execute(
+            f"SELECT {number}, r.name{values} FROM {source.format(table=table)} "
+            f"GROUP BY p.id, r.id{by}"
+        ):
+            key = (part, robot, joint)
+            if key in found:
+                old_flags, old_peak, *old = found[key]
+                flags, peak = flags | old_flags, max(peak, old_peak)
+                own = [a + b for a, b in zip(own, old, strict=True)]
+            found[key] = (flags, peak, *own)
     return [
-        SlotSums(start, stop, name, tuple(values), joint=joint)
-        for start, stop, name, joint, *values in rows
+        SlotSums(*parts[part], robot, tuple(own), flags, peak, joint)
+        for (part, robot, joint), (flags, peak, *own) in sorted(found.items(), key=itemgetter(0))
     ]
+
+
+def pieces(start_ns: int, stop_ns: int, until_ns: int) -> Iterator[tuple[int, int, int]]:
+    """Yield length of slots, begin and end of what a time is made of: days, hours, quarters. [ns]
+
+    Args:
+        until_ns: Up to where days and hours are rolled up. [ns]
+    """
+
+    def cut(start: int, stop: int, lengths: tuple[int, ...]) -> Iterator[tuple[int, int, int]]:
+        if start >= stop:
+            return
+        length, *finer = lengths
+        if not finer:
+            yield length, start, stop
+            return
+        first, last = -(-start // length) * length, min(stop // length * length, until_ns)
+        if first >= last:
+            yield from cut(start, stop, tuple(finer))
+            return
+        yield from cut(start, first, tuple(finer))
+        yield length, first, last
+        yield from cut(last, stop, tuple(finer))
+
+    yield from cut(start_ns, stop_ns, (DAY_NS, HOUR_NS, SLOT_NS))
 
 
 def not_resolved(
@@ -182,14 +238,18 @@ def not_resolved(
         bounds: As in `sums`, of quarter hours or coarser.
     """
     first, last = bounds[0], bounds[-1]
-    _parts(connection, robots, pairwise(bounds))
+    put_parts(connection, robots, pairwise(bounds))
+    kept = min(Rolled.of(connection).quarters_from_ns, last)
+    columns = ", ".join(f"s.{name}" for name in COLUMNS)
     rows = connection.execute(
-        f"SELECT s.start, s.stop, r.name, {', '.join(f's.{name}' for name in COLUMNS)}, s.flags "
-        "FROM some r CROSS JOIN slot15 s ON s.robot = r.id AND s.start < ? "
-        "WHERE s.flags & 1 AND s.stop > ? AND NOT EXISTS (SELECT 1 FROM part p WHERE "
-        "s.start >= p.start AND s.start < p.stop AND s.stop <= p.stop) ORDER BY s.start, r.name",
-        (last, first),
-    )
+        " UNION ALL ".join(
+            f"SELECT s.start, s.stop, r.name, {columns}, s.flags FROM some r CROSS JOIN {table} s "
+            f"ON s.robot = r.id AND s.start >= ? AND s.start < ? WHERE {which} AND s.stop > ? "
+            f"AND NOT EXISTS (SELECT 1 FROM part p WHERE {_WITHIN.format(on='s')})"
+            for table, which in (("slot15", "s.flags & 1"), ("slot60", "1"))
+        ) + " ORDER BY 1, 3",
+        (-1, last, first, first - HOUR_NS, kept, first),
+    )  # fmt: skip
     return [
         SlotSums(start, stop, name, tuple(values), flags)
         for start, stop, name, *values, flags in rows
@@ -197,81 +257,55 @@ def not_resolved(
 
 
 def jobs(
-    connection: sqlite3.Connection, robots: dict[str, int], start_ns: int, stop_ns: int
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
 ) -> list[Jobs]:
-    """Return the jobs that ended in a time, those that used most first.
+    """Return the jobs that ended in each part, in order of time and robot, the largest first.
 
     Args:
-        start_ns: Begin of the time. [ns]
-        stop_ns: End of the time. [ns]
+        bounds: Where parts begin, and the end of the last. [ns]
     """
-    _parts(connection, robots, [])
+    put_parts(connection, robots, pairwise(bounds))
     rows = connection.execute(
-        "SELECT r.name, j.name, count(*), sum(j.observed_ns), sum(j.predicted_import_microjoule) "
-        "AS used FROM some r CROSS JOIN job j ON j.robot = r.id AND j.stop > ? AND j.stop <= ? "
-        "GROUP BY r.name, j.name ORDER BY used DESC",
-        (start_ns, stop_ns),
+        f"SELECT p.start, p.stop, r.name, j.name, count(*), "
+        f"{', '.join(f'sum(j.{name})' for name in JOB_SUMS)}, "
+        "sum(j.predicted_import_microjoule) AS used FROM part p CROSS JOIN some r CROSS JOIN job j "
+        "ON j.robot = r.id AND j.stop > p.start AND j.stop <= p.stop GROUP BY p.id, r.id, j.name "
+        "ORDER BY p.id, r.name, used DESC, j.name"
     )
-    return [Jobs(*row) for row in rows]
-
-
-def costs(
-    connection: sqlite3.Connection,
-    robots: dict[str, int],
-    bounds: Sequence[int],
-    tariffs: Sequence[Tariff],
-) -> dict[tuple[int, str], SlotCost]:
-    """Return what energy from the grid cost in each part, by its begin and robot.
-
-    Energy of each price is summed exactly and multiplied once.
-
-    Args:
-        bounds: As in `sums`, of quarter hours or coarser. [ns]
-        tariffs: In order of their begin.
-    """
-    parts = [
-        (begin, end, start, tariff, price)
-        for start, stop in pairwise(bounds)
-        for begin, end, tariff, price in priced_parts(tariffs, start, stop)
-        if price is not None
+    return [
+        Jobs(start, stop, robot, name, count, tuple(values))
+        for start, stop, robot, name, count, *values, _ in rows
     ]
-    _parts(connection, robots, ((begin, end) for begin, end, *_ in parts))
-    said = {begin: (start, tariff, price) for begin, _, start, tariff, price in parts}
-    energy: dict[tuple[int, str, float, float | None], int] = {}
-    for begin, name, microjoule in connection.execute(
-        "SELECT p.start, r.name, sum(s.predicted_import_microjoule) FROM part p CROSS JOIN some r "
-        "CROSS JOIN slot15 s ON s.robot = r.id AND s.start >= p.start AND s.start < p.stop "
-        "AND s.stop <= p.stop GROUP BY p.start, r.name"
-    ):
-        start, tariff, price = said[begin]
-        key = (start, name, price or 0.0, tariff.co2_kg_per_kwh)
-        energy[key] = energy.get(key, 0) + microjoule
-    found: dict[tuple[int, str], SlotCost] = {}
-    for (start, name, price, factor), microjoule in energy.items():
-        before, used = found.get((start, name), SlotCost()), microjoule / MICROJOULE_PER_KWH
-        found[start, name] = SlotCost(
-            before.priced_microjoule + microjoule,
-            before.amount + used * price,
-            before.co2_kg + used * (factor or 0.0),
-        )
-    return found
 
 
-def _parts(connection: sqlite3.Connection, robots: dict[str, int], parts: Any) -> None:
+def events(
+    connection: sqlite3.Connection, robots: dict[str, int], start_ns: int, stop_ns: int
+) -> list[tuple[int, str, str, str]]:
+    """Return stamp [ns], robot, kind and text of events in a time, in order of time."""
+    put_parts(connection, robots, [])
+    return connection.execute(
+        "SELECT e.stamp, r.name, e.kind, e.text FROM some r CROSS JOIN event e ON e.robot = r.id "
+        "AND e.stamp >= ? AND e.stamp < ? ORDER BY e.stamp, r.name, e.kind",
+        (start_ns, stop_ns),
+    ).fetchall()
+
+
+def put_parts(connection: sqlite3.Connection, robots: dict[str, int], parts: Any) -> None:
     """Put parts of time and robots where a query joins them."""
-    connection.execute("PRAGMA temp_store = MEMORY")
     for name, columns in (
-        ("part", "start INTEGER, stop INTEGER"),
-        ("some", "id INTEGER, name TEXT"),
+        ("part", "id INTEGER PRIMARY KEY, start INTEGER, stop INTEGER"),
+        ("piece", "id INTEGER PRIMARY KEY, length INTEGER, start INTEGER, stop INTEGER, part"),
+        ("some", "id INTEGER PRIMARY KEY, name TEXT"),
     ):
         connection.execute(f"CREATE TEMP TABLE IF NOT EXISTS {name} ({columns})")
         connection.execute(f"DELETE FROM temp.{name}")
-    connection.execute("BEGIN")
-    connection.executemany("INSERT INTO temp.part VALUES (?, ?)", parts)
+    connection.executemany(
+        "INSERT INTO temp.part VALUES (?, ?, ?)",
+        ((number, *one) for number, one in enumerate(parts)),
+    )
     connection.executemany(
         "INSERT INTO temp.some VALUES (?, ?)", ((number, name) for name, number in robots.items())
     )
-    connection.execute("COMMIT")
 
 
 def _local(stamp_ns: int, zone: ZoneInfo) -> datetime:

@@ -10,32 +10,37 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
+from robot_energy.foundation.units import DAY_NS
+from robot_energy.history.bags import BAG, BagReadings, give_way, has_bag, put_bag
 from robot_energy.history.differences import (
     Epoch,
+    Event,
     begun,
+    finished,
     gone_back,
     is_behind,
     step,
+    supersedes,
+    thinned,
 )
 from robot_energy.history.files import open_writer, take_lock
-from robot_energy.history.readings import Reading
-from robot_energy.history.rows import JOB_COLUMNS, put_events, put_span, reading_from, text_of
+from robot_energy.history.readings import OBSERVED, Reading
+from robot_energy.history.rollup import Rolled, forget_minutes, put_span, roll, thin
+from robot_energy.history.rows import put_epoch, put_events, put_job, reading_from
 from robot_energy.history.schema import FILE, prepare
-from robot_energy.history.tariffs import Tariff, add_tariffs
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
-MAX_MINUTES_AT_ONCE = 20_000  # rows of minutes that one transaction drops
+MAX_EVENTS = 10_000  # that wait
 LIVE = "live"
-_DAY_NS = 86_400 * SECOND_NS
 
 
 @dataclass
@@ -43,38 +48,63 @@ class _Robot:
     """One robot as it stands on disk."""
 
     number: int
+    has_bags: bool = False
     epochs: dict[tuple[str, int], tuple[int, Epoch]] = field(
         default_factory=lambda: dict[tuple[str, int], tuple[int, Epoch]]()
     )
 
 
+Waiting = dict[tuple[str, str], list[Reading]]
+Jobs = dict[tuple[str, int, int], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Written:
+    """What a transaction has written: robots as they stand, readings of each, and ignored ones."""
+
+    robots: dict[str, _Robot]
+    done: dict[tuple[str, str], int]
+    ignored: int
+
+
 class HistoryStore:
     """The only writer of a history.
 
+    One thread at a time calls `open`, `write` and `close`; `add` and `add_jobs` may be called by
+    another one meanwhile.
+
     Args:
         folder: Where it lies; made if there is none.
-        keep_days: How long minutes are kept; quarter hours are kept for ever. [days]
+        keep_days: How long minutes are kept. [days]
         min_free: Space that is left on the disk; with less nothing is written. [bytes]
+        keep_quarters: How long quarter hours are kept, hours for ever; 0 for ever. [days]
 
     Attributes:
         ignored: Readings that were late or doubled.
         dropped: Readings in between that were dropped as the disk took none.
         commits: Transactions that were written.
+        size: Of the file and its journal, at the last write. [bytes]
         trouble: Why nothing is written now; empty while it is.
         notices: What was done to the file, to be said once.
     """
 
-    def __init__(self, folder: Path, keep_days: float = 35.0, min_free: int = 0) -> None:
-        self.folder, self._keep_ns, self._min_free = folder, int(keep_days * _DAY_NS), min_free
-        self.ignored = self.dropped = self.commits = 0
+    def __init__(
+        self, folder: Path, keep_days: float = 35.0, min_free: int = 0, keep_quarters: float = 0.0
+    ) -> None:
+        self.folder, self._keep_ns, self._min_free = folder, int(keep_days * DAY_NS), min_free
+        self._keep_quarters_ns = int(keep_quarters * DAY_NS)
+        self.ignored = self.dropped = self.commits = self.size = 0
         self.trouble = ""
         self.notices: list[str] = []
         self._lock: int | None = None
         self._connection: sqlite3.Connection | None = None
         self._robots: dict[str, _Robot] = {}
-        self._waiting: dict[tuple[str, str], list[Reading]] = {}
+        self._mutex = Lock()
+        self._waiting: Waiting = {}
+        self._writing: Waiting = {}
         self._behind: dict[tuple[str, str, int], Reading] = {}
-        self._jobs: dict[tuple[str, int, int], tuple[Any, ...]] = {}
+        self._jobs: Jobs = {}
+        self._events: list[tuple[str, Event]] = []
 
     def open(self) -> None:
         """Take the lock and read up to where robots were recorded.
@@ -109,18 +139,14 @@ class HistoryStore:
         return tuple(self._robots)
 
     @property
-    def size(self) -> int:
-        """Size of the file and its journal. [bytes]"""
-        paths = (self.folder / f"{FILE}{end}" for end in ("", "-wal"))
-        return sum(path.stat().st_size for path in paths if path.is_file())
-
-    @property
     def waiting(self) -> int:
-        """Readings that wait for `write`."""
-        return sum(map(len, self._waiting.values()))
+        """Readings that wait for `write`, or are being written."""
+        with self._mutex:
+            held = (*self._waiting.values(), *self._writing.values())
+            return sum(map(len, held))
 
     def add(self, robot: str, readings: Iterable[Reading], origin: str = LIVE) -> None:
-        """Take readings; of those within a minute the last one is enough.
+        """Take readings, never waiting for the disk; of those within a minute the last is enough.
 
         Args:
             robot: Its name.
@@ -130,19 +156,23 @@ class HistoryStore:
         Raises:
             HistoryError: If there are too many robots.
         """
-        known = {*self._robots, *(name for name, _ in self._waiting)}
-        if robot not in known and len(known) >= MAX_ROBOTS:
-            raise HistoryError(f"a robot more than {MAX_ROBOTS}: {robot}", f"{MAX_ROBOTS}")
-        waiting = self._waiting.setdefault((robot, origin), [])
+        with self._mutex:
+            known = {*self._robots, *(name for name, _ in (*self._waiting, *self._writing))}
+            if robot not in known and len(known) >= MAX_ROBOTS:
+                raise HistoryError(f"a robot more than {MAX_ROBOTS}: {robot}", f"{MAX_ROBOTS}")
+            self._queue((robot, origin), readings)
+
+    def _queue(self, key: tuple[str, str], readings: Iterable[Reading]) -> None:
+        waiting = self._waiting.setdefault(key, [])
         for one in readings:
-            if waiting and _supersedes(one, waiting[-1]):
+            if waiting and supersedes(one, waiting[-1]):
                 waiting[-1] = one
             else:
                 waiting.append(one)
         if len(waiting) > MAX_WAITING:
-            thinned = _thinned(waiting)
-            self.dropped += len(waiting) - len(thinned)
-            waiting[:] = thinned
+            kept = thinned(waiting)
+            self.dropped += len(waiting) - len(kept)
+            waiting[:] = kept
 
     def add_jobs(self, robot: str, jobs: Iterable[Mapping[str, Any]]) -> None:
         """Take job intervals that have ended; one that is there already is replaced.
@@ -150,29 +180,48 @@ class HistoryStore:
         Args:
             jobs: Values by `JOB_COLUMNS`.
         """
-        for job in jobs:
-            row = tuple(job[name] for name in JOB_COLUMNS)
-            self._jobs[robot, int(job["start"]), int(job["id"])] = row
-        while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
-            del self._jobs[next(iter(self._jobs))]
+        with self._mutex:
+            for job in jobs:
+                self._jobs[robot, int(job["start"]), int(job["id"])] = job
+            while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
+                del self._jobs[next(iter(self._jobs))]
 
-    def add_tariffs(self, tariffs: Sequence[Tariff], now_ns: int) -> None:
-        """Add tariffs at once, see `add_tariffs` of the tariffs.
+    def add_events(self, robot: str, events: Iterable[Event]) -> None:
+        """Take events, of which one robot has one at an instant of each kind."""
+        with self._mutex:
+            self._events += ((robot, one) for one in events)
+            del self._events[:-MAX_EVENTS]
 
-        Args:
-            now_ns: Time of this computer. [ns]
+    def has_bag(self, name: str) -> bool:
+        """Whether a replayed bag is there, in this state and with these settings."""
+        return self._connection is not None and has_bag(self._connection, name)
+
+    def add_bag(self, bag: BagReadings) -> int:
+        """Put a replayed bag in at once.
+
+        Returns:
+            The time of it that others have recorded, which is left out. [ns]
 
         Raises:
-            HistoryError: If they cannot be written.
+            HistoryError: If it cannot be written.
         """
-        if self._connection is None:
-            self.open()
-        assert self._connection is not None
+        connection = self._connection
+        if connection is None:
+            raise HistoryError(f"the history in {self.folder} is not open", "an open one")
         try:
-            add_tariffs(self._connection, tariffs, now_ns)
+            connection.execute("BEGIN IMMEDIATE")
+            try:
+                robots = {name: replace(one) for name, one in self._robots.items()}
+                number = self._robot(connection, robots, bag.robot).number
+                left_out = put_bag(connection, Rolled.of(connection), number, bag)
+                connection.execute("COMMIT")
+            except BaseException:
+                connection.execute("ROLLBACK")
+                raise
         except sqlite3.Error as error:
-            self._disconnect()
             raise _unusable(self.folder, error) from error
+        self._robots = self._read()
+        return left_out
 
     def write(self, now_ns: int, newest: bool = False) -> bool:
         """Write what waits in one transaction, and drop minutes that are too old.
@@ -184,54 +233,81 @@ class HistoryStore:
         Returns:
             Whether it is on disk; else `trouble` says why, and all waits.
         """
+        with self._mutex:
+            taken, self._writing, self._waiting = self._waiting, self._waiting, {}
+            jobs, self._jobs = self._jobs, {}
+            events, self._events = self._events, []
+        written: _Written | None = None
         try:
             if self._connection is None:
                 self.open()
             self._check_space()
             assert self._connection is not None
-            robots, done, ignored = self._transact(self._connection, now_ns, newest)
+            written = self._transact(self._connection, taken, jobs, events, now_ns, newest)
+            self.size = sum(
+                path.stat().st_size
+                for path in (self.folder / f"{FILE}{end}" for end in ("", "-wal"))
+                if path.is_file()
+            )
         except (HistoryError, sqlite3.Error, OSError) as error:
             self._disconnect()
             wrapped = error if isinstance(error, HistoryError) else _unusable(self.folder, error)
             self.trouble = str(wrapped)
-            return False
-        self._robots = robots
-        self.ignored += ignored
-        for key, count in done.items():
-            del self._waiting[key][:count]
-        self._jobs.clear()
+        with self._mutex:
+            since, self._waiting, self._writing = self._waiting, {}, {}
+            for key, readings in taken.items():
+                left = readings[written.done[key] :] if written else readings
+                if left or key in since:
+                    self._queue(key, [*left, *since.pop(key, [])])
+            for key, readings in since.items():
+                self._queue(key, readings)
+            if written is None:
+                self._jobs = {**jobs, **self._jobs}
+                self._events = [*events, *self._events]
+                return False
+            self._robots = written.robots
+        self.ignored += written.ignored
         self.trouble = ""
         self.commits += 1
         return True
 
     def _transact(
-        self, connection: sqlite3.Connection, now_ns: int, newest: bool
-    ) -> tuple[dict[str, _Robot], dict[tuple[str, str], int], int]:
-        robots = {name: _Robot(one.number, dict(one.epochs)) for name, one in self._robots.items()}
+        self,
+        connection: sqlite3.Connection,
+        taken: Waiting,
+        jobs: Jobs,
+        events: list[tuple[str, Event]],
+        now_ns: int,
+        newest: bool,
+    ) -> _Written:
+        robots = {name: replace(one, epochs=dict(one.epochs)) for name, one in self._robots.items()}
         done: dict[tuple[str, str], int] = {}
         ignored = 0
         connection.execute("BEGIN IMMEDIATE")
         try:
-            for (name, origin), waiting in self._waiting.items():
-                count = len(waiting) if newest else _finished(waiting, now_ns)
+            rolled = Rolled.of(connection)
+            for (name, origin), waiting in taken.items():
+                count = len(waiting) if newest else finished(waiting, now_ns)
                 done[name, origin] = count
                 for reading in waiting[:count]:
                     robot = self._robot(connection, robots, name)
-                    ignored += not self._record(connection, name, robot, origin, reading)
-            for (name, _, _), row in self._jobs.items():
-                robot = self._robot(connection, robots, name)
-                marks = ", ".join("?" * len(row))
-                connection.execute(
-                    f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) "
-                    f"VALUES (?, {marks})", (robot.number, *row),
-                )  # fmt: skip
-            self._forget_minutes(connection, now_ns)
+                    ignored += not self._record(connection, rolled, name, robot, origin, reading)
+            for (name, _, _), job in jobs.items():
+                put_job(connection, self._robot(connection, robots, name).number, job)
+            for name, event in events:
+                put_events(connection, self._robot(connection, robots, name).number, [event])
+            forget_minutes(connection, now_ns - self._keep_ns)
+            reached = roll(connection, rolled, now_ns)
+            if self._keep_quarters_ns:
+                reached = thin(connection, reached, now_ns - self._keep_quarters_ns)
+            if reached != rolled:
+                reached.write(connection)
             connection.execute("COMMIT")
         except BaseException:
             with suppress(sqlite3.Error):
                 connection.execute("ROLLBACK")
             raise
-        return robots, done, ignored
+        return _Written(robots, done, ignored)
 
     def _robot(
         self, connection: sqlite3.Connection, robots: dict[str, _Robot], name: str
@@ -244,6 +320,7 @@ class HistoryStore:
     def _record(
         self,
         connection: sqlite3.Connection,
+        rolled: Rolled,
         name: str,
         robot: _Robot,
         origin: str,
@@ -265,35 +342,17 @@ class HistoryStore:
         self._behind.pop(behind, None)
         if taken is None:
             return False
-        texts = (
-            text_of(taken.epoch.first),
-            text_of(taken.epoch.last),
-            taken.epoch.known_until_ns,
-            taken.epoch.newest_ns,
+        number = put_epoch(
+            connection, robot.number, origin, taken.epoch, 0 if taken.new else number
         )
-        if taken.new:
-            row = connection.execute(
-                "INSERT INTO epoch (robot, origin, energy_start, first, last, known_until, newest) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?)", (robot.number, origin, key[1], *texts),
-            )  # fmt: skip
-            number = int(row.lastrowid or 0)
-        else:
-            connection.execute(
-                "UPDATE epoch SET last = ?, known_until = ?, newest = ? WHERE id = ?",
-                (*texts[1:], number),
-            )
         robot.epochs[key] = number, taken.epoch
         if taken.span is not None:
-            put_span(connection, robot.number, number, taken.span)
+            span = taken.span
+            if robot.has_bags and span.values[OBSERVED]:
+                give_way(connection, rolled, robot.number, span.begin_ns, span.end_ns)
+            put_span(connection, rolled, robot.number, number, taken.span)
         put_events(connection, robot.number, taken.events)
         return True
-
-    def _forget_minutes(self, connection: sqlite3.Connection, now_ns: int) -> None:
-        connection.execute(
-            "DELETE FROM slot1 WHERE (start, robot, epoch, stop) IN (SELECT start, robot, epoch, "
-            "stop FROM slot1 WHERE start < ? LIMIT ?)",
-            (now_ns - self._keep_ns, MAX_MINUTES_AT_ONCE),
-        )
 
     def _read(self) -> dict[str, _Robot]:
         assert self._connection is not None
@@ -305,7 +364,10 @@ class HistoryStore:
             "ORDER BY id"
         ):
             epoch = Epoch(reading_from(first), reading_from(last), known, newest)
-            by_number[robot].epochs[origin, start] = number, epoch
+            if origin.startswith(BAG):
+                by_number[robot].has_bags = True
+            else:
+                by_number[robot].epochs[origin, start] = number, epoch
         return robots
 
     def _check_space(self) -> None:
@@ -322,38 +384,6 @@ class HistoryStore:
             with suppress(sqlite3.Error):
                 self._connection.close()
             self._connection = None
-
-
-def _supersedes(reading: Reading, before: Reading) -> bool:
-    """Whether a reading can take the place of the one before: same minute, same registers."""
-    return (
-        not before.minute_ns
-        and reading.energy_start_ns == before.energy_start_ns
-        and reading.model_id == before.model_id
-        and reading.meter_location == before.meter_location
-        and before.counted_ns <= reading.counted_ns
-        and (reading.stamp_ns - 1) // MINUTE_NS == (before.stamp_ns - 1) // MINUTE_NS
-        and reading.stamp_ns - before.stamp_ns == reading.counted_ns - before.counted_ns
-    )
-
-
-def _finished(waiting: Sequence[Reading], now_ns: int) -> int:
-    """How many readings are recorded now: a last one within a minute waits for its end."""
-    if not waiting or waiting[-1].minute_ns or now_ns - waiting[-1].stamp_ns > 2 * MINUTE_NS:
-        return len(waiting)
-    return len(waiting) - 1
-
-
-def _thinned(waiting: list[Reading]) -> list[Reading]:
-    """Drop every other reading of the older half, but none that begins or ends other registers."""
-    half = len(waiting) // 2
-    return [
-        one
-        for place, one in enumerate(waiting)
-        if place >= half
-        or place % 2 == 0
-        or waiting[place + 1].energy_start_ns != one.energy_start_ns
-    ]
 
 
 def _unusable(folder: Path, error: Exception) -> HistoryError:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import sqlite3
+import fcntl
+import os
 from collections.abc import Sequence
 from datetime import UTC, date, datetime
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Literal, Self
 from zoneinfo import ZoneInfo
 
@@ -16,16 +19,21 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import time_zone
 from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
+from robot_energy.store.state_files import open_regular, read_regular
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
 MAX_TARIFFS = 500
 MAX_PRICE = 1e6  # [currency/kWh]; some currencies count in thousands
 QUARTER = 15  # a slot of the history, at which prices and shifts may change [min]
+DAY_MINUTES = 1440
+FILE = "tariffs.jsonl"
+MAX_BYTES = 8 * 2**20
 MICROJOULE_PER_KWH = JOULE_PER_KWH * 1e6
 
 Price = Annotated[float, Field(ge=0.0, le=MAX_PRICE, allow_inf_nan=False)]
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
+Rest = Literal["", "night", "weekend"]
 Clock = Annotated[str, Field(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$|^24:00$")]
 Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
@@ -95,7 +103,10 @@ class Prices(ModelEntry):
         """
         if self.price_per_kwh is None:
             return None
-        local = datetime.fromtimestamp(stamp_ns / SECOND_NS, ZoneInfo(self.timezone))
+        return self.price_of(datetime.fromtimestamp(stamp_ns / SECOND_NS, ZoneInfo(self.timezone)))
+
+    def price_of(self, local: datetime) -> float | None:
+        """Return the price at a local time; None without prices. [currency/kWh]"""
         held = (one.price_per_kwh for one in self.time_of_use if one.holds(local))
         return next(held, self.price_per_kwh)
 
@@ -137,22 +148,36 @@ class Prices(ModelEntry):
         return sorted(edge for edge in found if start_ns <= edge <= end_ns)
 
 
+class Night(ModelEntry):
+    """The time that is night, on every day.
+
+    Attributes:
+        begin: When it begins, local time.
+        end: When it ends; before ``begin``: on the next day.
+    """
+
+    begin: Clock = "22:00"
+    end: Clock = "06:00"
+
+
 class Tariff(Prices):
     """Prices that hold from a day on, until the next tariff begins.
 
     Attributes:
         begin: First day, in the time zone.
         shifts: When shifts begin, local time.
+        night: The time that is night.
+        weekend: Days without work, from midnight to midnight.
     """
 
     begin: Annotated[date, Field(ge=date(1970, 1, 2), le=date(2200, 1, 1))]
     shifts: Annotated[tuple[Clock, ...], Field(max_length=12)] = ()
+    night: Night = Night()
+    weekend: tuple[Day, ...] = ("sat", "sun")
 
     @model_validator(mode="after")
     def _at_quarters(self) -> Self:
-        clocks = [*self.shifts]
-        clocks += [clock for one in self.time_of_use for clock in (one.begin, one.end)]
-        odd = [clock for clock in clocks if minute_of(clock) % QUARTER]
+        odd = [clock for clock in self.clocks if minute_of(clock) % QUARTER]
         if odd:
             raise ValueError(
                 f"{odd[0]} is not a quarter of an hour; the history knows what was used in each "
@@ -161,9 +186,29 @@ class Tariff(Prices):
         return self
 
     @property
+    def clocks(self) -> list[str]:
+        """Local times at which prices, shifts or nights begin and end."""
+        periods = (self.night, *self.time_of_use)
+        return [*self.shifts, *(clock for one in periods for clock in (one.begin, one.end))]
+
+    @property
     def begin_ns(self) -> int:
         """When it begins. [ns]"""
         return day_begin(self.begin, ZoneInfo(self.timezone))
+
+    def shift_of(self, local: datetime) -> str:
+        """Return when the shift of a local time begins; empty without shifts."""
+        rising, minute = sorted(self.shifts, key=minute_of), 60 * local.hour + local.minute
+        begun = [clock for clock in rising if minute_of(clock) <= minute]
+        return (begun or rising or [""])[-1]
+
+    def rest_of(self, local: datetime) -> Rest:
+        """Return whether a local time is weekend or else night, in which nobody works."""
+        if DAYS[local.weekday()] in self.weekend:
+            return "weekend"
+        begin, end = minute_of(self.night.begin), minute_of(self.night.end)
+        since = (60 * local.hour + local.minute - begin) % DAY_MINUTES
+        return "night" if since < (end - begin) % DAY_MINUTES else ""
 
 
 class TariffFile(ModelEntry):
@@ -172,6 +217,7 @@ class TariffFile(ModelEntry):
     tariffs: Annotated[tuple[Tariff, ...], Field(min_length=1, max_length=MAX_TARIFFS)]
 
 
+@cache
 def minute_of(clock: str) -> int:
     """Return the minute of the day of a time such as 06:30."""
     hour, minute = clock.split(":")
@@ -192,53 +238,53 @@ def load_tariffs(path: str) -> tuple[Tariff, ...]:
     return load(path, TariffFile, HistoryError, "tariff file").tariffs
 
 
-def add_tariffs(connection: sqlite3.Connection, tariffs: Sequence[Tariff], now_ns: int) -> None:
-    """Add tariffs; one with the same begin holds from now on, and the earlier one is kept.
+def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
+    """Add tariffs to a history, also while a recorder writes it.
+
+    One with the same begin holds from now on, and the earlier one is kept.
 
     Args:
-        connection: Of the writer.
+        folder: Of the history.
         now_ns: Time of this computer. [ns]
+
+    Raises:
+        HistoryError: If they cannot be written, or there would be too many.
     """
-    connection.execute("BEGIN IMMEDIATE")
-    connection.executemany(
-        "INSERT INTO tariff (begin, added, document) VALUES (?, ?, ?)",
-        [(one.begin_ns, now_ns, one.model_dump_json()) for one in tariffs],
-    )
-    connection.execute("COMMIT")
+    path = folder / FILE
+    lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()
+    try:
+        file = open_regular(path, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            content = read_regular(path, MAX_BYTES) or b""
+            whole = content.rfind(b"\n") + 1  # a line that a crash cut off is dropped
+            if whole + len(lines) > MAX_BYTES:
+                raise HistoryError(f"{path} would have over {MAX_BYTES} bytes", "fewer tariffs")
+            os.ftruncate(file, whole)
+            os.pwrite(file, lines, whole)
+            os.fsync(file)
+        finally:
+            os.close(file)
+    except OSError as error:
+        raise HistoryError(f"{path} cannot be written ({error})", "a folder of yours") from error
 
 
-def stored_tariffs(connection: sqlite3.Connection) -> list[Tariff]:
-    """Return the tariffs that hold, in order of their begin."""
-    rows = connection.execute("SELECT begin, document FROM tariff ORDER BY id").fetchall()
-    newest = dict(rows)
-    return [Tariff.model_validate_json(newest[begin]) for begin in sorted(newest)]
+def stored_tariffs(folder: str | Path) -> list[Tariff]:
+    """Return the tariffs of a history that hold, in order of their begin.
 
-
-def priced_parts(
-    tariffs: Sequence[Tariff], start_ns: int, stop_ns: int
-) -> list[tuple[int, int, Tariff, float | None]]:
-    """Return the parts of a time in which one tariff and one price hold.
-
-    Args:
-        tariffs: In order of their begin.
-        start_ns: Begin of the time. [ns]
-        stop_ns: End of the time. [ns]
-
-    Returns:
-        Begin and end [ns], tariff and price [currency/kWh] of each; time before the first tariff is
-        in none.
+    Raises:
+        HistoryError: If they cannot be read.
     """
-    ends = [one.begin_ns for one in tariffs[1:]] + [stop_ns]
-    parts: list[tuple[int, int, Tariff, float | None]] = []
-    for tariff, until in zip(tariffs, ends, strict=True):
-        first, last = max(start_ns, tariff.begin_ns), min(stop_ns, until)
-        if first >= last:
-            continue
-        edges = tariff.edges(first, last) if tariff.time_of_use else [first, last]
-        for begin, end in pairwise(edges):
-            price = tariff.price_at(begin)
-            if parts and parts[-1][1] == begin and parts[-1][2:] == (tariff, price):
-                parts[-1] = (parts[-1][0], end, tariff, price)
-            else:
-                parts.append((begin, end, tariff, price))
-    return parts
+    path = Path(folder).expanduser() / FILE
+    try:
+        content = read_regular(path, MAX_BYTES) or b""
+        lines = content[: content.rfind(b"\n") + 1].splitlines()
+        found = [Tariff.model_validate_json(line.partition(b" ")[2]) for line in lines]
+    except (OSError, ValueError) as error:
+        raise HistoryError(
+            f"{path} cannot be read ({' '.join(str(error).split())})",
+            "tariffs of this release, one a line",
+            "move it away, and add the tariffs again",
+        ) from error
+    newest = {one.begin_ns: one for one in found}
+    return [newest[begin] for begin in sorted(newest)]

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.certainty.friction_certainty import FrictionCertainty
@@ -265,6 +266,7 @@ def run_replay(
     keep_curves: bool = False,
     keep_compared: bool = False,
     on_output: Callable[[Output], None] | None = None,
+    on_reading: Callable[[EnergyAccount, int], None] | None = None,
     **options: Unpack[ReplayOptions],
 ) -> Replay:
     """Replay a bag with the options of the command.
@@ -275,6 +277,7 @@ def run_replay(
         keep_curves: Whether to keep energies over time for figures.
         keep_compared: Whether to keep all that was compared with the meter.
         on_output: Called with what each step of the pipeline gave.
+        on_reading: Called with the account as it stands at each UTC minute, and at the end.
 
     Returns:
         The accounting of the replay.
@@ -322,6 +325,7 @@ def run_replay(
         inputs=read,
         states=states,
         on_output=on_output,
+        on_reading=on_reading,
         time_range=TimeRange(given.get("start"), given.get("end")),
         learned=given.get("learned"),
         jobs=load_jobs(jobs) if (jobs := given.get("jobs")) else (),

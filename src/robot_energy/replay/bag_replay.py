@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from robot_energy.accounting.account import EnergyAccount
@@ -113,6 +114,7 @@ def replay(
     jobs: Sequence[Job] = (),
     calibration: Calibrated | None = None,
     processes: int = 1,
+    on_reading: Callable[[EnergyAccount, int], None] | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -137,6 +139,8 @@ def replay(
         calibration: Of the bands, from an earlier account of the same model and meter.
         processes: 2: reading and torque are a process of their own; 3: two; which changes
             no figure.
+        on_reading: Called with the account, and the UTC minute up to which it has counted all
+            samples or 0, as `EnergyAccount.on_reading`, and at the end.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -210,6 +214,8 @@ def replay(
     pipeline.account.on_compared = take
     if calibration is not None:
         pipeline.account.calibrate(calibration)
+    if on_reading is not None:
+        pipeline.account.on_reading = partial(on_reading, pipeline.account)
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)
@@ -248,6 +254,8 @@ def replay(
         result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)
         _require_prediction(result)
+        if on_reading is not None:
+            on_reading(pipeline.account, 0)
         _cover_recording(result)
         if writer is not None:
             writer.close()

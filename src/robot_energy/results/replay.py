@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
+
 from robot_energy.messages import interval_fields
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
@@ -137,7 +139,9 @@ def replay_report(
     account, topics = result.account, result.topics
     learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
-    common = common_figures(account, result.model, temperature, change)
+    thermal = result.pipeline.power.thermal
+    gears = np.where(thermal.gears, thermal.friction_degc, np.nan).tolist()
+    common = common_figures(account, result.model, temperature, change, gears)
     inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
     return ReplayReport(
         **common,

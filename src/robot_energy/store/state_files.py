@@ -14,18 +14,19 @@ from pathlib import Path
 SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
 
-def open_regular(path: Path, flags: int) -> int:
+def open_regular(path: Path, flags: int, mode: int = 0o644) -> int:
     """Return the descriptor of a regular file.
 
     Args:
         path: The file; its last part must not be a link.
         flags: Of `os.open`.
+        mode: Permissions of a new one.
 
     Raises:
         OSError: If it cannot be opened, or is a link, pipe, device or folder.
     """
     try:
-        file = os.open(path, flags | SAFE, 0o644)
+        file = os.open(path, flags | SAFE, mode)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
             raise OSError(error.errno, "is not a regular file", str(path)) from error

@@ -97,7 +97,7 @@ class TimeSeries(Shown):
         Raises:
             ImportError: If pandas is not installed.
         """
-        pandas = _library("pandas")
+        pandas = library("pandas")
         flat = self.to_dict()
         index = pandas.to_datetime(flat.pop("stamp_ns"), unit="ns", utc=True)
         return pandas.DataFrame(flat, index=index.rename("time"))
@@ -108,7 +108,7 @@ class TimeSeries(Shown):
         Raises:
             ImportError: If polars is not installed.
         """
-        polars = _library("polars")
+        polars = library("polars")
         flat = self.to_dict()
         time = polars.Series("time", flat.pop("stamp_ns")).cast(polars.Datetime("ns", "UTC"))
         return polars.DataFrame([time, *(polars.Series(k, v) for k, v in flat.items())])
@@ -119,7 +119,7 @@ class TimeSeries(Shown):
         Raises:
             ImportError: If xarray is not installed.
         """
-        xarray = _library("xarray")
+        xarray = library("xarray")
         flat = {name: ("time", values) for name, values in self.columns.items()}
         per_joint = {
             name: (("time", "joint"), values) for name, values in self.joint_columns.items()
@@ -153,7 +153,7 @@ class TimeSeries(Shown):
             ImportError: If polars is not installed.
         """
         target = io.BytesIO()
-        frame = _library("polars").DataFrame(self.to_dict())
+        frame = library("polars").DataFrame(self.to_dict())
         marks = {"generator": GENERATOR, "units": json.dumps({**self.units})}
         frame.write_parquet(target, metadata=marks)
         return target.getvalue()
@@ -164,7 +164,12 @@ def _check(name: str, values: Column, shape: tuple[int, ...]) -> None:
         raise ShapeError(f"the column '{name}' has the shape {values.shape}", f"{shape}")
 
 
-def _library(name: str) -> Any:
+def library(name: str) -> Any:
+    """Return a library that converts tables.
+
+    Raises:
+        ImportError: If it is not installed.
+    """
     try:
         return import_module(name)
     except ModuleNotFoundError as error:

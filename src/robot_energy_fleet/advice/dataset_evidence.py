@@ -18,6 +18,7 @@ from robot_energy.replay.api import ReplayOptions
 from robot_energy_fleet.advice.claims import LONG_REST, Claim
 from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy_fleet.dataset import collected, read_tables, scan
+from robot_energy_fleet.history_tables import is_history
 from robot_energy_fleet.tables import counted_twice
 from robot_energy_report.formats import counted
 
@@ -55,8 +56,10 @@ def _bag_sample(
 
     They are `MAX_BAGS` at most, and none where fewer than `MIN_BAGS` can be read from this host.
     The number is that of bags that are there, but were replayed with a file of inputs, of which a
-    dataset keeps a hash alone.
+    dataset keeps a hash alone. A history does not say where its bags are.
     """
+    if is_history(folder):
+        return [], 0
     rows = collected(scan(folder).select("key", "bag", "settings"), folder).iter_rows()
     known = {key: SampledBag(bag, _options(settings)) for key, bag, settings in rows}
     given = {name: value for name, value in options.items() if value is not None}
@@ -149,6 +152,9 @@ def dataset_evidence(
         else f"name bags instead, such as {largest}, which took most energy: fewer than {MIN_BAGS} "
         "are where they were and can be read again"
     )
+    what = "history" if is_history(folder) else "dataset"
+    if what == "history":
+        bags = "name bags: a history does not say where those of this robot are"
     found = RecordedEvidence(
         recordings=len(runs),
         observed_time=float(runs["observed_time"].sum()),
@@ -161,8 +167,8 @@ def dataset_evidence(
         places=False,
         fine=False,
         notes=[
-            "a dataset cannot separate short and long rests within an hour",
-            f"a dataset holds sums: for warm-up, speeds and waiting poses {bags}",
+            f"a {what} cannot separate short and long rests within an hour",
+            f"a {what} holds sums: for warm-up, speeds and waiting poses {bags}",
         ],
     )
     if without_inputs:

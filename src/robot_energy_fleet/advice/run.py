@@ -28,6 +28,7 @@ from robot_energy_fleet.advice.dataset_evidence import (
 )
 from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy_fleet.advice.speeds import speeds
+from robot_energy_fleet.history_tables import is_history
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
 from robot_energy_report.formats import percent
@@ -85,7 +86,7 @@ def advise(
     """Return a ranked list of what would save energy, from recordings alone.
 
     Args:
-        recordings: Bags of one robot model, or the folder of a dataset of a fleet.
+        recordings: Bags of one robot model, or the folder of a dataset of a fleet or of a history.
         model: A model, its file, or the name of a shipped one.
         rest_states: Standby, hibernation and brakes of this robot; None: assumed figures.
         price: Of energy; None for no cost. [currency/kWh]
@@ -116,7 +117,7 @@ def advise(
     rows, notes = given_once([str(path) for path in paths], places)
     paths = [paths[row] for row in rows]
     problems: list[str] = []
-    if len(paths) == 1 and any(Path(paths[0]).glob("robot=*")):
+    if len(paths) == 1 and (any(Path(paths[0]).glob("robot=*")) or is_history(paths[0])):
         evidence, sampled = dataset_evidence(paths[0], used, options)
         fine = _sampled(sampled, evidence, used, named, look_at_speeds, problems, options)
     else:

@@ -18,6 +18,7 @@ from robot_energy_identify.drives.delays import (
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy_identify.drives.efficiency import CUTOFF
+from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
 from robot_energy_identify.drives.total_sums import Sums, sums
 from robot_energy_identify.stats.cross_validation import EnergyScore
@@ -81,6 +82,8 @@ class DrivesFound:
                 source,
                 self.total.data.sensors.std.meter,
             )
+            known = total_covariance(self.total.data, self.total.fit, changed, source)
+            changed = changed.changed(covariance=known)
             return changed, [*_unfitted(model, changed.drive), *notes]
         return model, []
 

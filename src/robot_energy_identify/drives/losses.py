@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
 from robot_energy_identify.stats.regression import Fit, independent, regress
 from robot_energy_identify.stats.systematic import Changes, with_systematic
+
+if TYPE_CHECKING:
+    from robot_energy_identify.drives.drives import AxisFit
 
 REFERENCE_DEGC = 20.0
 COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
@@ -153,3 +157,12 @@ def fit_losses(
 
 def _size(columns: Float) -> Float:
     return np.linalg.norm(columns, axis=0)
+
+
+def fitted_losses(axis: AxisFit, source: str) -> object:
+    """Return the entry of the loss model; None where the data do not tell it.
+
+    Args:
+        source: Where the data come from.
+    """
+    return None if axis.losses is None else axis.losses.entry(source)

@@ -21,6 +21,12 @@ from robot_energy_identify.data.observations import Filters, Observations, obser
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
+from robot_energy_identify.dynamics.springs import (
+    check_springs,
+    open_springs,
+    spring_columns,
+    without_springs,
+)
 from robot_energy_identify.dynamics.sufficiency import (
     check_channels,
     check_length,
@@ -211,7 +217,8 @@ def identify_dynamics(
 
     Args:
         channels: Stretches of recordings without gaps, one rate for all.
-        model: Kinematics, drivetrain, payload, and bodies as the prior.
+        model: Kinematics, drivetrain, payload, and bodies as the prior. A counterbalance whose
+            strength is assumed is identified, any other taken as known.
         settings: How; the defaults suit industrial arms.
 
     Raises:
@@ -219,6 +226,28 @@ def identify_dynamics(
             what to record instead.
     """
     settings = settings or DynamicsSettings()
+    springs = open_springs(model)
+    if springs:
+        model = without_springs(model, springs)
+        plain = identify_dynamics(channels, model, settings)
+        columns = (*settings.columns, *spring_columns(springs))
+        found = _identify(channels, model, replace(settings, columns=columns))
+        check_springs(
+            springs,
+            model.joint_names,
+            found.base.labels,
+            found.fit.values,
+            found.fit.covariance,
+            found.held_out_consistent().joint,
+            plain.held_out_consistent().joint,
+        )
+        return found
+    return _identify(channels, model, settings)
+
+
+def _identify(
+    channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings
+) -> Dynamics:
     check_channels(channels, model)
     whole = TorqueModel.from_model(model, settings.columns)
     rows = observe(channels, whole, settings.filters)

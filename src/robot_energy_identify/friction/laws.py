@@ -72,6 +72,8 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
         NotIdentifiableError: If the motion does not distinguish them.
     """
     extra = [f"gravity term {number + 1}" for number in range(data.nuisance.shape[1])]
+    if data.loaded:
+        extra[0] = "load"
     try:
         columns = _columns(data, shape)
         fit = regress(

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from robot_energy_report.page.json_numbers import json_text
@@ -46,6 +47,7 @@ class PageHub:
         title: What the page shows, such as the name of a recording.
         live: Whether figures grow stale.
         control: Does what the buttons ask for; None for a page without.
+        history_folder: Of the history that the page shows; None without one.
         on_tick: Called after every tick, from the thread of the tick.
         robots: By namespace.
     """
@@ -54,6 +56,7 @@ class PageHub:
     settings: PageSettings
     live: bool = True
     control: Control | None = None
+    history_folder: Path | None = None
     on_tick: Callable[[], None] | None = None
     robots: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
     events: PageEvents = field(default_factory=PageEvents)
@@ -105,6 +108,7 @@ class PageHub:
             "title": self.title,
             "live": self.live,
             "control": self.control is not None,
+            "recorded": self.history_folder is not None,
             "number": self.events.number,
             "robots": [robot.snapshot(now) for robot in self.robots.values()],
         }

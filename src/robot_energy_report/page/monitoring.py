@@ -8,9 +8,16 @@ import yaml
 
 from robot_energy.foundation.files.output_files import COMMENT
 from robot_energy.foundation.units import JOULE_PER_KWH
+from robot_energy.history.outputs import TABLE
 from robot_energy_report.page.metrics import METRICS
 
 DEFAULT_TARGET = "127.0.0.1:8421"
+SQL_SOURCE = "grafana-postgresql-datasource"
+HISTORY_KWH = "sum(predicted_import_microjoule) / 3.6e12"
+HISTORY_PARTS = {
+    "friction": "friction", "motors and drives": "drive_loss", "motion": "rigid",
+    "brake resistor": "brake", "cabinet, DC side": "loss_dc", "cabinet, grid side": "loss_grid",
+}  # fmt: skip
 WIDTH = 24  # of a Grafana dashboard [columns]
 
 
@@ -121,6 +128,54 @@ def grafana_dashboard() -> dict[str, Any]:
         _panel("timeseries", "Findings", "short", 12, 8,
                [("{{robot}} {{level}}", _of_robot("robot_energy_findings"))]),
     ]  # fmt: skip
+    variables = [
+        {"name": "source", "label": "Prometheus", "type": "datasource", "query": "prometheus"},
+        {"name": "robot", "label": "Robot", "type": "query", "multi": True, "includeAll": True,
+         "datasource": {"type": "prometheus", "uid": "${source}"},
+         "query": f"label_values({METRICS['robot_energy_up'].sample}, robot)", "refresh": 2},
+    ]  # fmt: skip
+    shown = {"refresh": "10s", "time": {"from": "now-1h", "to": "now"}}
+    return _dashboard("Robot energy", "robot-energy", variables, panels, shown)
+
+
+def history_dashboard() -> dict[str, Any]:
+    """Return a dashboard for Grafana 10.3 and later on the table that `history export` fills."""
+    kwh = {name: f"sum({name}_microjoule) / 3.6e12" for name in HISTORY_PARTS.values()}
+    day = "date_trunc('day', begin)"
+    parts = ", ".join(f'{kwh[column]} AS "{name}"' for name, column in HISTORY_PARTS.items())
+    standby = "sum(standby_microjoule) / 3.6e12"
+    panels = [
+        _sql_panel("stat", "Energy", "kwatth", 8, 5, f"SELECT robot, {HISTORY_KWH} AS energy",
+                   "GROUP BY robot"),
+        _sql_panel("stat", "Cost", "none", 8, 5, "SELECT robot, sum(cost) AS cost",
+                   "GROUP BY robot"),
+        _sql_panel("stat", "Standby", "kwatth", 8, 5, f"SELECT robot, {standby} AS standby",
+                   "GROUP BY robot"),
+        _sql_panel("timeseries", "Energy of each day", "kwatth", 24, 9,
+                   f"SELECT {day} AS time, robot AS metric, {HISTORY_KWH} AS value",
+                   "GROUP BY 1, 2 ORDER BY 1"),
+        _sql_panel("timeseries", "Where it goes", "kwatth", 24, 9,
+                   f"SELECT {day} AS time, {parts}", "GROUP BY 1 ORDER BY 1"),
+        _sql_panel("table", "Standby while nobody works", "none", 12, 7,
+                   "SELECT robot, sum(standby_night_cost) AS night, "
+                   "sum(standby_weekend_cost) AS weekend", "GROUP BY robot ORDER BY 1"),
+        _sql_panel("table", "Not observed", "h", 12, 7,
+                   "SELECT robot, sum(gap_ns) / 3.6e12 AS gap", "GROUP BY robot ORDER BY 1"),
+    ]  # fmt: skip
+    variables = [
+        {"name": "source", "label": "PostgreSQL", "type": "datasource", "query": SQL_SOURCE},
+        {"name": "robot", "label": "Robot", "type": "query", "multi": True, "includeAll": True,
+         "datasource": {"type": SQL_SOURCE, "uid": "${source}"},
+         "query": f"SELECT DISTINCT robot FROM {TABLE} ORDER BY 1", "refresh": 2},
+    ]  # fmt: skip
+    shown = {"time": {"from": "now-30d", "to": "now"}}
+    return _dashboard("Robot energy: history", "robot-energy-history", variables, panels, shown)
+
+
+def _dashboard(
+    title: str, uid: str, variables: list[Any], panels: list[dict[str, Any]], shown: Any
+) -> dict[str, Any]:
+    """A dashboard whose panels stand in rows."""
     x = y = height = 0
     for number, panel in enumerate(panels, 1):
         place = panel["gridPos"]
@@ -129,24 +184,30 @@ def grafana_dashboard() -> dict[str, Any]:
         panel |= {"id": number, "gridPos": place | {"x": x, "y": y}}
         x, height = x + place["w"], max(height, place["h"])
     return {
-        "title": "Robot energy",
-        "uid": "robot-energy",
+        "title": title,
+        "uid": uid,
         "tags": ["robot", "energy"],
         "schemaVersion": 38,
-        "refresh": "10s",
-        "time": {"from": "now-1h", "to": "now"},
-        "templating": {
-            "list": [
-                {"name": "source", "label": "Prometheus", "type": "datasource",
-                 "query": "prometheus"},
-                {"name": "robot", "label": "Robot", "type": "query", "multi": True,
-                 "includeAll": True, "datasource": {"type": "prometheus", "uid": "${source}"},
-                 "query": f"label_values({METRICS['robot_energy_up'].sample}, robot)",
-                 "refresh": 2},
-            ]
-        },
+        **shown,
+        "templating": {"list": variables},
         "panels": panels,
+    }
+
+
+def _sql_panel(
+    kind: str, title: str, unit: str, width: int, height: int, select: str, group: str
+) -> dict[str, Any]:
+    query = (
+        f"{select} FROM {TABLE} WHERE resolution = 'quarter' AND $__timeFilter(begin) "
+        f"AND robot IN (${{robot:sqlstring}}) {group}"
+    )
+    panel = _panel(kind, title, unit, width, height, [], stacked=True)
+    source = {"type": SQL_SOURCE, "uid": "${source}"}
+    target = {
+        "refId": "A", "datasource": source, "rawQuery": True, "editorMode": "code",
+        "format": "time_series" if kind == "timeseries" else "table", "rawSql": query,
     }  # fmt: skip
+    return {**panel, "datasource": source, "targets": [target]}
 
 
 def _panel(

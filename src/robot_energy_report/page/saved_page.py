@@ -13,13 +13,24 @@ from typing import Any
 
 from robot_energy_report.page.json_numbers import json_text
 
-SCRIPTS = ("format.js", "theme.js", "flow.js", "lines.js", "tables.js", "stream.js", "main.js")
+SCRIPTS = (
+    "format.js",
+    "theme.js",
+    "flow.js",
+    "lines.js",
+    "tables.js",
+    "access.js",
+    "stream.js",
+    "main.js",
+)
+HISTORY_SCRIPTS = ("bars.js", "history.js")
 REPORT_SCRIPTS = ("format.js", "theme.js", "flow.js", "report.js")
 FILES = {
     "/": "index.html",
     "/page.css": "page.css",
     "/icon.svg": "icon.svg",
-    **{f"/{name}": name for name in SCRIPTS},
+    "/history": "history.html",
+    **{f"/{name}": name for name in (*SCRIPTS, *HISTORY_SCRIPTS)},
 }
 KINDS = {
     "html": "text/html",

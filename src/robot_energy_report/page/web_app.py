@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gzip
 import json
 import time
 from typing import Any, cast
@@ -17,13 +16,15 @@ from starlette.types import Message, Receive, Scope, Send
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
 from robot_energy.foundation.errors import RegisterError
 from robot_energy_report.page.access import PageAccess
+from robot_energy_report.page.answers import body_of, packed, takes_gzip
+from robot_energy_report.page.history_routes import HistoryRoutes
 from robot_energy_report.page.hub import ACTIONS, PageHub
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.metrics import OPENMETRICS, metrics_text
 from robot_energy_report.page.saved_page import FILES, saved_page, static_file
 
 MAX_BODY = 2048  # of a request [bytes]
-BODY_TIMEOUT = 5.0  # for a body to arrive, and for an action [s]
+BODY_TIMEOUT = 5.0  # for an action [s]
 MAX_STREAMS = 64  # pages that are open at the same time
 BEAT = 1.0  # a stream without news sends a comment this often [s]
 POLICY = (
@@ -61,12 +62,21 @@ class PageApp:
         ]
         if access.allow_control:
             routes.append(Route("/api/control", self._control, methods=["POST"]))
+        self._history: HistoryRoutes | None = None
+        if hub.history_folder is not None:
+            self._history = HistoryRoutes(hub.history_folder, access.allow_control)
+            routes += self._history.routes
         self._app = Starlette(routes=routes)
         self._app.router.redirect_slashes = False
 
     def notify(self) -> None:
         """Say that the hub has news; called in the loop of the server."""
         self._stream.notify()
+
+    def close(self) -> None:
+        """Take no more requests for the history."""
+        if self._history is not None:
+            self._history.close()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
@@ -116,21 +126,21 @@ class PageApp:
         headers = {"etag": found.tag, "cache-control": "no-cache"}
         if request.headers.get("if-none-match") == found.tag:
             return Response(status_code=304, headers=headers)
-        if _takes_gzip(request):
+        if takes_gzip(request):
             headers |= {"content-encoding": "gzip", "vary": "accept-encoding"}
             return Response(found.packed, media_type=found.kind, headers=headers)
         return Response(found.content, media_type=found.kind, headers=headers)
 
     async def _state(self, request: Request) -> Response:
         text = json_text(self._hub.state(time.monotonic()))
-        return _packed(request, text.encode(), "application/json")
+        return packed(request, text.encode(), "application/json")
 
     async def _metrics(self, request: Request) -> Response:
-        return _packed(request, metrics_text(self._hub, time.monotonic()), OPENMETRICS)
+        return packed(request, metrics_text(self._hub, time.monotonic()), OPENMETRICS)
 
     async def _saved(self, request: Request) -> Response:
         text = saved_page(self._hub.state(time.monotonic()))
-        answer = _packed(request, text.encode(), "text/html")
+        answer = packed(request, text.encode(), "text/html")
         answer.headers["content-disposition"] = 'attachment; filename="robot_energy.html"'
         return answer
 
@@ -159,14 +169,8 @@ class PageApp:
 
 async def _wish(request: Request) -> tuple[str, str, str] | None:
     """Robot, action and text of a request for an action; None if it has none."""
-    body = b""
     try:
-        async with asyncio.timeout(BODY_TIMEOUT):
-            async for chunk in request.stream():
-                body += chunk
-                if len(body) > MAX_BODY:
-                    return None
-        found = json.loads(body)
+        found = json.loads(await body_of(request, MAX_BODY))
     except (TimeoutError, ClientDisconnect, ValueError, RecursionError):
         return None
     if not isinstance(found, dict):
@@ -178,17 +182,6 @@ async def _wish(request: Request) -> tuple[str, str, str] | None:
     if action not in ACTIONS or len(text) > MAX_REASON:
         return None
     return robot, action, text
-
-
-def _takes_gzip(request: Request) -> bool:
-    return "gzip" in request.headers.get("accept-encoding", "")
-
-
-def _packed(request: Request, content: bytes, kind: str) -> Response:
-    if not _takes_gzip(request):
-        return Response(content, media_type=kind)
-    headers = {"content-encoding": "gzip", "vary": "accept-encoding"}
-    return Response(gzip.compress(content, 5, mtime=0), media_type=kind, headers=headers)
 
 
 class EventStream:

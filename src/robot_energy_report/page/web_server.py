@@ -126,6 +126,7 @@ class PageServer:
         self._server.should_exit = True
         self._server.force_exit = True
         self._thread.join(START_TIMEOUT)
+        self._app.close()
         self._socket.close()
 
     def _run(self) -> None:

@@ -6,10 +6,12 @@ import shutil
 import numpy as np
 import pytest
 
+import histories
 import robot_energy as re
 from fleets import dataset
 from places import ROOT
 from robot_energy.foundation.errors import DatasetError, ParameterError
+from robot_energy.history.store import HistoryStore
 from robot_energy.model import load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
@@ -273,6 +275,27 @@ def test_a_dataset_gives_standby_and_no_places(tmp_path):
     assert any("waiting pose" in sentence for sentence in report.without)
     dearest = tables.runs.sort("grid_energy")["bag"][-1]
     assert any(dearest in note for note in report.notes)
+
+
+def test_a_history_gives_standby_of_live_robots(tmp_path):
+    """Nights of ten hours in standby at 300 W, for five days."""
+    store = HistoryStore(tmp_path)
+    store.open()
+    robot = histories.Robot(model=MODEL.model_id)
+    for _ in range(5):
+        for hour in range(24):
+            for _ in range(4):
+                robot.advance(histories.HOUR // 4, 300 if hour < 10 else 900, standby=hour < 10)
+                store.add("cell", [robot.read(robot.now)])
+        assert store.write(robot.now), store.trouble
+    store.close()
+    found, bags = dataset_evidence(tmp_path, MODEL)
+    assert bags == []
+    assert [one.duration for one in found.rests] == pytest.approx([36_000.0] * 5)
+    assert sum(one.energy for one in found.rests) == pytest.approx(5 * 10 * 3600 * 300)
+    assert found.observed_time == pytest.approx(5 * 86_400)
+    report = re.advise(tmp_path, MODEL).report
+    assert any("a history" in note for note in report.notes)
 
 
 def test_bags_of_a_dataset_say_what_its_sums_do_not(tmp_path):

@@ -49,6 +49,14 @@ def test_it_shows_robots_jobs_and_costs(folder, tmp_path, capsys):
     assert out.count("3.6000") == 6  # from the grid, motion and the meter, of each robot
     assert out.count("1.08") == 2
     assert "weld" in out
+    assert "shift" not in out
+    path.write_text(TARIFF.replace("0.4}", '0.4, shifts: ["00:00"]}'))
+    assert main(["history", "tariff", "--add", str(path)]) == 0
+    assert "shifts from 00:00" in capsys.readouterr().out
+    assert main(["history", "show", "--start", "2020-01-01", "--resolution", "all"]) == 0
+    out = capsys.readouterr().out
+    assert "ENERGY BY SHIFT" in out.upper()
+    assert out.count("3.6000") == 8
     assert main(["history", "show", "--robots", "left", "--timezone", "Europe/Berlin"]) == 0
     out = capsys.readouterr().out
     assert "TODAY" in out
@@ -67,6 +75,33 @@ def test_it_checks_and_repairs(folder, capsys):
     assert main(["history", "repair"]) == 0
     assert "one span" in capsys.readouterr().out
     assert main(["history", "check"]) == 0
+
+
+def test_it_prints_savings(tmp_path, capsys):
+    store, robot = HistoryStore(tmp_path), Robot()
+    store.open()
+    for day in range(40):
+        for _ in range(24):
+            robot.advance(60 * MINUTE, 1000 + day % 3 - 100 * (day >= 20))
+            store.add("a", [robot.read(robot.now)])
+        assert store.write(robot.now)
+    store.close()
+    path = tmp_path / "further.csv"
+    path.write_text(
+        "date,ambient\n" + "".join(f"2026-01-{day:02d},{day % 3}\n" for day in range(1, 31))
+    )
+    words = f"history savings {tmp_path} --robot a --drivers on_hours".split()
+    words += "--baseline 2026-01-01:2026-01-21 --reported 2026-01-21:2026-02-10".split()
+    assert main([*words, "--further", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "10.0%" in out
+    assert "a saving" in out
+    assert "ambient" in out
+    assert "10 reported days are left out" in " ".join(out.split())
+    for more, said in ((["--further", "none.csv"], "none.csv"), (["--baseline", "x"], "two days"),
+                       (["--drivers", "mood"], "mood")):  # fmt: skip
+        assert main([*words, *more]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_it_refuses_what_is_not_there(folder, tmp_path, capsys):

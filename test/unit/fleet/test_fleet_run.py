@@ -112,6 +112,36 @@ def test_workers_that_are_killed_change_no_bit(hall, sequential, tmp_path, two_c
     assert content(tmp_path / "again") == content(sequential[0])
 
 
+def test_a_history_has_what_the_dataset_has(tmp_path):
+    """One bag with two jobs; its tables from either, and a report of the history."""
+    recorded = re.replay(WARM, "kr16", **EFFORT).report.time
+    begin = recorded.start_ns / 1e9
+    jobs = tmp_path / "jobs.yaml"
+    spans = ((begin + 1.0, begin + 5.0), (begin + 6.0, begin + 15.0))
+    jobs.write_text("jobs:\n" + "".join(
+        f"  - {{name: weld, begin: {first!r}, end: {last!r}}}\n" for first, last in spans
+    ))  # fmt: skip
+    place, kept = tmp_path / "d", tmp_path / "h"
+    re.fleet_run(WARM, place, "kr16", workers=0, history=kept, name="a", jobs=jobs, **EFFORT)
+    ours, theirs = read_tables(kept), read_tables(place)
+    for name in ("runs", "jobs", "hours"):
+        one, other = getattr(ours, name), getattr(theirs, name)
+        numbers = [c for c, kind in one.schema.items() if kind == pl.Float64]
+        if name == "runs":
+            numbers.remove("motor_temperature_degc")
+        else:
+            numbers += [column for column in one.columns if column.endswith("_ns")]
+        assert len(one) == len(other) > 0, name
+        for column in numbers:
+            found, expected = one[column].to_list(), other[column].to_list()
+            rel = 0.02 if column == "motion_time" else 1e-6  # by phase, and by rest of motors
+            assert found == pytest.approx(expected, rel=rel, abs=1e-6), (name, column)
+    assert re.history_jobs(kept, 0, 2**62)["parts"].tolist() == [2]
+    report = re.fleet_report(kept)
+    assert report.robots[0].grid_energy == pytest.approx(theirs.runs["grid_energy"][0])
+    assert report.robots[0].jobs == 2
+
+
 def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, tmp_path):
     """Dask alone would wait for ever."""
     seen = set()

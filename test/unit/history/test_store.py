@@ -1,8 +1,10 @@
 """What the history holds is what the registers counted, whatever happens."""
 
+import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from robot_energy.history.differences import CLOCK, EARLIER
 from robot_energy.history.files import open_reader
 from robot_energy.history.readings import COLUMNS, ReadingDecoder
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
+from robot_energy.history.tariffs import stored_tariffs
 from robot_energy.messages import RegistersWriter
 
 IMPORT = "predicted_import_microjoule"
@@ -240,6 +243,31 @@ def test_a_full_disk_leaves_all_waiting_and_bounded(store, monkeypatch):
     assert total(store.folder) == robot.values[IMPORT]
 
 
+def test_readings_that_come_while_the_disk_is_at_work_are_written_after_it(store, monkeypatch):
+    """They come in the middle of the first transaction, from another thread."""
+    robot = Robot()
+    first, during = [robot.minute() for _ in range(3)], [robot.minute() for _ in range(3)]
+    real, calls = shutil.disk_usage, []
+
+    def disk_usage(path):
+        if not calls:
+            thread = Thread(target=store.add, args=("a", during))
+            thread.start()
+            thread.join()
+        calls.append(store.waiting)
+        return real(path)
+
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+    write(store, robot, first)
+    assert total(store.folder) == first[-1].values[COLUMNS.index(IMPORT)]
+    assert store.waiting == 3
+    write(store, robot, [])
+    assert total(store.folder) == robot.values[IMPORT]
+    assert calls == [6, 3]
+    with closing(open_reader(store.folder)) as connection:
+        assert connection.execute("SELECT count(*) FROM slot1").fetchone() == (6,)
+
+
 def test_an_error_of_the_disk_in_a_transaction_takes_all_of_it_back(store):
     robot = Robot()
     write(store, robot, [robot.minute()])
@@ -318,20 +346,50 @@ def test_an_older_schema_is_brought_up_to_date_with_a_copy(store, monkeypatch):
     write(store, robot, [robot.minute()])
     folder = store.folder
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 2)
+    monkeypatch.setattr(schema, "VERSION", 3)
     monkeypatch.setitem(
-        schema.MIGRATIONS, 1, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
+        schema.MIGRATIONS, 2, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
     )
     later = HistoryStore(folder)
     later.open()
-    assert "from version 1 to 2" in later.notices[0]
+    assert "from version 2 to 3" in later.notices[0]
     write(later, robot, [robot.minute()])
     later.close()
-    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-1")) as copy:
-        assert copy.execute("PRAGMA user_version").fetchone() == (1,)
-    monkeypatch.setattr(schema, "VERSION", 1)
-    with refused(HistoryError, found="version 2"):
+    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-2")) as copy:
+        assert copy.execute("PRAGMA user_version").fetchone() == (2,)
+    monkeypatch.setattr(schema, "VERSION", 2)
+    with refused(HistoryError, found="version 3"):
         HistoryStore(folder).open()
+
+
+def test_the_first_tables_get_hours_days_and_a_file_of_tariffs(store):
+    robot = Robot()
+    for _ in range(100):
+        write(store, robot, [robot.minute() for _ in range(60)])
+    folder = store.folder
+    for table in ("slot60", "slot1440", "joint60", "joint1440", "curve"):
+        store._connection.execute(f"DROP TABLE {table}")
+    store._connection.execute("DROP INDEX ended")
+    store._connection.execute("DELETE FROM meta WHERE name = 'rolled_until'")
+    store._connection.execute(
+        "CREATE TABLE tariff (id INTEGER PRIMARY KEY, begin, added, document)"
+    )
+    tariff = '{"begin": "2026-01-01", "price_per_kwh": 0.25}'
+    store._connection.execute("INSERT INTO tariff VALUES (1, 5, 6, ?)", (tariff,))
+    store._connection.execute("PRAGMA user_version = 1")
+    store.close()
+    later = HistoryStore(folder)
+    later.open()
+    assert "from version 1 to" in later.notices[0]
+    assert later.write(robot.now)
+    later.close()
+    assert [one.price_per_kwh for one in stored_tariffs(folder)] == [0.25]
+    assert check(folder) == []
+    with closing(open_reader(folder)) as connection:
+        assert connection.execute("SELECT count(*) FROM slot1440").fetchone() == (4,)
+    assert history(folder, START, START + 5 * DAY, "all")[IMPORT].tolist() == [
+        robot.values[IMPORT],
+    ]
 
 
 def test_a_migration_that_fails_leaves_all_as_it_was(store, monkeypatch):
@@ -339,8 +397,8 @@ def test_a_migration_that_fails_leaves_all_as_it_was(store, monkeypatch):
     write(store, robot, [robot.minute()])
     folder = store.folder
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 2)
-    monkeypatch.setitem(schema.MIGRATIONS, 1, lambda c: c.execute("DROP TABLE no_such"))
+    monkeypatch.setattr(schema, "VERSION", 3)
+    monkeypatch.setitem(schema.MIGRATIONS, 2, lambda c: c.execute("DROP TABLE no_such"))
     with refused(HistoryError):
         HistoryStore(folder).open()
     monkeypatch.undo()

@@ -1,6 +1,5 @@
 """Energy at the price of the time of use: equal to a sum by hand over days of 23 and 25 hours."""
 
-from contextlib import closing
 from datetime import UTC, datetime
 from fractions import Fraction
 from zoneinfo import ZoneInfo
@@ -11,9 +10,8 @@ from histories import DAY, HOUR, MINUTE, SECOND, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.api import history
-from robot_energy.history.files import open_reader
 from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff, load_tariffs, stored_tariffs
+from robot_energy.history.tariffs import Tariff, add_tariffs, load_tariffs, stored_tariffs
 
 BERLIN = ZoneInfo("Europe/Berlin")
 IMPORT = "predicted_import_microjoule"
@@ -29,6 +27,7 @@ tariffs:
   - begin: 2026-04-10
     timezone: Europe/Berlin
     price_per_kwh: 0.5
+    shifts: ["06:00", "14:00", "22:00"]
 """
 
 
@@ -43,7 +42,7 @@ def recorded(folder, start, quarters):
     used = {}
     for _ in range(quarters):
         before, begin = robot.values[IMPORT], robot.now
-        robot.advance(15 * MINUTE)
+        robot.advance(15 * MINUTE, standby=len(used) % 3 == 0)
         used[begin] = robot.values[IMPORT] - before
         store.add("a", [robot.read(robot.now)])
         if len(used) % 100 == 0:
@@ -74,7 +73,7 @@ def test_a_month_costs_what_a_sum_by_hand_says(tmp_path, first, days, hours):
     path.write_text(TARIFFS)
     start = ns(*first)
     store, used = recorded(tmp_path / "h", start, hours * 4)
-    store.add_tariffs(load_tariffs(str(path)), 0)
+    add_tariffs(store.folder, load_tariffs(str(path)), 0)
     store.close()
     stop = start + hours * HOUR
     month = history(tmp_path / "h", start, stop, "month", timezone="Europe/Berlin")
@@ -88,6 +87,50 @@ def test_a_month_costs_what_a_sum_by_hand_says(tmp_path, first, days, hours):
     assert longest == {24, 24 + hours - days * 24}
     for begin, end, cost in zip(each.stamp_ns, each["stop_ns"], each["cost"], strict=True):
         assert cost == pytest.approx(by_hand(used, begin, end), rel=1e-12)
+
+
+@pytest.mark.parametrize(("first", "hours"), [((2026, 3, 1), 743), ((2026, 10, 1), 745)])
+def test_shifts_and_standby_are_what_a_sum_by_hand_says(tmp_path, first, hours):
+    """Over both changes of summer time; every third quarter hour is standby."""
+    path, start = tmp_path / "tariffs.yaml", ns(*first)
+    path.write_text(TARIFFS)
+    store, used = recorded(tmp_path / "h", start, hours * 4)
+    add_tariffs(store.folder, load_tariffs(str(path)), 0)
+    store.write(start + (hours + 48) * HOUR)  # the first days are rolled up, the others are not
+    store.close()
+    stop = start + hours * HOUR
+    shifts, rests, costs = {}, {"night": 0, "weekend": 0}, {"night": Fraction(0), "weekend": 0}
+    for place, (begin, energy) in enumerate(used.items()):
+        local = datetime.fromtimestamp(begin / SECOND, UTC).astimezone(BERLIN)
+        shift = {0: "22:00", 1: "06:00", 2: "14:00"}[(local.hour + 2) // 8 % 3]
+        shifts[shift] = shifts.get(shift, 0) + energy
+        clock = (local.hour, local.minute)
+        night = clock >= (22, 0) or clock < (6, 0)
+        price = 50 if first[1] > 4 else 17 if night or clock < (6, 30) else 31
+        rest = "weekend" if local.weekday() > 4 else "night" if night else ""
+        if rest and place % 3 == 0:
+            rests[rest] += energy
+            costs[rest] += Fraction(price, 100) * energy
+    for resolution in ("month", "day"):
+        asked = (tmp_path / "h", start, stop, resolution)
+        month = history(*asked, timezone="Europe/Berlin")
+        for rest, energy in rests.items():
+            assert month[f"standby_{rest}_microjoule"].sum() == energy
+            cost = float(costs[rest] / 3_600_000_000_000)
+            assert month[f"standby_{rest}_cost"].sum() == pytest.approx(cost, rel=1e-12)
+        by_shift = history(*asked, timezone="Europe/Berlin", by_shift=True)
+        for shift, energy in shifts.items():
+            assert by_shift[IMPORT][by_shift["shift"] == shift].sum() == energy
+        assert by_shift["cost"].sum() == pytest.approx(month["cost"].sum(), rel=1e-12)
+        assert by_shift["standby_microjoule"].sum() == month["standby_microjoule"].sum()
+    with refused(HistoryError, expected="by_joint or by_shift"):
+        history(*asked, by_shift=True, by_joint=True)
+
+
+def test_a_shift_that_nobody_named_is_refused(tmp_path):
+    recorded(tmp_path, ns(2026, 3, 1), 1)[0].close()
+    with refused(HistoryError, expected="tariff with shifts", remedy="tariff --add"):
+        history(tmp_path, "2026-03-01", "2026-03-02", by_shift=True)
 
 
 def test_zones_off_by_a_half_hour_have_whole_days(tmp_path):
@@ -113,22 +156,49 @@ def test_energy_whose_time_is_not_known_has_no_price(tmp_path):
         {"begin": datetime(2026, 1, 1).date(), "timezone": "Europe/Berlin", "price_per_kwh": 0.31,
          "time_of_use": ({"begin": "22:00", "end": "06:30", "price_per_kwh": 0.17},)}
     )  # fmt: skip
-    store.add_tariffs([tariff], 0)
+    add_tariffs(tmp_path, [tariff], 0)
     store.close()
     day = history(tmp_path, start, start + DAY, "day", timezone="Europe/Berlin")
     assert day[IMPORT].tolist() == [robot.values[IMPORT]]
     assert day["priced_microjoule"].tolist() == [sum(used.values())]
 
 
+def test_a_span_over_midnight_costs_something_in_the_month_alone(tmp_path):
+    """20 hours from 18:00 on that nobody recorded, at one price."""
+    start = ns(2026, 3, 3, 18)
+    store, robot = HistoryStore(tmp_path), Robot(now=start, start=start)
+    store.open()
+    for hours in (1, 20):
+        robot.advance(hours * HOUR, 1000)
+        store.add("a", [robot.read(robot.now)])
+        assert store.write(robot.now)
+    store.close()
+    flat = Tariff(begin=datetime(2026, 1, 1).date(), price_per_kwh=0.5, timezone="Europe/Berlin")
+    add_tariffs(tmp_path, [flat], 0)
+    days = history(tmp_path, "2026-03-03", "2026-03-05", "day", timezone="Europe/Berlin")
+    assert days["cost"].tolist() == [0.5]
+    month = history(tmp_path, "2026-03-01", "2026-04-01", "month", timezone="Europe/Berlin")
+    assert month["cost"].tolist() == [21 * 0.5]
+
+
 def test_a_tariff_of_the_same_day_takes_the_place_and_the_earlier_one_is_kept(tmp_path):
     store, _ = recorded(tmp_path, ns(2026, 3, 1), 1)
     for price in (0.1, 0.2):
         one = Tariff(begin=datetime(2026, 1, 1).date(), price_per_kwh=price)
-        store.add_tariffs([one], 0)
+        add_tariffs(tmp_path, [one], 0)
     store.close()
-    with closing(open_reader(tmp_path)) as connection:
-        assert [one.price_per_kwh for one in stored_tariffs(connection)] == [0.2]
-        assert connection.execute("SELECT count(*) FROM tariff").fetchone() == (2,)
+    assert [one.price_per_kwh for one in stored_tariffs(tmp_path)] == [0.2]
+    path = tmp_path / "tariffs.jsonl"
+    assert len(path.read_text().splitlines()) == 2
+    assert path.stat().st_mode & 0o077 == 0
+    with path.open("a") as file:
+        file.write('0 {"begin": "2026-0')  # a crash within a line
+    assert [one.price_per_kwh for one in stored_tariffs(tmp_path)] == [0.2]
+    add_tariffs(tmp_path, [Tariff(begin=datetime(2026, 1, 1).date(), price_per_kwh=0.3)], 0)
+    assert [one.price_per_kwh for one in stored_tariffs(tmp_path)] == [0.3]
+    path.write_text("rubbish\n")
+    with refused(HistoryError, found="tariffs.jsonl", remedy="move it away"):
+        stored_tariffs(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """One's own loop gives the figures of a replay, however the samples are cut."""
 
 import pickle
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,12 @@ import robot_energy as re
 from robot_energy.bag import BagReader
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, stamp_ns
+from robot_energy.foundation.units import MINUTE_NS
+from robot_energy.history.check import check
+from robot_energy.history.files import open_reader
+from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy.history.store import HistoryStore
+from robot_energy_fleet.bag_minutes import BagMinutes
 
 BAG = Path(__file__).resolve().parents[3] / "bags/kr16_warm"
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -40,10 +48,12 @@ def recorded():
     )
 
 
-def run(recorded, sizes):
+def run(recorded, sizes, minutes=None):
     """Push all that was recorded up to each moment, in pieces of the sizes given."""
     joints, temperatures, meter = recorded
     monitor = re.OnlineMonitor("kr16", effort="motor_torque")
+    if minutes is not None:
+        monitor.account.on_reading = partial(minutes.take, monitor.account)
     tables, start, turn, done = [], 0, 0, [0, 0]
     while start < len(joints[0]):
         end = min(start + sizes[turn % len(sizes)], len(joints[0]))
@@ -82,6 +92,46 @@ def test_the_loop_gives_the_registers_of_the_replay_to_the_bit(recorded, sizes):
     for name in (*tables[-1].columns, *tables[-1].joint_columns):
         together = np.concatenate([table[name] for table in tables])
         assert np.array_equal(together, expected.power[name], equal_nan=True), name
+
+
+def rows_of(folder):
+    """All slots of a history, whoever recorded them."""
+    found = []
+    with closing(open_reader(folder)) as connection:
+        for table, names in (("slot1", COLUMNS), ("slot15", COLUMNS), ("joint15", JOINT_COLUMNS)):
+            key = "start, stop, joint" if table == "joint15" else "start, stop, flags"
+            query = f"SELECT {key}, {', '.join(names)} FROM {table} ORDER BY 1, 2, 3"
+            found += connection.execute(query).fetchall()
+    return found
+
+
+def test_live_and_fleet_run_give_equal_slots_and_live_goes_before(recorded, tmp_path, monkeypatch):
+    """What a monitor records live, and a replay of the bag of the same work, a minute later."""
+    later = int(recorded[0][0][-1]) + MINUTE_NS
+    monkeypatch.setattr("robot_energy_fleet.run.time.time_ns", lambda: later)  # keeps minutes
+    minutes = BagMinutes(re.load_model("kr16"))
+    monitor, _ = run(recorded, (1, 7, 40, 3, 250), minutes)
+    minutes.take(monitor.account, 0)
+    store = HistoryStore(tmp_path / "live")
+    store.open()
+    store.add("bags", minutes.readings())
+    assert store.write(minutes.readings()[-1].stamp_ns, newest=True)
+    store.close()
+    fleet = {"workers": 0, "effort": "motor_torque", "name": "bags"}
+    re.fleet_run(BAG, tmp_path / "d", "kr16", history=tmp_path / "bag", **fleet)
+    live = [(row[0], row[1], *row[3:]) for row in rows_of(tmp_path / "live")]
+    bag = [(row[0], row[1], *row[3:]) for row in rows_of(tmp_path / "bag")]
+    assert len(live) >= 8
+    assert bag == live  # but for the flag that says: counted before the recorder ran
+    assert check(tmp_path / "bag") == check(tmp_path / "live") == []
+    # The bag of the same time adds nothing, also where the dataset has it already.
+    again = re.fleet_run(BAG, tmp_path / "d", "kr16", history=tmp_path / "live", **fleet)
+    assert again.replayed == 1
+    assert [(row[0], row[1], *row[3:]) for row in rows_of(tmp_path / "live")] == live
+    events = re.history_events(tmp_path / "live", 0, 2**62)
+    assert "recorded by others" in events["text"].tolist()[-1]
+    done = re.fleet_run(BAG, tmp_path / "d", "kr16", history=tmp_path / "live", **fleet)
+    assert done.replayed == 0
 
 
 def test_single_samples_and_arrays_are_the_same():

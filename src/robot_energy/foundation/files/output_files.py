@@ -50,6 +50,9 @@ JSON = (FileKind("JSON", f'{{\n  "generator": "{GENERATOR}"'.encode(), b""),)
 HTML = (FileKind("HTML", b"<!DOCTYPE html>", HTML_MARK.encode()),)
 TEXT = (FileKind("text", COMMENT.encode(), b""),)
 CSV = (FileKind("CSV", b"stamp_ns,predicted_grid_power,", b""),)
+MARKED_CSV = (FileKind("CSV", b"resolution,timezone,robot,start_ns,stop_ns", b""),)
+SQL = (FileKind("SQL", f"-- Written by {GENERATOR}.".encode(), b""),)
+METRICS = (FileKind("OpenMetrics", b"# HELP robot_energy_history_joules ", b""),)
 PARQUET = (FileKind("Parquet", b"PAR1", GENERATOR.encode()),)
 PICTURE = (
     FileKind("PNG", b"\x89PNG\r\n\x1a\n", b"tEXtSoftware\0" + GENERATOR.encode()),

@@ -1,10 +1,11 @@
 // The page: takes state and events, and shows the chosen robot.
-import { byId, clock, element, energy, fillRows, setText, watts, JOULE_PER_WH } from "./format.js";
+import { byId, clock, energy, fillRows, setText, watts, JOULE_PER_WH } from "./format.js";
 import { drawFlow, flowRows } from "./flow.js";
 import { append, drawLines } from "./lines.js";
 import { showAlarms, showFleet, showHeadline, showMeanPower, showPower, showTables, phaseText } from "./tables.js";
 import "./theme.js";
-import { act, fetchSaved, fetchState, follow, setToken } from "./stream.js";
+import { keep, setToken, tokenHash } from "./access.js";
+import { act, fetchSaved, fetchState, follow } from "./stream.js";
 
 const STALE = 2000; // without powers from the monitor the figures are stale [ms]
 const DRAW = 240; // between two drawings of the lines [ms]
@@ -92,6 +93,7 @@ const handle = {
     view.chosen = Math.min(view.chosen, Math.max(0, state.robots.length - 1));
     byId("access").hidden = true;
     byId("save").hidden = false;
+    byId("past").hidden = !state.recorded;
     showAll();
   },
   state(state) {
@@ -157,11 +159,8 @@ function choose(attribute, key) {
   });
 }
 
-byId("save").addEventListener("click", async () => {
-  const url = URL.createObjectURL(await fetchSaved());
-  element("a", { href: url, download: "robot_energy.html" }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 1000);
-});
+byId("save").addEventListener("click", async () => keep(await fetchSaved(), "robot_energy.html"));
+byId("past").addEventListener("click", () => { byId("past").href = `history${tokenHash()}`; });
 async function control(action) {
   const name = byId("job-name").value.trim();
   const answer = byId("control-answer");

@@ -1,37 +1,22 @@
 // Figures from the monitor: the state once, then a stream of events that mends itself.
+import { ask } from "./access.js";
+
 const SILENCE = 2500; // without any event the stream is begun again [ms]
 const WAITS = [300, 600, 1200, 2500];
-let token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 
-export function setToken(value) {
-  token = value.trim();
-}
-
-function headers() {
-  return token ? { Authorization: `Bearer ${token}` } : {};
-}
-
-export async function fetchState() {
-  const answer = await fetch("api/state", { headers: headers(), signal: AbortSignal.timeout(5000) });
-  if (answer.status === 401) throw new Error("token");
-  if (!answer.ok) throw new Error(await answer.text());
-  return answer.json();
-}
-
-export async function fetchSaved() {
-  const answer = await fetch("saved.html", { headers: headers() });
-  if (!answer.ok) throw new Error(await answer.text());
-  return answer.blob();
-}
+export const fetchState = async () => (await ask("api/state", { signal: AbortSignal.timeout(5000) })).json();
+export const fetchSaved = async () => (await ask("saved.html")).blob();
 
 export async function act(robot, action, text) {
-  const answer = await fetch("api/control", {
-    method: "POST", headers: { ...headers(), "Content-Type": "application/json" },
-    body: JSON.stringify({ robot, action, text }),
-  });
-  if (answer.status === 401) throw new Error("token");
-  if (!answer.ok) return { done: false, message: await answer.text() };
-  return answer.json();
+  try {
+    const answer = await ask("api/control", {
+      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ robot, action, text }),
+    });
+    return answer.json();
+  } catch (error) {
+    if (error.message === "token" || error instanceof TypeError) throw error;
+    return { done: false, message: error.message };
+  }
 }
 
 async function readEvents(handle) {
@@ -41,9 +26,7 @@ async function readEvents(handle) {
   const leave = () => abort.abort();
   addEventListener("pagehide", leave);
   try {
-    const answer = await fetch("api/events", { headers: headers(), signal: abort.signal });
-    if (answer.status === 401) throw new Error("token");
-    if (!answer.ok) throw new Error(await answer.text());
+    const answer = await ask("api/events", { signal: abort.signal });
     const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
     let rest = "";
     for (;;) {

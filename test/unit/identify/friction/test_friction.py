@@ -90,6 +90,54 @@ def test_the_deviation_of_the_law_covers_the_true_curve(short_fits):
     assert law.std < 0.1 * A
 
 
+def loaded(share, saturation=np.inf, seed=0, minutes=15):
+    """The same axis under a changing load of up to 6 N m, known as the bodies are."""
+    data = measurement(seed, minutes)
+    load = np.abs(6.0 * np.sin(np.arange(len(data)) / 17.0))
+    torque = share * np.minimum(load, saturation) * data.sign
+    return replace(data, friction_torque=data.friction_torque + torque, load=load)
+
+
+def test_friction_by_load_comes_back_beside_the_temperature_law():
+    fit = fit_friction(loaded(0.06))
+    share, std, saturation = fit.load
+    assert share == pytest.approx(0.06, abs=3 * std)
+    assert std < 0.002
+    assert saturation == np.inf
+    assert fit.chosen == "exponential"
+    assert fit.coulomb == pytest.approx(COULOMB, abs=4 * fit.coulomb_std)
+    assert any("by load" in text for text in fit.warnings)
+    entry = fit.entry(load("kr16").joints[0].friction, "test")
+    assert entry.load_coulomb.value == share
+    assert entry.load_coulomb.std == std
+    assert entry.load_saturation is None
+    # what was found as Coulomb torque without it
+    blind = fit_friction(replace(loaded(0.06), load=np.empty(0)))
+    assert blind.load is None
+    assert blind.coulomb > COULOMB + 0.15
+
+
+def test_friction_by_load_that_saturates_comes_back():
+    fit = fit_friction(loaded(0.2, saturation=4.0))
+    share, _, saturation = fit.load
+    assert saturation == pytest.approx(4.0, abs=0.4)  # the median load
+    assert share == pytest.approx(0.2, rel=0.1)
+    entry = fit.entry(load("kr16").joints[0].friction, "test")
+    assert entry.load_saturation.value == saturation
+
+
+def test_friction_by_load_that_is_not_there_is_not_written():
+    """Over ten recordings without any; a term of an earlier file goes, friction is the whole."""
+    for seed in range(10):
+        fit = fit_friction(loaded(0.0, seed=seed, minutes=5))
+        assert fit.load is None
+    before = load("kr16").joints[0].friction
+    stated = before.model_copy(update={"load_coulomb": before.coulomb})
+    assert fit.entry(stated, "test").load_coulomb is None
+    logged = fit_friction(measurement(minutes=5))  # bodies unknown: nothing is said of it
+    assert logged.entry(stated, "test").load_coulomb == before.coulomb
+
+
 def test_a_drift_during_the_measurement_does_not_bias_the_points():
     """The motor warms by 50 K in one go; each point has the friction of its own temperature."""
     for point in fit_friction(measurement(noise=0.0)).points:

@@ -1,0 +1,298 @@
+"""The history as the page shows it: one period by robot, part, phase or joint, as plain values."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.history.api import History, history, history_events, history_jobs
+from robot_energy.history.differences import SLOT_NS
+from robot_energy.history.files import open_reader
+from robot_energy.history.spans import Resolution, robots_of
+from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
+from robot_energy_report.page.history_figures import (
+    GROUPS,
+    IMPORT,
+    Row,
+    comparable,
+    figures_by_robot,
+    harmless,
+    less,
+    parts_of,
+    remarks_of,
+    rests_of,
+    rows_of,
+    series_of,
+    summed,
+    total_of,
+)
+from robot_energy_report.page.history_period import (
+    SPAN,
+    Period,
+    instant,
+    period_at,
+    span_of,
+    zone_of,
+)
+
+MAX_JOBS = 200
+MAX_EVENTS = 100
+MAX_SPANS = 50  # of those that no part holds
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked for.
+
+    Attributes:
+        robots: Names; empty for all.
+        group: One of `GROUPS`.
+    """
+
+    period: Period
+    robots: tuple[str, ...] = ()
+    group: str = "robot"
+
+
+class HistoryView:
+    """Answers what the page asks of a history; each answer has a connection of its own.
+
+    Args:
+        folder: Of the history; it may come later.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def wish(self, asked: Mapping[str, Sequence[str]], now_ns: int) -> Wish:
+        """Return what a request asks for.
+
+        Args:
+            asked: ``period`` with ``at``, or ``start`` and ``stop``; ``timezone``, else
+                ``fallback`` where no tariff has one; ``robot``, several; ``by``.
+            now_ns: Time of this computer. [ns]
+
+        Raises:
+            HistoryError: If it asks for what there is not.
+        """
+        first = {name: values[0] for name, values in asked.items() if values}
+        name = first.get("timezone") or self._zone() or first.get("fallback") or "UTC"
+        zone = zone_of(name)
+        group = first.get("by", "robot")
+        if group not in GROUPS:
+            raise HistoryError(f"by '{group[:20]}'", ", ".join(GROUPS))
+        kind = first.get("period", "day")
+        if kind == SPAN:
+            start, stop = (instant(first.get(one, ""), zone) for one in ("start", "stop"))
+            period = span_of(start, stop, zone)
+        else:
+            at = first.get("at")
+            period = period_at(kind, instant(at, zone) if at else now_ns, zone)
+        return Wish(period, tuple(dict.fromkeys(asked.get("robot", ()))), group)
+
+    def answer(self, wish: Wish, now_ns: int) -> dict[str, Any]:
+        """Return what the page draws.
+
+        Args:
+            now_ns: Time of this computer. [ns]
+
+        Returns:
+            Energies in J, times in s since 1970; None where nothing was recorded.
+
+        Raises:
+            HistoryError: If there is no history, or no such robot.
+        """
+        with closing(open_reader(self.folder)) as connection:
+            known = list(robots_of(connection))
+            robots_of(connection, wish.robots)
+        tariffs = stored_tariffs(self.folder)
+        emits = any(one.co2_kg_per_kwh is not None for one in tariffs)
+        wish, table = self._table(wish)
+        bars = rows_of(table)
+        if wish.group == "joint":  # they hold neither times nor costs
+            table = self._read(replace(wish, group="robot"))
+        period, before = wish.period, wish.period.moved(-1)
+        if wish.group == "job":
+            bars = self._ended(wish, period, period.resolution)
+        whole = self._whole(wish, table)
+        until = min(period.stop_ns, max(period.start_ns, now_ns // SLOT_NS * SLOT_NS))
+        running = until < period.stop_ns
+        same = less(whole, self._sums(wish, until, until + SLOT_NS)) if running else whole
+        earlier = self._sums(wish, before.start_ns, period.same_part(until))
+        rows = figures_by_robot(whole, emits)
+        of_same, of_earlier = figures_by_robot(same, emits), figures_by_robot(earlier, emits)
+        for name, row in rows.items():
+            now, then = of_same.get(name, {}), of_earlier.get(name, {})
+            row["same"], row["before"] = now.get("energy"), then.get("energy")
+            row["fair"] = comparable(now.get("observed"), then.get("observed"))
+        spans = table.not_resolved
+        return {
+            "known": known,
+            "timezone": period.zone.key,
+            "period": {**period.plain(), "name": period.name, "resolution": period.resolution,
+                       "start": period.start_ns / SECOND_NS, "stop": period.stop_ns / SECOND_NS},
+            "before": {**before.plain(), "name": before.name},
+            "next": period.moved(1).plain(),
+            "now": now_ns / SECOND_NS,
+            "running": period.at(until) if running else None,
+            "currency": tariffs[-1].currency if tariffs else "",
+            "parts": parts_of(period, rows_of(table), len(rows)),
+            "series": series_of(period, wish.group, bars, len(wish.robots) == 1),
+            "group": wish.group,
+            "robots": list(rows.values()),
+            "total": total_of(rows.values()),
+            "same": total_of(of_same.values()),
+            "earlier": total_of(of_earlier.values()),
+            "fair": comparable(
+                *(sum(row["observed"] for row in one.values()) for one in (of_same, of_earlier))
+            ),
+            "spans": [
+                {"robot": row["robot"], "start": row["stamp_ns"] / SECOND_NS,
+                 "stop": row["stop_ns"] / SECOND_NS, "energy": row[IMPORT] / 1e6}
+                for row in rows_of(spans)[:MAX_SPANS]
+            ],
+            "span_count": len(spans),
+            "span_energy": sum(spans[IMPORT].tolist()) / 1e6 if len(spans) else 0.0,
+            "remarks": remarks_of(whole),
+            "rests": rests_of(whole),
+            "jobs": self._jobs(wish, before),
+            "events": self._events(wish),
+            "tariffs": [one.model_dump(mode="json") for one in tariffs],
+        }  # fmt: skip
+
+    def shifts(self, wish: Wish) -> dict[str, Any]:
+        """Return what all robots used in each shift of a period; no rows without shifts.
+
+        Raises:
+            HistoryError: If there is no history, or no such robot.
+        """
+        tariffs, period = stored_tariffs(self.folder), wish.period
+        found: dict[str, Row] = {}
+        if any(one.shifts for one in tariffs):
+            table = history(
+                self.folder, period.start_ns, period.stop_ns, "all", wish.robots,
+                period.zone.key, by_shift=True,
+            )  # fmt: skip
+            for row in rows_of(table):
+                own = found.setdefault(row["shift"], {"energy": 0.0, "standby": 0.0, "cost": None})
+                own["energy"] += row[IMPORT] / 1e6
+                own["standby"] += row["standby_microjoule"] / 1e6
+                if row["priced_microjoule"]:
+                    own["cost"] = (own["cost"] or 0.0) + row["cost"]
+        currency = tariffs[-1].currency if tariffs else ""
+        rows = [{"shift": name, **found[name]} for name in sorted(found)]
+        return {"currency": currency, "rows": rows}
+
+    def csv(self, wish: Wish) -> str:
+        """Return the parts of a period as a table, by robot, or by joint.
+
+        Raises:
+            HistoryError: If there is no history, or no such robot.
+        """
+        wish, table = self._table(wish)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        flat = table.to_dict()
+        begin, end = flat.pop("stamp_ns").tolist(), flat.pop("stop_ns").tolist()
+        writer.writerow(["begin", "end", *flat])
+        columns = [harmless(values.tolist()) for values in flat.values()]
+        for start, stop, *row in zip(begin, end, *columns, strict=True):
+            writer.writerow([wish.period.at(start), wish.period.at(stop), *row])
+        return text.getvalue()
+
+    def add_tariff(self, tariff: Tariff, now_ns: int) -> str:
+        """Add a tariff.
+
+        Args:
+            now_ns: Time of this computer. [ns]
+
+        Returns:
+            What was done, in a sentence.
+
+        Raises:
+            HistoryError: If there is no history, or it cannot be written now.
+        """
+        open_reader(self.folder).close()
+        add_tariffs(self.folder, [tariff], now_ns)
+        return f"holds from {tariff.begin} on"
+
+    def _zone(self) -> str:
+        """Time zone of the newest tariff; empty without one."""
+        tariffs = stored_tariffs(self.folder)
+        return tariffs[-1].timezone if tariffs else ""
+
+    def _table(self, wish: Wish) -> tuple[Wish, History]:
+        """The parts of a period, by quarter hours where its minutes are not kept."""
+        table = self._read(wish)
+        if wish.period.resolution == "minute" and (wish.group == "joint" or not len(table)):
+            wish = replace(wish, period=replace(wish.period, resolution="quarter"))
+            table = self._read(wish)
+        return wish, table
+
+    def _read(self, wish: Wish) -> History:
+        period = wish.period
+        by_joint = wish.group == "joint" and period.resolution != "minute"
+        return history(
+            self.folder, period.start_ns, period.stop_ns, period.resolution, wish.robots,
+            period.zone.key, by_joint,
+        )  # fmt: skip
+
+    def _whole(self, wish: Wish, table: History) -> list[Row]:
+        """Sums of a period by robot: of its parts, unless they lack spans or costs."""
+        period = wish.period
+        inside = (
+            row["stamp_ns"] >= period.start_ns and row["stop_ns"] <= period.stop_ns
+            for row in rows_of(table.not_resolved)
+        )  # fmt: skip
+        if period.resolution == "minute" or any(inside):
+            return self._sums(wish, period.start_ns, period.stop_ns)
+        return summed(rows_of(table))
+
+    def _sums(self, wish: Wish, start_ns: int, stop_ns: int) -> list[Row]:
+        zone = wish.period.zone.key
+        stop_ns = max(stop_ns, start_ns + 1)  # of nothing: nothing
+        return rows_of(history(self.folder, start_ns, stop_ns, "all", wish.robots, zone))
+
+    def _ended(self, wish: Wish, period: Period, resolution: Resolution) -> list[Row]:
+        """Jobs that ended, in each part of a period."""
+        zone = period.zone.key
+        return rows_of(
+            history_jobs(
+                self.folder, period.start_ns, period.stop_ns, resolution, wish.robots, zone
+            )
+        )
+
+    def _jobs(self, wish: Wish, before: Period) -> list[dict[str, Any]]:
+        now, earlier = (self._ended(wish, one, "all") for one in (wish.period, before))
+        means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in earlier}
+        rows = sorted(now, key=lambda one: -one[IMPORT])
+        return [
+            {"robot": one["robot"], "name": one["job"], "count": one["parts"],
+             "time": one["observed_ns"] / one["parts"] / SECOND_NS, "energy": one[IMPORT] / 1e6,
+             "mean": one["microjoule_per_part"] / 1e6,
+             "before": _joule(means.get((one["robot"], one["job"])))}
+            for one in rows[:MAX_JOBS]
+        ]  # fmt: skip
+
+    def _events(self, wish: Wish) -> list[dict[str, Any]]:
+        """The newest events of the period first."""
+        period = wish.period
+        found = history_events(
+            self.folder, period.start_ns, period.stop_ns, wish.robots, period.zone.key
+        )
+        return [
+            {"at": period.at(one["stamp_ns"])[:16].replace("T", " "), "robot": one["robot"],
+             "kind": one["kind"], "text": one["text"]}
+            for one in rows_of(found)[: -MAX_EVENTS - 1 : -1]
+        ]  # fmt: skip
+
+
+def _joule(microjoule: float | None) -> float | None:
+    return None if microjoule is None else microjoule / 1e6
