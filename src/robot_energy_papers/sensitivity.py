@@ -145,7 +145,7 @@ def sensitivity(
         only: Keys of the figures that are changed; None for all.
         draws: Of all figures at once; 0 for none.
         seed: Of the draws.
-        slow: Keys of figures that are drawn anew every `TOGETHER` draws only: they take long.
+        slow: Keys of figures that are drawn again every `TOGETHER` draws only: they take long.
     """
     nominal = {figure.key: figure.nominal for figure in figures}
     figures = [figure for figure in figures if only is None or figure.key in only]

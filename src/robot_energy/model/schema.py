@@ -171,7 +171,7 @@ class Covariance(ModelEntry):
                 limit = math.sqrt(max(row[place], 0.0) * max(self.matrix[other][other], 0.0))
                 if value != self.matrix[other][place] or not abs(value) <= limit * (1.0 + 1e-6):
                     raise ValueError(
-                        f"matrix is no covariance of {self.figures[other]} and "
+                        f"matrix is not a covariance of {self.figures[other]} and "
                         f"{self.figures[place]}"
                     )
             if row[place] < 0.0:

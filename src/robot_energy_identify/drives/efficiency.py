@@ -233,7 +233,7 @@ def fitted_efficiency(shaft: Float, power: Float) -> float:
 
 
 def fitted_map(axis: AxisFit, source: str) -> object:
-    """Return the entry of the efficiency map; None where the data do not tell it.
+    """Return the entry of the efficiency map; None where the data do not determine it.
 
     Args:
         source: Where the data come from.

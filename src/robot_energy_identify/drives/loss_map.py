@@ -111,7 +111,7 @@ def _bend(knots: Float) -> Float:
 
 
 def fitted_loss_map(axis: AxisFit, source: str) -> LossMap | None:
-    """Return the entry of the loss map; None where the data do not tell it.
+    """Return the entry of the loss map; None where the data do not determine it.
 
     Args:
         source: Where the data come from.

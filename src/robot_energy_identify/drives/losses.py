@@ -160,7 +160,7 @@ def _size(columns: Float) -> Float:
 
 
 def fitted_losses(axis: AxisFit, source: str) -> object:
-    """Return the entry of the loss model; None where the data do not tell it.
+    """Return the entry of the loss model; None where the data do not determine it.
 
     Args:
         source: Where the data come from.

@@ -1,9 +1,9 @@
-"""Counterbalances from measured torque: columns, entries of the model file, and when none is told.
+"""Counterbalances from measured torque: columns, model entries, and when none is determined.
 
 The torque of a counterbalance is linear in two figures (`robot_energy.physics.counterbalance`). A
 lever spring has the form of a weight, and a torsion spring over a small angle that of a weight and
 an offset: only motion that shows the inertia of the bodies, or a wide range, separates them. So
-an entry is written where its figures are significant beside those of the bodies, and where
+an entry is written where its figures are significant next to those of the bodies, and where
 torque is predicted better on parts of the recording that the fit has not seen.
 """
 
@@ -34,7 +34,7 @@ NAMES = {
 
 
 def open_springs(model: RobotModel) -> dict[int, AnySpring]:
-    """Return the counterbalances that recordings are to tell, by joint: their strength is assumed.
+    """Return counterbalances that recordings are to determine, by joint: of assumed strength.
 
     Published, derived and identified ones count as known.
     """
@@ -156,7 +156,7 @@ def check_springs(
     error: Float,
     plain: Float,
 ) -> None:
-    """Refuse counterbalances that the recording cannot tell from weights and offsets.
+    """Refuse counterbalances that the recording cannot distinguish from weights and offsets.
 
     Args:
         springs: By joint.

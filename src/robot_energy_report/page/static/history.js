@@ -223,7 +223,7 @@ const timeText = (one) => `${one.days.length < 7 ? `${one.days.join(" ")} ` : ""
 
 function timeOf(text) {
   const found = /^((?:(?:mon|tue|wed|thu|fri|sat|sun) )*)(\d\d:\d\d)-(\d\d:\d\d) ([\d.]+)$/.exec(text.trim().replaceAll(/\s+/g, " "));
-  if (!found) throw new Error(`'${text.trim()}' is no time with its price, such as 22:00-06:00 0.17`);
+  if (!found) throw new Error(`'${text.trim()}' is not a time with its price, such as 22:00-06:00 0.17`);
   const days = found[1].trim().split(" ").filter(Boolean);
   return { ...(days.length ? { days } : {}), begin: found[2], end: found[3], price_per_kwh: Number(found[4]) };
 }
@@ -231,7 +231,7 @@ function timeOf(text) {
 function numberOf(name) {
   const text = byId(`tariff-${name}`).value.trim().replace(",", ".");
   if (text === "") return null;
-  if (!known(Number(text))) throw new Error(`'${text}' is no number`);
+  if (!known(Number(text))) throw new Error(`'${text}' is not a number`);
   return Number(text);
 }
 
