@@ -51,8 +51,8 @@ class PageAccess:
             )
         if self.allow_control:
             lines.append(
-                "with the token, job intervals can be opened and closed, registers reset and prices "
-                "of the history set"
+                "with the token, job intervals can be opened and closed, registers reset, and "
+                "prices of the history set"
             )
         return lines
 
