@@ -95,7 +95,7 @@ def only_one() -> Iterator[None]:
 
 
 def make_environment() -> bool:
-    """Make `.venv` anew unless it is complete and current; return whether it was made."""
+    """Make `.venv` again unless it is complete and current; return whether it was made."""
     stamp = VENV / "complete"
     interpreter = (sys.version, os.path.realpath(sys.executable))
     key = hash_of([*REQUIREMENTS, CI / "mend_wheels.py"], str(ROOT), *interpreter)

@@ -7,7 +7,7 @@ import numpy as np
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import Identity
 from robot_energy.certainty.band import BUS, FORM, LOSS_GRID
-from robot_energy.certainty.deviation import CABINET_DEVIATIONS
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
@@ -57,11 +57,12 @@ def power_block(stamp_ns: Int, grid: Float, segment: int | Int = 0) -> PowerBloc
 
 def deviations(grid: Float) -> Float:
     """Deviations of two joints: losses of 3 and 4 W, axes 2 % each, form 5 % of the grid power."""
-    columns = np.zeros((len(grid), len(CABINET_DEVIATIONS) + 4))
+    first = len(CABINET_DEVIATIONS)
+    columns = np.zeros((len(grid), first + 2 * len(JOINT_DEVIATIONS)))
     columns[:, CABINET_DEVIATIONS.index("loss_dc")] = 3.0
     columns[:, LOSS_GRID] = 4.0
     columns[:, FORM] = 0.05 * np.abs(grid)
-    columns[:, -4:-2] = 0.02 * np.abs(grid)[:, None]
+    columns[:, first : first + 2] = 0.02 * np.abs(grid)[:, None]
     columns[:, BUS] = np.sqrt(9.0 + 2 * (0.02 * grid) ** 2)
     return columns
 

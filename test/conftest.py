@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, settings
 
-# A busy machine is no failure: properties have no deadline, and examples may be slow to draw.
+# A busy machine is not a failure: properties have no deadline, and examples may be slow to draw.
 # Examples are the same in every run, so that only a change of the code makes a test fail; test/fuzz
 # looks for new ones.
 settings.register_profile(
@@ -19,5 +19,5 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--update-golden",
         action="store_true",
-        help="write the golden results anew instead of comparing with them",
+        help="write the golden results again instead of comparing with them",
     )

@@ -24,7 +24,7 @@ from robot_energy_logs.table import LogTable
 from robots import one_wheel
 
 # The wheel turns at 2 rad/s, its motor at 20 rad/s. Friction torque at the motor is
-# 0.5 + 0.02 * 20 = 0.9 N m, hence 18 W; nothing accelerates and the drive is ideal. With
+# 0.5 + 0.02 * 20 = 0.9 N m, so 18 W; nothing accelerates and the drive is ideal. With
 # constant losses of 20 W (DC) and 30 W (grid): 38 W on the DC bus, 68 W from the grid.
 SPEED = 2.0  # rad/s
 FRICTION, LOSS_DC, LOSS_GRID = 18.0, 20.0, 30.0  # W

@@ -19,7 +19,7 @@ LEVELS = ["debug", "info", "warn", "error", "fatal"]
 
 
 def is_true(value: str) -> bool:
-    """Tell whether an argument says true.
+    """Return whether an argument says true.
 
     Args:
         value: One of `BOOLEANS`.
@@ -47,7 +47,7 @@ def parameter_files(given: str) -> list[str]:
     path = Path(given).expanduser()
     if not path.is_file():
         raise RuntimeError(
-            f"params_file is '{given}', and {path.absolute()} is no file; "
+            f"params_file is '{given}', and {path.absolute()} is not a file; "
             "expected the path of a parameter file"
         )
     return [str(path)]

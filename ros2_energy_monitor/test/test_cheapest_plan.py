@@ -55,5 +55,5 @@ def test_plans_of_moveit_are_taken_apart(example):
     assert example.joint_trajectories(robot) == [motion]
     assert example.joint_trajectories(response) == [motion]
     assert example.joint_trajectories(display) == [motion, motion]
-    with pytest.raises(TypeError, match="SimpleNamespace is no plan"):
+    with pytest.raises(TypeError, match="SimpleNamespace is not a plan"):
         example.joint_trajectories(SimpleNamespace())

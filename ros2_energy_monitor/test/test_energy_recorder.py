@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The recorder beside real monitors: its sums are the registers, whatever happens to it."""
+"""The recorder next to real monitors: its sums are the registers, whatever happens to it."""
 
 from __future__ import annotations
 

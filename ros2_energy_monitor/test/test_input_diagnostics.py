@@ -59,7 +59,7 @@ def test_quality_of_service_that_does_not_fit_is_named(
 ):
     inbox = Inbox(bench.tester, JointState, "states", asked)
     watch = InputWatch("joint state", inbox, RejectionLog(), lambda: 1.0)
-    watch.check(StatusBuilder("before"))  # has looked at the graph: the event must tell it to look
+    watch.check(StatusBuilder("before"))  # has looked at the graph: the event must make it look
     offered = QoSProfile(depth=5, reliability=reliability, durability=durability)
     publisher = bench.tester.create_publisher(JointState, "states", offered)
     if not reason:
@@ -128,7 +128,7 @@ def test_joint_states_of_another_clock_are_said(ahead, level, words):
     assert found.values["stamps_ahead_s"] == pytest.approx(ahead, abs=0.1)
 
 
-def test_loss_is_counted_and_told(bench):
+def test_loss_is_counted_and_said(bench):
     node = bench.add(TorqueMonitor, model="kr16", joint_state_depth=5)
     diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states")
@@ -205,7 +205,7 @@ def test_an_absent_input_that_is_not_needed_is_a_note_and_once_in_the_log(bench)
     assert found.message == "this is odd"
 
 
-def test_friction_that_is_kept_is_not_subscribed_anew(bench):
+def test_friction_that_is_kept_is_not_subscribed_again(bench):
     inbox = Inbox(bench.tester, JointFriction, "friction", latched(5))
     bench.tester.create_publisher(JointFriction, "friction", latched(5))
     bench.spin_until(lambda: inbox.publishers, "the publisher")

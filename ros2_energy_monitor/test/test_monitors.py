@@ -369,7 +369,7 @@ def test_power_monitor_diagnoses_torque_and_meter(bench):
 
 
 def test_a_typing_error_in_the_topic_of_the_meter_shows(bench):
-    """At level OK, since a robot without a meter is no fault."""
+    """At level OK, since a robot without a meter is not a fault."""
     bench.add(EnergyMonitor, model="kr16", **{"meter.topic": "power_metre"})
     bench.publisher(PowerReading, "power_meter", subscribers=0)
     status = bench.diagnosed().wait(

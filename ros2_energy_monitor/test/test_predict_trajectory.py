@@ -171,7 +171,7 @@ def test_the_payload_that_is_carried_counts(bench, client, tmp_path):
     future = setter.call_async(request)
     bench.spin_until(future.done, "the payload")
     assert future.result().success
-    said = "15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all"  # beside that of the model
+    said = "15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all"  # next to that of the model
     assert said in future.result().message
     trajectory = swing()
     run = by_command(tmp_path, trajectory, "--temperature", "40", "--payload", "8")
@@ -233,7 +233,7 @@ def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, held, 
     ticks = []
     tick = node.tick
     monkeypatch.setattr(node, "tick", lambda: (ticks.append(1), tick()))
-    bench.spin_until(lambda: len(ticks) > 5, "ticks beside the prediction")
+    bench.spin_until(lambda: len(ticks) > 5, "ticks next to the prediction")
     second = client.ask(trajectory=swing())
     assert not second.success
     assert "a prediction is under way" in second.message

@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Nodes as processes: they start, end cleanly when told to, and refuse in one sentence."""
+"""Nodes as processes: they start, end cleanly when asked to, and refuse in one sentence."""
 
 from __future__ import annotations
 

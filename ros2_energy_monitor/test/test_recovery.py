@@ -130,7 +130,7 @@ def test_a_monitor_recovers_within_two_seconds(loopback_bench, robot):
     assert account.end_ns - account.start_ns == account.observed_ns + account.gap_ns
 
 
-def test_a_subscription_that_lost_its_publisher_is_made_anew(bench):
+def test_a_subscription_that_lost_its_publisher_is_made_again(bench):
     """What a failure of the middleware looks like: a publisher is there, and nothing arrives."""
     node = bench.add(EnergyMonitor, model="kr16", resubscribe_after=0.5)
     diagnosed = bench.diagnosed()

@@ -403,7 +403,7 @@ def card(bench, messages, tmp_path) -> Iterator[Any]:
     released.set()
 
 
-def test_services_wait_for_the_disk_beside_the_ticks(bench, messages, tmp_path, card):
+def test_services_wait_for_the_disk_next_to_the_ticks(bench, messages, tmp_path, card):
     """Power goes on while their answers wait; they come once the change is on disk."""
     node, powers = card.node, []
     opened = asked(bench, node, OpenInterval, "open_interval", name="job")
@@ -451,7 +451,7 @@ def test_an_inactive_monitor_answers(bench, tmp_path, card):
     assert [one.name for one in newest(tmp_path).open_intervals] == ["job"]
 
 
-def test_files_that_cannot_be_used_are_told(bench, tmp_path):
+def test_files_that_cannot_be_used_are_said(bench, tmp_path):
     node = start(bench, tmp_path)
     bench.spin_until(lambda: len(list(tmp_path.glob("*.state"))) == 2, "both slots")
     bench.remove(node)
@@ -491,7 +491,7 @@ def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_p
     assert max(len(answer.message) for answer in answers) < 5000
     assert node.account.totals() == before
     logged = capfd.readouterr().err
-    assert logged.count("[WARN]") >= len(answers)  # a refusal is no news of a healthy node
+    assert logged.count("[WARN]") >= len(answers)  # a refusal is not news of a healthy node
     widest = "\U0001f916" * 100
     assert call(bench, node, OpenInterval, "open_interval", name=widest).persisted
     assert call(bench, node, ResetRegisters, "reset_registers", reason=2 * widest).persisted

@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""When a silent subscription is made anew."""
+"""When a silent subscription is made again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ros2_energy_monitor.base.resubscribe import MAX_WAIT, ResubscribePolicy
 
 
 def trials(revival: ResubscribePolicy, start: int, stop: int, publishers: int = 1) -> list[int]:
-    """Seconds at which it is time to subscribe anew."""
+    """Seconds at which it is time to subscribe again."""
     return [second for second in range(start, stop) if revival.due(float(second), publishers)]
 
 

@@ -119,7 +119,7 @@ def test_what_was_found_is_logged_before_the_node_is_made(
 
 
 @pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="no shared memory here")
-def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[str, str]) -> None:
+def test_a_monitor_starts_next_to_a_port_left_half_made(child_environment: dict[str, str]) -> None:
     """With the real middleware, which would wait without end."""
     ports = {n: Path(f"/dev/shm/fastrtps_port{7400 + 250 * n + 11}") for n in range(80, 101)}
     domain, port = next((n, path) for n, path in ports.items() if not path.exists())
@@ -143,12 +143,12 @@ def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[s
     guard = threading.Timer(120.0, monitor.kill)
     guard.start()
     try:
-        told = []
+        lines = []
         for line in monitor.stderr:
-            told.append(line)
+            lines.append(line)
             if STARTED in line:
                 break
-        text = "".join(told)
+        text = "".join(lines)
         assert STARTED in text  # whoever removed the port: monitors of others look as well
     finally:
         guard.cancel()

@@ -105,7 +105,7 @@ def test_a_thermometer_whose_stamps_lag_is_a_clock(bench, model):
     assert "s behind those of the joint states: synchronise the clocks" in energy.message
 
 
-def test_three_monitors_tell_a_clock_from_a_thermometer_that_stops(bench, model):
+def test_three_monitors_say_a_clock_from_a_thermometer_that_stops(bench, model):
     for monitor in (TorqueMonitor, FrictionMonitor, PowerMonitor):
         bench.add(monitor, model=model)
     name = "power_monitor: energy"

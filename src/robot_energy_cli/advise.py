@@ -29,8 +29,10 @@ OPTIONS = {
     "--no-speeds": "do not look for other speeds, which takes longest",
 }
 YEAR = {
-    "--hours-per-day H": "of such work by all robots together (default: as recorded, else 24)",
-    "--days-per-year D": "with such work (default: 365 where a week was recorded, else 250)",
+    "--hours-per-day H": "of such work by all robots together (default: as recorded where the "
+    "recordings span a day)",
+    "--days-per-year D": "with such work (default: 365 where a week was recorded); without both "
+    "nothing is said of a year",
     "--price X": "of a kWh",
     "--currency NAME": "of it (default EUR)",
     "--co2 KG": "emission factor [kg/kWh]",

@@ -49,7 +49,8 @@ def _run(args: Namespace) -> int:
     suffix = next((end for end in KINDS if args.out.lower().endswith(end)), None)
     if suffix is None:
         raise ReportError(
-            f"'{shown(args.out)}' is no table of a known kind", f"a name with {' or '.join(KINDS)}"
+            f"'{shown(args.out)}' is not a table of a known kind",
+            f"a name with {' or '.join(KINDS)}",
         )
     model = model_named(args)
     inputs = [name for name in (args.bag, model, args.inputs) if name]

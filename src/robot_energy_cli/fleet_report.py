@@ -48,7 +48,7 @@ def _hours(text: str) -> tuple[int, ...]:
     except ValueError:
         hours = ()
     if not hours or list(hours) != sorted(set(hours)) or not 0 <= hours[0] <= hours[-1] <= 23:
-        raise ArgumentTypeError(f"'{text[:40]}' is no rising list of hours such as 6,14,22")
+        raise ArgumentTypeError(f"'{text[:40]}' is not a rising list of hours such as 6,14,22")
     return hours
 
 

@@ -52,7 +52,7 @@ def _span(text: str) -> Span:
         colon = ""
         span = Span()
     if not colon or not span.low < span.high:
-        raise ArgumentTypeError(f"'{text}' is no range of temperatures such as 29: or :25")
+        raise ArgumentTypeError(f"'{text}' is not a range of temperatures such as 29: or :25")
     return span
 
 

@@ -1,4 +1,4 @@
-"""`robot-energy identify cabinet` and `auxiliary`: what power meters tell beside the drives."""
+"""`robot-energy identify cabinet` and `auxiliary`: what power meters determine."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 Identify the heat capacity and the time constants of every motor from recordings with motor
 temperatures. The heat is that of the model's own losses, so identify friction and drives first.
-With them the monitor estimates a motor temperature where no sensor tells it, or the sensor is
+With them the monitor estimates a motor temperature where no sensor measures it, or the sensor is
 stuck.
 
 Record from a cold start, for hours, with work and rest. A free run from the first reading is
@@ -33,7 +33,7 @@ examples:
 def _degc(text: str) -> float:
     value = float(number(text))
     if not -40.0 <= value <= 60.0:
-        raise ArgumentTypeError(f"{value:g} degC is no air that a robot works in")
+        raise ArgumentTypeError(f"{value:g} degC is not the air that a robot works in")
     return value
 
 

@@ -79,7 +79,7 @@ class Parser(ArgumentParser):
         words = list(sys.argv[1:] if args is None else args)
         for word in words:
             if word == "--" or (self._subparsers is not None and not word.startswith("-")):
-                break  # what follows is no option, or that of a sub-command
+                break  # what follows is not an option, or that of a sub-command
             name = word.partition("=")[0]
             known = [option for option in self._option_string_actions if option.startswith("--")]
             if re.fullmatch("--[a-z][a-z0-9-]*", name) and not any(

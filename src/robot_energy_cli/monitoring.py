@@ -47,7 +47,7 @@ def _run(args: Namespace) -> int:
 
     folder = Path(args.out)
     if folder.exists() and not folder.is_dir():
-        raise PageError(f"'{shown(args.out)}' is no folder", "a folder, which may be new")
+        raise PageError(f"'{shown(args.out)}' is not a folder", "a folder, which may be new")
     folder.mkdir(exist_ok=True)
     texts = {
         "prometheus.yaml": scrape_config(args.target or DEFAULT_TARGET, args.token_file),

@@ -29,7 +29,7 @@ def number_type(
         except ValueError:
             value = math.nan
         if not low <= value <= high or (open_low and value == low):
-            raise ArgumentTypeError(f"'{text[:40]}' is no {what}")
+            raise ArgumentTypeError(f"'{text[:40]}' is not a {what}")
         return value
 
     return read
@@ -48,5 +48,5 @@ def whole(text: str) -> int:
     """
     value = float(number(text))
     if value != int(value):
-        raise ArgumentTypeError(f"'{text[:40]}' is no whole number")
+        raise ArgumentTypeError(f"'{text[:40]}' is not a whole number")
     return int(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,10 +33,13 @@ if TYPE_CHECKING:
     from robot_energy.model import RobotModel
     from robot_energy.pipeline import Output
     from robot_energy.replay.bag_replay import Replay
+    from robot_energy.results.replay import ReplayReport
     from robot_energy_report.page.recording import RecordedPage
     from robot_energy_report.page.settings import PageSettings
     from robot_energy_report.replay_figures import TemperatureHistory
 
+CHECKED_TIME = 600.0  # s of a recording
+DIFFERENCE = 0.03  # of shaft energies, over measured out + back: more has a cause
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
 predicted and measured over the same time, per joint, per loss and per phase, and which
@@ -114,7 +118,7 @@ def _run(args: Namespace) -> int:
         ]
         changes = [change for _, change in runs]
         second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
-        report = replay_report(results[0], change, second)
+        report = _explained(args, replay_report(results[0], change, second), model)
         page, curves = Document(f"Where the energy went: {report.model.robot}"), None
         if args.report is not None:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
@@ -154,6 +158,41 @@ def _replay(
         return run_replay(
             args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
         )
+
+
+def _explained(args: Namespace, report: ReplayReport, model: RobotModel) -> ReplayReport:
+    """Add the mistakes that `check` finds, where measured shaft energies say that something is off.
+
+    The first ten minutes are read again for it, but not where topics were named one by one.
+    """
+    if not _shafts_differ(report) or any((args.joint_states, args.meter, args.payload)):
+        return report
+    from robot_energy.bag.time_range import TimeRange
+    from robot_energy.replay.inputs import driver_inputs, effort_meaning
+    from robot_energy_identify.check import check
+
+    assert report.shaft is not None
+    inputs, _ = driver_inputs(args.inputs, args.robot)
+    part = TimeRange(args.start, args.end) or TimeRange(None, CHECKED_TIME)
+    effort = effort_meaning(report.shaft.effort)
+    found = [
+        f"what check finds: {one.sentence}" + (f"; remedy: {one.remedy}" if one.remedy else "")
+        for one in check(args.bag, model, effort, inputs, part).errors
+    ]
+    return replace(report, notes=(*report.notes, *found))
+
+
+def _shafts_differ(report: ReplayReport) -> bool:
+    """Whether shaft energies given and taken back are off by more than noise and friction make."""
+    error = measured = 0.0
+    for joint in () if report.shaft is None else report.shaft.joints:
+        for way in ("positive", "negative"):
+            known, predicted = (
+                getattr(joint, f"shaft_energy_{way}_{kind}") for kind in ("measured", "compared")
+            )
+            if known is not None and predicted is not None:
+                error, measured = error + abs(predicted - known), measured + abs(known)
+    return error > DIFFERENCE * measured
 
 
 def _page_settings(args: Namespace) -> PageSettings:

@@ -121,7 +121,7 @@ def read_whole(address: str) -> bytes:
     system, path = file_system(address)
     try:
         if is_local(system) and os.path.exists(path) and not os.path.isfile(path):
-            raise OSError("it is no file")  # a pipe would be waited for
+            raise OSError("it is not a file")  # a pipe would be waited for
         return cast("bytes", system.cat_file(path))
     except Exception as error:
         raise _unreadable(address, error) from error
@@ -198,7 +198,7 @@ class Folders:
             self._failed(error)
         else:
             if is_bag and not stat.S_ISREG(info["mode"]):
-                found = f"{path} is no file"
+                found = f"{path} is not a file"
                 self.problems[path] = DatasetError(found, "a bag in a file or folder")
             elif is_bag and is_link:
                 self._links.append(path)

@@ -27,7 +27,7 @@ class HourSums:
     Energy is that from the grid, by the trapezoidal rule between samples of one segment; what is
     fed back does not count. Rest is standby once it has lasted `MIN_STANDBY`, from its beginning; a
     robot rests while its motors are slower than motion that says something of friction, so that
-    noise of a reported velocity is no motion.
+    noise of a reported velocity is not motion.
 
     Args:
         model: With which the bag is replayed.

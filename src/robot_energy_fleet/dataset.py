@@ -101,7 +101,7 @@ class Dataset:
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
-            raise DatasetError(f"{folder} is no folder", "the folder of a dataset, or a new one")
+            raise DatasetError(f"{folder} is not a folder", "the folder of a dataset, or a new one")
         known = ("robot=", ".")
         foreign = [e.name for e in self.folder.iterdir() if not e.name.startswith(known)]
         if foreign:
@@ -135,7 +135,7 @@ class Dataset:
         found = sorted(self.folder.glob("robot=*/date=*/*.parquet"))
         for path in found:
             if not path.is_file():
-                raise DatasetError(f"{path} is no file", "rows of bags", "move it away")
+                raise DatasetError(f"{path} is not a file", "rows of bags", "move it away")
         return found
 
     def has(self, name: str) -> bool:
@@ -342,7 +342,7 @@ def _why_wrong(rows: pl.DataFrame) -> str:
         if column.name in NEEDED and column.null_count():
             return f"a row without '{column.name}'"
         if column.dtype.is_float() and not column.drop_nulls().is_finite().all():
-            return f"'{column.name}' is no finite number"
+            return f"'{column.name}' is not a finite number"
         if column.dtype.is_integer() and not column.drop_nulls().is_between(-MOST, MOST).all():
             return f"'{column.name}' is beyond 2^62"
         if column.name in TABLES:

@@ -69,7 +69,7 @@ RUNS: Columns = {
     "compared_ns": TableColumn(INTEGER, "ns", "time that meter and prediction cover"),
     "measured_microjoule": TableColumn(INTEGER, "uJ", "measured over that time"),
     "predicted_at_meter_microjoule": TableColumn(INTEGER, "uJ", "predicted over that time"),
-    "power_error_rms": TableColumn(FLOAT, "W", "predicted less measured, reading by reading"),
+    "power_error_rms": TableColumn(FLOAT, "W", "predicted minus measured, reading by reading"),
     "measured_power_rms": TableColumn(FLOAT, "W", "of the measured power"),
     "energy_std": TableColumn(FLOAT, "J", "standard deviation of the predicted net energy"),
     "energy_lower": TableColumn(FLOAT, "J", "lower end of its 90 % band"),
@@ -124,7 +124,7 @@ METER_ERRORS: Columns = {
     "degc": TableColumn(FLOAT, "degC", "middle of the bin of the mean motor temperature"),
     "compared_ns": TableColumn(INTEGER, "ns", "time compared"),
     "measured": TableColumn(FLOAT, "J", "measured energy"),
-    "error": TableColumn(FLOAT, "J", "predicted less measured"),
+    "error": TableColumn(FLOAT, "J", "predicted minus measured"),
     "error_squares": TableColumn(FLOAT, "W2 s", "sum of squared power error times time"),
 }
 TABLES: dict[str, Columns] = {

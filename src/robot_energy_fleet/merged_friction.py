@@ -18,8 +18,9 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Int
 from robot_energy_fleet.joint_sums import COLUMNS, MEASURED, MODEL, NODES_DEGC, SIGN, VISCOUS
 from robot_energy_fleet.merged_laws import JointBags, MergedSums
-from robot_energy_identify.friction.friction import MIN_SAMPLES, FrictionFit, points_of
+from robot_energy_identify.friction.friction import FrictionFit, points_of
 from robot_energy_identify.friction.laws import MIN_RANGE
+from robot_energy_identify.friction.samples import MIN_SAMPLES
 from robot_energy_identify.stats.cross_validation import (
     HeldOut,
     contiguous_folds,

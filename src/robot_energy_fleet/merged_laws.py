@@ -163,7 +163,7 @@ def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
         The law, and fc with its coefficients.
 
     Raises:
-        NotIdentifiableError: If the motion does not tell its parameters.
+        NotIdentifiableError: If the motion does not determine its parameters.
     """
     span = float(np.ptp(merged.bags.degc))
     if span < MIN_RANGE:
@@ -225,7 +225,7 @@ def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
         The law, and fc with its coefficients.
 
     Raises:
-        NotIdentifiableError: If the motion does not tell its parameters.
+        NotIdentifiableError: If the motion does not determine its parameters.
     """
     seen = merged.whole[VISCOUS, VISCOUS].sum(axis=1)
     kept = np.flatnonzero(seen >= MIN_SHARE * seen.sum())

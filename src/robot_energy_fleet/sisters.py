@@ -60,9 +60,9 @@ class Deviation:
     """A robot that differs from its sisters.
 
     Attributes:
-        size: Its level less the mean of the sound ones. [unit of the figure]
+        size: Its level minus the mean of the sound ones. [unit of the figure]
         std: Standard deviation of the size, by the scatter of bags and of sound sisters.
-        certainty: Probability that it is no chance, all comparisons considered. [-]
+        certainty: Probability that it is not chance, all comparisons considered. [-]
     """
 
     robot: int

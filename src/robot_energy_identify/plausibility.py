@@ -43,11 +43,11 @@ MAX_HELD_OUT = 1.0  # error over what was measured: a prediction of zero is off 
 # of makers are within tens of per cent; rough ones, of links as solid boxes, within a factor
 # of two; a wrong unit or a gear ratio left out is off by far more.
 MAX_BODY_FACTOR = 3.0
-# One link's mass over that of the URDF: torque tells single masses only in sums, so one link
+# One link's mass over that of the URDF: torque determines single masses only in sums, so one link
 # may take what is of its neighbours.
 MAX_LINK_FACTOR = 10.0
 # Shift of a link's centre of mass over the link's size in the URDF, which is the radius of gyration
-# about its joint: torque tells first moments only in sums, so neighbours exchange some.
+# about its joint: torque determines first moments only in sums, so neighbours exchange some.
 MAX_CENTRE_FACTOR = 3.0
 MIN_LINK_SHARE = 0.1  # of the moving mass, below which a link's factor says nothing
 DIAGONAL = [4, 6, 9]  # of the inertia about the joint, among the parameters of a link
@@ -236,7 +236,7 @@ def _refuse_mass(result: Dynamics, given: Float) -> None:
     found = result.standard[: len(given)]
     before, after = given[::10], found[::10]
     total = float(before.sum())
-    # torque tells masses only in sums, and what it does not tell stays as in the URDF: so the
+    # torque determines masses only in sums; what it does not determine stays as in the URDF: so the
     # torque of all bodies is compared
     ratio = rms_of((regressor @ found)[rows.used]) / rms_of((regressor @ given)[rows.used])
     if not 1.0 / MAX_BODY_FACTOR < ratio < MAX_BODY_FACTOR:

@@ -11,12 +11,14 @@ from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.model.schema import Provenance
 
-DIGITS = 12  # of a hash, enough to tell recordings apart
-NOTHING = hashlib.sha256().hexdigest()[:DIGITS]  # the hash of a folder without messages
+DIGITS = 12  # of a hash, enough to distinguish recordings
+NOTHING = hashlib.sha256().hexdigest()[:DIGITS]  # the hash of an empty folder
 
 
 def sha256_of(path: Path) -> str:
     """Return the first digits of the hash over the files with messages, in the order of names.
+
+    A folder without any is a log's: all its files count.
 
     Raises:
         OSError: If a file cannot be read.
@@ -24,7 +26,8 @@ def sha256_of(path: Path) -> str:
     files = [path]
     if path.is_dir():
         kinds = (".mcap", ".db3", ".zstd")
-        files = sorted(p for p in path.iterdir() if p.suffix in kinds and p.is_file())
+        held = sorted(p for p in path.iterdir() if p.is_file())
+        files = [p for p in held if p.suffix in kinds] or held
     digest = hashlib.sha256()
     for file in files:
         with open_regular(file) as stream:
@@ -92,7 +95,7 @@ def identified_from(
     Args:
         before: Of the model that it began with.
         recordings: Those behind it, see `hashed`.
-        data_date: When they were recorded; empty where stamps are no dates.
+        data_date: When they were recorded; empty where stamps are not dates.
     """
     new = [name for name in recordings if name not in before.bags]
     return Provenance(

@@ -1,10 +1,10 @@
-"""All that recordings tell of a robot, from the bodies to the grid, in one model.
+"""All that recordings say of a robot, from the bodies to the grid, in one model.
 
 The order is that of the power: bodies, rotors and friction from measured torque; friction
-over temperature on what the bodies leave; then the supply. One meter for all tells the
+over temperature on what the bodies leave; then the supply. One meter for all determines the
 cabinet first, while nothing moves, and the drives from the rest, then both again, each with
 the other, until they agree. Where the power of each
-drive is measured, the drives come first, because the cabinet is the meter less the drives.
+drive is measured, the drives come first, because the cabinet is the meter minus the drives.
 What the DC link stores follows: drives and constants decide when it fills. Thermal networks of
 the motors are last, as the losses are their heat.
 Every step reads the recordings with the model that the step before left. What the
@@ -47,7 +47,7 @@ from robot_energy_identify.steps import (
     friction_step,
 )
 
-SUPPLY: tuple[Subject, ...] = ("cabinet", "drives", "capacitor")  # what the meter tells
+SUPPLY: tuple[Subject, ...] = ("cabinet", "drives", "capacitor")  # what the meter determines
 Progress = Callable[[str, float], None]
 MAX_TURNS = 4  # of cabinet and drives, each found with what the other found
 MAX_MOVE, MIN_MOVE = 0.2, 0.1  # of a deviation, W: a constant that moves by less has settled
@@ -61,7 +61,7 @@ class FullIdentification:
         given: The model that it began with.
         steps: In the order in which they were done.
         meter_delay: Of the power meter behind the joint states; undone where it is sure. None
-            where it cannot be told.
+            where it cannot be determined.
         meter_time_constant: Of a low pass in the power meter; likewise.
         share_shape: Whether axes of too small a range borrowed the temperature shape of others.
     """
@@ -101,7 +101,7 @@ def identify_everything(
     strict: bool = True,
     share_shape: bool = False,
 ) -> FullIdentification:
-    """Return every subject with what the bags tell of it, or why nothing.
+    """Return every subject with what the bags say of it, or why nothing.
 
     Args:
         progress: Called with the subject and the share done, 0 to 1.

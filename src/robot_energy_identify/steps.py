@@ -19,8 +19,8 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.cabinet.cabinet import (
     CabinetFit,
-    beside_drives,
     fit_cabinet,
+    rest_of_drives,
     with_cabinet,
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
@@ -58,7 +58,7 @@ Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "the
 SUBJECTS: tuple[Subject, ...] = (
     "dynamics", "friction", "cabinet", "drives", "capacitor", "thermal",
 )  # fmt: skip
-MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
+MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more adds little, and memory grows with it
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Step:
     """One step of the whole.
 
     Attributes:
-        found: What the recordings tell; None if the step was left out.
+        found: What the recordings determine; None if the step was left out.
         reason: Why it was left out, or why what was found was not taken; empty otherwise.
         notes: What was decided without data, one sentence each.
     """
@@ -224,8 +224,8 @@ def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
     Raises:
         NotIdentifiableError: If no bag has any, saying what is missing.
     """
-    told = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
-    if not told:
+    stated = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
+    if not stated:
         raise NotIdentifiableError(
             "the meaning of the effort in the joint states is not stated",
             "measured torque or current",
@@ -233,7 +233,7 @@ def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
         )
     known = [
         part
-        for part in read_all(told, model)
+        for part in read_all(stated, model)
         if np.isfinite(part.torque.motor_torque_measured).any()
     ]
     if not known:
@@ -264,7 +264,7 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
         result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
     )
     new, old = found.consistent.total, found.given.total
-    # without temperatures this step alone tells friction, so equal bodies will do
+    # without temperatures this step alone determines friction, so equal bodies will do
     if new < old * (GAIN if _warm(recordings) else 1.0 / GAIN):
         check_dynamics(result, found.consistent)
         return Step("dynamics", found, "", to_model(result, ()), notes)
@@ -348,10 +348,10 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
 
 def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     recordings, powers = powers_of(bags, model)
-    beside = None
+    rest = None
     if any(power is not None for power in powers):
-        beside = beside_drives(drive_data(recordings, powers, measured_torque=False), model)
-    return cabinet_step(model, fit_cabinet(recordings, beside), source)
+        rest = rest_of_drives(drive_data(recordings, powers, measured_torque=False), model)
+    return cabinet_step(model, fit_cabinet(recordings, rest), source)
 
 
 def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
@@ -368,7 +368,7 @@ def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
     check_cabinet(fit)
     if fit.loss_grid is None and fit.loss_dc is None:
         raise NotIdentifiableError(
-            "the meter tells neither the loss of the grid side nor that of the DC side",
+            "the meter determines neither the loss of the grid side nor that of the DC side",
             "rest, or hard braking with a meter at the grid",
             "record at least ten seconds of rest with active drives, and fast motions",
         )

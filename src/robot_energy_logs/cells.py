@@ -16,7 +16,7 @@ from robot_energy.timeline.blocks import Float, Int
 Mask = NDArray[np.bool_]
 EMPTY = ("", "-", "--", "na", "n/a", "#n/a", "null", "none")
 """What stands for a cell without a value, in small letters."""
-GROUPED = r"^[+-]?[1-9]\d{0,2}(\.\d{3})+$"  # 1.234 beside decimal commas: a thousand or one?
+GROUPED = r"^[+-]?[1-9]\d{0,2}(\.\d{3})+$"  # 1.234 next to decimal commas: a thousand or one?
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d+)?")
 WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d+)?\s*([^\W\d_]+|%)")
@@ -55,7 +55,7 @@ class TableRows:
         return len(self.line)
 
     def unusable_cell(self, row: int, required: Mask) -> tuple[str, str]:
-        """Return name and text of what in a row is no number, or not finite; empty for none.
+        """Return name and text of what in a row is not a number, or not finite; empty for none.
 
         Args:
             required: Columns whose cells must not be empty, shape (K,).

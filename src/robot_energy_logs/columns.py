@@ -143,7 +143,7 @@ class Velocity(JointColumns[Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per
 
 
 class EffortColumns(JointColumns[Literal["newton_metre", "newton", "ampere", "milliampere"]]):
-    """Torque or current; a bag keeps it, and ``effort`` tells the monitor what it means.
+    """Torque or current; a bag keeps it, and ``effort`` says to the monitor what it means.
 
     Attributes:
         side: Whether joints or motors were measured; ``identify dynamics --log`` needs it.

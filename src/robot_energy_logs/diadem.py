@@ -145,7 +145,7 @@ def _values(path: Path, entry: dict[str, str], files: dict[str, bytes]) -> Float
 
 
 def _content(path: Path, name: str) -> bytes:
-    """Bytes of a file in the folder of the header; Windows does not tell cases apart."""
+    """Bytes of a file in the folder of the header; Windows does not distinguish cases."""
     siblings = {each.name.lower(): each for each in path.parent.iterdir()}
     found = siblings.get(name.lower())
     if not name or found is None:

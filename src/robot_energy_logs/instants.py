@@ -206,7 +206,7 @@ def _form_remedy(text: str) -> str:
 
 
 def _iso(text: str) -> tuple[int | None, bool]:
-    if ":" not in text and "T" not in text:  # a day alone is no instant
+    if ":" not in text and "T" not in text:  # a day alone is not an instant
         return None, False
     try:
         date = datetime.fromisoformat(text)

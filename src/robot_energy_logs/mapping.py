@@ -133,7 +133,7 @@ class LogRobot(MappingEntry):
 
 
 class ReferenceFriction(MappingEntry):
-    """Published friction, to be printed beside the fit, joint side.
+    """Published friction, to be printed next to the fit, joint side.
 
     Attributes:
         viscous: Torque of each joint per its own velocity. [N m s/rad]

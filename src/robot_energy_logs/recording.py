@@ -72,7 +72,7 @@ class LogBlock(Block):
 
 @dataclass(frozen=True)
 class RecordingContents:
-    """What the bag of a log holds beside positions.
+    """What the bag of a log holds next to positions.
 
     Attributes:
         joint_names: Joints, in the order of the arrays.

@@ -140,12 +140,12 @@ class Clock:
         return placed, run
 
     def _restart(self, header: int, instant: int | None) -> None:
-        """Note a header that is repeated; a clock that begins anew there begins a run."""
+        """Note a header that is repeated; a clock that begins again there begins a run."""
         text = f"line {header} of {self._source} repeats the header: another recording follows"
         last = None if self._last_ns is None else self._last_ns - self._shift_ns
         if last is not None and instant is not None and instant <= last < MIN_DATE * SECOND_NS:
             self._begins = True
-            text += f", whose clock begins anew: it is set {self._time.apart:g} s after the first"
+            text += f", whose clock begins again: it is set {self._time.apart:g} s after the first"
         self.notes.append(text)
 
     def _place(self, instant: int, label: str | None) -> int:
@@ -175,7 +175,7 @@ def usable_rows(
 
     The reasons are ``wrong_length``, ``not_numeric`` (a cell asked for holds text),
     ``bad_time``, ``not_finite`` (a required cell is empty, NaN or infinite), ``bad_stamp``
-    (the time is no stamp) and ``not_newer`` (the time does not advance).
+    (the time is not a stamp) and ``not_newer`` (the time does not advance).
 
     Args:
         instants: From `Clock.instants`, shape (N,). [ns]

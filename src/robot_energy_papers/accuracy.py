@@ -74,7 +74,7 @@ def accuracies(predicted: Float, measured: Float, duration: Float) -> dict[Defin
 def _accuracy(
     predicted: Float, measured: Float, duration: Float, definition: Definition
 ) -> tuple[Float, float]:
-    """One less the relative error of each column, and of their sum."""
+    """1 minus the relative error of each column, and of their sum."""
     theirs = energy(measured, duration, definition)
     if definition == "pointwise":
         error = energy(predicted - measured, duration, definition)

@@ -1,8 +1,9 @@
 """Electrical energy of the Mantis's drives: no efficiency, a constant, reduced maps, our losses.
 
-Maps and losses are identified from one excitation run with the measured power of each drive, as in
+Maps and losses are identified from excitation runs with the measured power of each drive, as in
 section 6 of paper B. Tested are runs that no fit has seen; torque is that of the identified model,
-not the measured one (section 6.2).
+not the measured one (section 6.2). Maps stand here twice: as the paper writes them, and as the
+monitor runs them.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy.physics.drive import Drive, EfficiencyMaps, LossModel
+from robot_energy.model.drive_models import EfficiencyMap, LossMap
+from robot_energy.physics.drive import Drive, EfficiencyMaps, LossMaps, LossModel
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.drives.drives import (
     CONSTANT_EFFICIENCY,
-    WAYS,
     DrivesFit,
     Way,
     fit_drives,
@@ -30,17 +31,21 @@ from robot_energy_identify.drives.efficiency import (
     fitted_efficiency,
     processed,
 )
-from robot_energy_papers.mantis import RATE, PrintRun
+from robot_energy_identify.drives.loss_map import fitted_loss_map
+from robot_energy_papers.mantis import PrintRun
 
 WAY_NAMES: dict[Way, str] = {
     "none": "no efficiency",
     "constant": "constant 87.5 %",
     "constant_fitted": "constant, fitted to all drives",
-    "map": "reduced maps",
-    "map_processed": "reduced maps, second stage",
-    "losses": "loss model (ours)",
+    "written": "maps as written in the paper",
+    "map": "our maps",
+    "map_processed": "our maps, second stage",
+    "losses": "loss model",
+    "loss_map": "loss map",
 }
-PAPER: dict[Way, float] = {"none": 0.386, "constant": 0.435, "map_processed": 0.903}
+PAPER: dict[Way, float] = {"none": 0.386, "constant": 0.435, "written": 0.903}
+SMALLEST = 1e-3  # efficiency of a model file; what a smaller one gives is a peak
 
 
 @dataclass(frozen=True)
@@ -87,9 +92,24 @@ class DriveTest:
     ways: dict[Way, WayResult]
 
 
+@dataclass(frozen=True)
+class StudiedDrives:
+    """What was identified of the drives from excitation runs.
+
+    Attributes:
+        fit: Losses and our maps.
+        written: Maps as the paper writes them, one per joint.
+        loss_maps: One per joint.
+    """
+
+    fit: DrivesFit
+    written: tuple[EfficiencyMap, ...]
+    loss_maps: tuple[LossMap, ...]
+
+
 def identify_drives(
     runs: Sequence[PrintRun], cutoff: float = CUTOFF, points: int = POINTS
-) -> DrivesFit:
+) -> StudiedDrives:
     """Return maps and losses of every drive, identified from excitation runs.
 
     Args:
@@ -106,25 +126,58 @@ def identify_drives(
     for axis in fit.axes:
         if axis.map is None or axis.losses is None:
             raise NotIdentifiableError(axis.notes[0], "an excitation that moves every drive")
-    return fit
+    loss_maps = tuple(one for axis in fit.axes if (one := fitted_loss_map(axis, "")) is not None)
+    return StudiedDrives(fit, maps_as_written(runs, cutoff), loss_maps)
 
 
-def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]:
+def maps_as_written(runs: Sequence[PrintRun], cutoff: float) -> tuple[EfficiencyMap, ...]:
+    """Return the maps of section 6.1 of paper B, one per joint: every sample is a point.
+
+    ``eta = tau w / P_el`` of the raw samples, three scaled MADs, straight lines over the gaps,
+    Butterworth low-pass forward and backward; nothing is left out and nothing is put together.
+
+    Args:
+        cutoff: Of the low-pass; the paper gives neither it nor the order. [Hz]
+    """
+    torque = np.concatenate([run.recording.torque.motor_torque_measured[run.rows] for run in runs])
+    speed = np.concatenate([run.recording.power.motor_velocity[run.rows] for run in runs])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        raw = np.concatenate([run.shaft_measured / run.electrical for run in runs])
+    period = float(np.median(runs[0].duration))
+    run = np.repeat(np.arange(len(runs)), [int(run.rows.sum()) for run in runs])
+    maps: list[EfficiencyMap] = []
+    for joint, column in enumerate(raw.T):
+        eta = processed(column, run, period, cutoff)
+        held = np.where(eta < 0, -1.0, 1.0) * np.maximum(np.abs(eta), SMALLEST)
+        entry = EfficiencyMap(
+            motor_torque=torque[:, joint].tolist(),
+            motor_velocity=speed[:, joint].tolist(),
+            efficiency=held.tolist(),
+            tag="identified",
+        )
+        maps.append(entry)
+    return tuple(maps)
+
+
+def tested(runs: Mapping[str, PrintRun], drives: StudiedDrives) -> dict[str, DriveTest]:
     """Return the electrical power, by the names of runs that the fit has not seen.
 
     Args:
         runs: By name, read with the identified model.
     """
-    drives: dict[Way, Drive] = {
+    fit = drives.fit
+    models: dict[Way, Drive] = {
+        "written": EfficiencyMaps(list(drives.written)),
         "map": EfficiencyMaps([a.map.entry for a in fit.axes if a.map is not None]),
         "losses": LossModel([a.losses.entry() for a in fit.axes if a.losses is not None]),
+        "loss_map": LossMaps(list(drives.loss_maps)),
     }
     seen = [axis.samples for axis in fit.axes if axis.samples is not None]
     constant = fitted_efficiency(
         np.concatenate([one.motor_velocity * one.motor_torque for one in seen]),
         np.concatenate([one.drive_power for one in seen]),
     )
-    return {name: _test(name, run, drives, constant, fit.cutoff) for name, run in runs.items()}
+    return {name: _test(name, run, models, constant, fit.cutoff) for name, run in runs.items()}
 
 
 def _test(
@@ -136,17 +189,18 @@ def _test(
     given = shaft, velocity, power.motor_torque[rows], power.motor_temperature_degc[rows]
     mapped, outside = drives["map"].input_power(*given)
     losses, _ = drives["losses"].input_power(*given)
-    together = np.zeros(len(shaft), dtype=np.int64)
-    smooth = np.stack(
-        [processed(column, together, 1.0 / RATE, cutoff) for column in mapped.T], axis=1
-    )
+    loss_map, _ = drives["loss_map"].input_power(*given)
+    written, _ = drives["written"].input_power(*given)
+    period = float(np.median(run.duration))
     by_way: dict[Way, Float] = {
         "none": shaft,
         "constant": at_efficiency(shaft, CONSTANT_EFFICIENCY),
         "constant_fitted": at_efficiency(shaft, constant),
+        "written": _second_stage(written, period, cutoff),
         "map": mapped,
-        "map_processed": np.where(np.isfinite(smooth), smooth, mapped),
+        "map_processed": _second_stage(mapped, period, cutoff),
         "losses": losses,
+        "loss_map": loss_map,
     }
     measured, duration = run.electrical, run.duration
     energy = duration @ measured
@@ -160,8 +214,16 @@ def _test(
         float(done.sum() / energy.sum()),
         done / energy,
         0.0 if outside is None else float(outside.mean()),
-        {way: _result(by_way[way], measured, duration) for way in WAYS},
+        {way: _result(power, measured, duration) for way, power in by_way.items()},
     )
+
+
+def _second_stage(power: Float, period: float, cutoff: float) -> Float:
+    """Power without peaks, smoothed (section 6.2.2), shape (N, n). [W]"""
+    together = np.zeros(len(power), dtype=np.int64)
+    columns = [processed(column, together, period, cutoff) for column in power.T]
+    smooth = np.stack(columns, axis=1)
+    return np.where(np.isfinite(smooth), smooth, power)
 
 
 def _result(power: Float, measured: Float, duration: Float) -> WayResult:

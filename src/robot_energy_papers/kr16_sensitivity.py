@@ -25,6 +25,7 @@ HOLD, RISE = "greatest deviation of the HOLD power from its mean over poses", "r
 PUBLISHED_HOLD, PUBLISHED_RISE = 0.10, 2.0  # [-], [K]
 COLD_DEGC = 20.0
 RISE_IN_BOTH_FORMS = ("capacity", "share", "length", "reading")
+HOLD_DRAWS = 500
 ROUGH = 5e-3  # of the values that are sought, where each takes a run of the rig
 
 ELECTRICAL = (
@@ -101,7 +102,9 @@ def holding_table(seed: int) -> dict[str, SensitivityTable]:
         )
         return {HOLD: Holding.of(carrying_power(changed, helped, values["degc"])).deviation}
 
-    return sensitivity(deviation, HOLD_FIGURES, {HOLD: PUBLISHED_HOLD})
+    return sensitivity(
+        deviation, HOLD_FIGURES, {HOLD: PUBLISHED_HOLD}, draws=HOLD_DRAWS, seed=seed, slow=["poses"]
+    )
 
 
 def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:

@@ -47,7 +47,7 @@ class Machine:
 
     Attributes:
         start: Joint positions near the first ones.
-        paper: Energy over that of the arm less 1, from paper B; None for the arm. [-]
+        paper: Energy over that of the arm minus 1, from paper B; None for the arm. [-]
     """
 
     name: str

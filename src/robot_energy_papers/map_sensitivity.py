@@ -30,7 +30,7 @@ from robot_energy_papers.sensitivity import (
 from robot_energy_plan.motion import FourierMotion, JointMotion
 from robot_energy_rig import RigConfig, load_profile
 
-MAPS, SECOND = STAGES = "reduced maps", "reduced maps, second stage"
+WRITTEN, MAPS = STAGES = "maps as written in the paper", "our maps"
 ROUGH = 0.02  # of the values that are sought: maps are made of noisy samples
 RUN = "wall"
 PLANT = ("resistance", "friction", "torque_noise")
@@ -63,13 +63,13 @@ def map_tables(
 ) -> dict[str, SensitivityTable]:
     """Return what the accuracy of electrical energy with maps owes to open figures.
 
-    By stage of the method; identified from both excitation runs, print path of all joints.
+    Of the method as written and of our maps, from both excitation runs; print path of all joints.
 
     Args:
         quick: Only the figures that need no other excitation.
         rate: Of the joint states. [Hz]
     """
-    goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["map_processed"])
+    goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["written"])
     only = IN_BOTH_FORMS if quick else None
     with TemporaryDirectory() as folder:
         return sensitivity(
@@ -78,7 +78,7 @@ def map_tables(
 
 
 class _Maps:
-    """Both stages on the print path, with open figures; what does not change is kept."""
+    """Both kinds of maps on the print path, with open figures; what does not change is kept."""
 
     def __init__(self, folder: Path, train: FourierMotion, seed: int, rate: float) -> None:
         self._folder, self._seed, self._rate = folder, seed, rate
@@ -105,7 +105,7 @@ class _Maps:
             self._walls[printed] = self._read(wall, wall.duration, plant, model)
         drives = identify_drives(runs, given["cutoff"], round(given["points"]))
         ways = tested({RUN: self._walls[printed]}, drives)[RUN].ways
-        return {MAPS: ways["map"].accuracy, SECOND: ways["map_processed"].accuracy}
+        return {WRITTEN: ways["written"].accuracy, MAPS: ways["map"].accuracy}
 
     def _read(
         self, motion: JointMotion, duration: float, plant: tuple[float, ...], model: RobotModel

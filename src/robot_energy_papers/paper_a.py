@@ -164,7 +164,7 @@ class PaperA:
     def friction_errors(self) -> list[tuple[Float, Float]]:
         """Errors of the identified viscous friction in every set for identification.
 
-        Motor temperatures [degC], and identified over true friction less 1 [-], shape (n,) each.
+        Motor temperatures [degC], and identified over true friction minus 1 [-], shape (n,) each.
         """
         return [(degc, self.identified.viscous(degc) / true - 1.0) for degc, true in self.truth]
 
@@ -176,7 +176,7 @@ class PaperA:
 
     @property
     def coulomb_drift(self) -> Float:
-        """Coulomb friction of the hottest set over that of the coldest less 1, shape (n,)."""
+        """Coulomb friction of the hottest set over that of the coldest minus 1, shape (n,)."""
         sets = self.identified.sets
         return sets[-1].coulomb / sets[0].coulomb - 1.0
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robot_energy.model import RobotModel, load
-from robot_energy_identify.drives.drives import DrivesFit
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
-from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
+from robot_energy_papers.drive_study import DriveTest, StudiedDrives, identify_drives, tested
 from robot_energy_papers.job_pool import Steps, StudyRun
 from robot_energy_papers.machines import (
     ARM,
@@ -92,7 +91,7 @@ class Trained:
     """
 
     model: RobotModel
-    drives: DrivesFit
+    drives: StudiedDrives
     mechanical: dict[str, MechanicalTest]
     tests: dict[str, DriveTest]
 
@@ -128,8 +127,9 @@ class PaperB:
         trained: By the excitation that was identified from, keys of `TRAININGS`.
         weighted: Accuracy on the validation run of the weighted fit, our default.
         machines: By the keys of `MACHINES`.
-        plants: The wall printed by plants drawn at random, by the seed of the plant: drives
-            identified from both excitation runs of that plant.
+        plants: The wall printed by plants drawn at random, by configuration (`WALL`,
+            `WALL_HELD`) and seed of the plant: drives identified from both excitation runs of that
+            plant.
     """
 
     seed: int
@@ -137,7 +137,7 @@ class PaperB:
     trained: dict[str, Trained]
     weighted: dict[Definition, Accuracy]
     machines: dict[str, MachineResult]
-    plants: dict[int, DriveTest]
+    plants: dict[str, dict[int, DriveTest]]
     gantry: dict[str, SensitivityTable]
     maps: dict[str, SensitivityTable]
 
@@ -210,9 +210,11 @@ def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
     for number, key in enumerate(MACHINES):
         machines[key] = _machine(key, scale, first + 10 + number)
         step()
-    plants: dict[int, DriveTest] = {}
+    plants: dict[str, dict[int, DriveTest]] = {WALL: {}, WALL_HELD: {}}
     for plant_seed in range(1, scale.plants + 1):
-        plants[plant_seed] = _drawn(plant_seed, start, motions, folder, first, scale.rate)
+        printed = _drawn(plant_seed, start, motions, folder, first, scale.rate)
+        for name, test in printed.items():
+            plants[name][plant_seed] = test
         step()
     quick = scale.layers == 0
     gantry = wall_tables(quick)
@@ -229,20 +231,23 @@ def _drawn(
     folder: Path,
     first: int,
     rate: float,
-) -> DriveTest:
-    """Identify the drives of a drawn plant with every effect of the rig, and print the wall."""
+) -> dict[str, DriveTest]:
+    """Identify the drives of a drawn plant with every effect of the rig, and print the wall.
+
+    In both configurations.
+    """
     profile = random_profile("mantis", plant_seed)
     paths = {
         name: recorded(
             profile, *motions[name], folder / f"plant_{plant_seed}_{number}", first + number,
             RigConfig.hard(), rate,
         )
-        for number, name in enumerate((FAST, SLOWED, WALL))
+        for number, name in enumerate((FAST, SLOWED, WALL, WALL_HELD))
     }  # fmt: skip
     runs = [read_run(paths[name], start) for name in (FAST, SLOWED)]
     model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
-    wall = {WALL: read_run(paths[WALL], model)}
-    return tested(wall, identify_drives(runs))[WALL]
+    walls = {name: read_run(paths[name], model) for name in (WALL, WALL_HELD)}
+    return tested(walls, identify_drives(runs))
 
 
 def _trained(runs: list[PrintRun], start: RobotModel, paths: Mapping[str, Path]) -> Trained:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drives import Way
@@ -21,8 +24,7 @@ from robot_energy_papers.drawings import (
     stacked,
 )
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
-from robot_energy_papers.machines import MACHINES, PARTS, Energies
-from robot_energy_papers.mantis import RATE
+from robot_energy_papers.machines import ARM, MACHINES, PARTS, Energies
 from robot_energy_papers.pages import Piece, hundred
 from robot_energy_papers.paper_b import (
     BOTH,
@@ -44,13 +46,17 @@ SHOWN: dict[Way, str] = {
     "none": "none",
     "constant": "87.5 %",
     "constant_fitted": "constant",
-    "map": "maps",
-    "map_processed": "maps, 2nd",
-    "losses": "losses",
+    "written": "maps as written",
+    "map": "our maps",
+    "map_processed": "our maps, 2nd",
+    "losses": "loss model",
+    "loss_map": "loss map",
 }
-DRAWN: dict[Way, str] = {"none": GREY, "map_processed": OTHER, "losses": OURS}
+DRAWN: dict[Way, str] = {"none": GREY, "written": OTHER, "losses": OURS}
 SMOOTH = 0.2  # s, of powers and efficiencies over time
 MIN_SHAFT_SHARE = 0.01  # of the shafts' energy; below it a drive has no accuracy of its own
+POINTS = 500  # of the path of the tool
+QUARTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 MIN_POWER = 0.5  # W, below which an efficiency is not drawn
 MACHINE_POWERS = {
     "net": "mechanical, net over the joints",
@@ -91,11 +97,9 @@ def below_every_joint(result: PaperB) -> list[str]:
 
 def context(result: PaperB) -> dict[str, Any]:
     """Return what the expressions of the templates use."""
-    ways = [test.ways for test in result.plants.values()]
     return {
         "result": result,
-        "nearer": sum(way["losses"].accuracy > way["map"].accuracy for way in ways),
-        "rougher": sum(way["losses"].rms > way["map"].rms for way in ways),
+        "distributions": {run: distributions(found) for run, found in result.plants.items()},
         "paper": {
             "joints": PAPER_JOINTS,
             "total": PAPER_TOTAL,
@@ -104,6 +108,7 @@ def context(result: PaperB) -> dict[str, Any]:
         },
         "paper_ways": [hundred(PAPER[way]) if way in PAPER else NOTHING for way in SHOWN],
         "short": SHOWN,
+        "way_names": WAY_NAMES,
         "test": result.main.tests[WALL],
         "held": result.main.tests[WALL_HELD],
         "beyond": result.trained[SLOWED].tests[VALIDATION],
@@ -113,6 +118,26 @@ def context(result: PaperB) -> dict[str, Any]:
         "energy_parts": PARTS,
         "relative": {stage: result.relative(stage) for stage in ("wall", "layer", "rig")},
         "wall_name": _wall_name(result),
+    }
+
+
+def distributions(plants: Mapping[int, DriveTest]) -> dict[Way, dict[str, list[float]]]:
+    """Return least value, quartiles and greatest value over plants, by way.
+
+    Args:
+        plants: By seed.
+
+    Returns:
+        Of ``accuracy`` [-] and ``rms`` [W].
+    """
+    return {
+        way: {
+            key: np.quantile(
+                [getattr(test.ways[way], key) for test in plants.values()], QUARTILES
+            ).tolist()
+            for key in ("accuracy", "rms")
+        }
+        for way in WAY_NAMES
     }
 
 
@@ -147,10 +172,18 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
         FigureLine("measured", check.time, _with_sum(check.shaft_measured), MEASURED, 2.4),
         FigureLine("predicted", check.time, _with_sum(check.shaft_predicted), OURS, 0.8),
     ]
+    position = check.recording.torque.joint_position[check.rows]
+    energy = {
+        name: (check.duration @ _with_sum(power)).tolist()
+        for name, power in (
+            ("measured", check.shaft_measured),
+            ("predicted", check.shaft_predicted),
+        )
+    }
     powers = [("measured", test.measured, MEASURED, 2.4)]
     powers += [(WAY_NAMES[way], test.ways[way].power, c, 1.0) for way, c in DRAWN.items()]
     electrical = [
-        FigureLine(label, test.time, _with_sum(_smoothed(power)), colour, width)
+        FigureLine(label, test.time, _with_sum(_smoothed(power, test.time)), colour, width)
         for label, power, colour, width in powers
     ]
     efficiency = [
@@ -165,6 +198,11 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
     paper = [100 * PAPER[way] if way in PAPER else None for way in SHOWN]
     joints, drives = [*names, "all joints"], [*names, "all drives"]
     return {
+        "excitation": lambda path: over_time(
+            by_column(names, [FigureLine("joint position", check.time, position, OURS)]),
+            "position [rad]", path, RIG,
+        ),
+        "energies": lambda path: bars(joints, energy, "mechanical energy [J]", path, RIG),
         "validation": lambda path: over_time(
             by_column(joints, mechanical), "power [W]", path, RIG
         ),
@@ -178,7 +216,7 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
         "efficiency": lambda path: over_time(
             by_column(drives, efficiency), "efficiency [-]", path, RIG, limits=(-0.1, 1.0)
         ),
-        "maps": lambda path: efficiency_maps(result.main.drives.axes, path, f"{RIG}, {BOTH}"),
+        "maps": lambda path: efficiency_maps(result.main.drives.fit.axes, path, f"{RIG}, {BOTH}"),
     }  # fmt: skip
 
 
@@ -213,6 +251,9 @@ def _machine_figures(result: PaperB) -> dict[str, Piece]:
         for key, found in machines.items()
     }
     return {
+        "path": lambda path: over_time(
+            {"tool, less its mean": _tool_path(result)}, "position [m]", path, "models", columns=1
+        ),
         "parts": lambda path: stacked(
             _machine_names(), _parts(result), marks, "energy of one layer [J]", path, "models"
         ),
@@ -227,6 +268,19 @@ def _machine_figures(result: PaperB) -> dict[str, Piece]:
     }  # fmt: skip
 
 
+def _tool_path(result: PaperB) -> list[FigureLine]:
+    """Position of the arm's tool in the base frame during one layer. [m]"""
+    machine, curve = MACHINES[ARM], result.machines[ARM].curve
+    robot = Robot.from_model(load(machine.model))
+    rows = slice(None, None, max(1, len(curve.time) // POINTS))
+    place = np.array([robot.link_position(q, machine.link) for q in curve.joint_position[rows]])
+    place -= place.mean(axis=0)
+    return [
+        FigureLine(axis, curve.time[rows], values, colour)
+        for axis, values, colour in zip("xyz", place.T, SERIES, strict=False)
+    ]
+
+
 def _with_sum(power: Float) -> Float:
     """Columns of the joints and their sum, shape (N, n + 1)."""
     return np.column_stack([power, power.sum(axis=1)])
@@ -234,16 +288,16 @@ def _with_sum(power: Float) -> Float:
 
 def _efficiency(test: DriveTest) -> Float:
     """Measured efficiency of each drive and of all, smoothed, shape (N, n + 1). [-]"""
-    shaft = _smoothed(_with_sum(test.shaft))
-    given = _smoothed(_with_sum(test.measured))
+    shaft = _smoothed(_with_sum(test.shaft), test.time)
+    given = _smoothed(_with_sum(test.measured), test.time)
     drawn = (given > MIN_POWER) & np.append(_moving(test), True)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(drawn, shaft / given, np.nan)
 
 
-def _smoothed(values: Float) -> Float:
+def _smoothed(values: Float, time: Float) -> Float:
     """Means over `SMOOTH` of every column, shape (N, K)."""
-    window = np.ones(round(SMOOTH * RATE))
+    window = np.ones(round(SMOOTH / float(np.median(np.diff(time)))))
     weight = np.convolve(np.ones(len(values)), window, mode="same")
     columns = [np.convolve(column, window, mode="same") / weight for column in values.T]
     return np.stack(columns, axis=1)
@@ -261,7 +315,11 @@ def figures(result: PaperB) -> dict[str, Any]:
             name: _accuracy(found) for name, found in result.weighted.items()
         },
         "trained": {name: _trained(found) for name, found in result.trained.items()},
-        "plants": {str(seed): _test(test) for seed, test in result.plants.items()},
+        "plants": {
+            run: {str(seed): _test(test) for seed, test in plants.items()}
+            for run, plants in result.plants.items()
+        },
+        "distributions": {run: distributions(found) for run, found in result.plants.items()},
         "machines": {
             key: {
                 "layer": _energies(found.layer),

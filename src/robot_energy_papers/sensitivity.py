@@ -1,21 +1,27 @@
 """What a result owes to figures that a paper leaves open: one table for every study.
 
 Each open figure has a nominal value and a range with a physical reason. The result is computed at
-both ends, all else nominal. Then values are sought that give the published result: of one figure
-alone, and of as few figures together as possible, all the same share of the way to their ends.
+both ends, all else nominal, and the value of one figure alone is sought that gives the published
+result. Then all figures are drawn at once from their ranges: the spread of the result, and the
+share of the draws that reach the published one, say what the paper leaves open.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from robot_energy.results.base import Number, Result
+from robot_energy.timeline.blocks import Float
 
 Values = Mapping[str, float]
 Evaluate = Callable[[Values], Mapping[str, float]]
 """Values of all open figures by key -> results by quantity. It raises where a motion is refused."""
 
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of a spread
+TOGETHER = 25  # draws that share the values of slow figures
 TOLERANCE = 1e-3  # of the way from nominal to an end, of the values that are sought
 
 
@@ -76,18 +82,24 @@ class SensitivityRow(Result):
     reproduces: Number
 
 
-class Combination(Result):
-    """Several figures that give the published result together.
+class Spread(Result):
+    """All open figures drawn at once, each from its range.
+
+    A figure lies below its nominal value in one half of the draws and above it in the other,
+    uniformly; uniformly over its range where the nominal value is an end. A switch is on in half.
 
     Attributes:
-        share: Of the way of each from nominal to the end that helps. [-]
-        values: By key.
-        result: What they give.
+        draws: How many.
+        seed: Of the draws.
+        quantiles: Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest.
+        reaching: Share of the draws whose result is at least as far from the nominal one as that
+            of the paper, on its side. [-]
     """
 
-    share: float
-    values: dict[str, float]
-    result: float
+    draws: int
+    seed: int
+    quantiles: tuple[float, ...]
+    reaching: float
 
 
 class SensitivityTable(Result):
@@ -98,26 +110,21 @@ class SensitivityTable(Result):
         published: As in the paper.
         nominal: Of the study.
         rows: One per figure.
-        reach: With every figure at the end that helps; None where the published result is reached.
-        combination: The fewest figures that reach the published result together, the strongest
-            first; None where one alone does, or where all of them do not.
+        reach: With every figure at the end that helps.
+        spread: With all figures drawn at once; None where none were drawn.
     """
 
     quantity: str
     published: float
     nominal: float
     rows: tuple[SensitivityRow, ...]
-    reach: Number
-    combination: Combination | None
+    reach: float
+    spread: Spread | None
 
     @property
     def alone(self) -> list[SensitivityRow]:
         """Figures that give the published result alone."""
         return [row for row in self.rows if row.reproduces is not None]
-
-    def named(self, key: str) -> OpenFigure:
-        """Return the figure of a key."""
-        return next(row.figure for row in self.rows if row.figure.key == key)
 
 
 def sensitivity(
@@ -126,6 +133,9 @@ def sensitivity(
     published: Mapping[str, float],
     tolerance: float = TOLERANCE,
     only: Sequence[str] | None = None,
+    draws: int = 0,
+    seed: int = 0,
+    slow: Sequence[str] = (),
 ) -> dict[str, SensitivityTable]:
     """Return a table for every quantity that the paper publishes.
 
@@ -133,6 +143,9 @@ def sensitivity(
         published: Results of the paper by quantity. [any unit]
         tolerance: Of values that are sought, share of the way to an end. [-]
         only: Keys of the figures that are changed; None for all.
+        draws: Of all figures at once; 0 for none.
+        seed: Of the draws.
+        slow: Keys of figures that are drawn anew every `TOGETHER` draws only: they take long.
     """
     nominal = {figure.key: figure.nominal for figure in figures}
     figures = [figure for figure in figures if only is None or figure.key in only]
@@ -143,10 +156,45 @@ def sensitivity(
         for end in (figure.low, figure.high)
         if end != figure.nominal
     }
-    return {
-        quantity: _Sought(evaluate, figures, quantity, goal, tolerance, nominal).table(base, ends)
-        for quantity, goal in published.items()
-    }
+    drawn = [evaluate({**nominal, **values}) for values in _drawn(figures, draws, seed, slow)]
+    tables: dict[str, SensitivityTable] = {}
+    for quantity, goal in published.items():
+        sought = _Sought(evaluate, figures, quantity, goal, tolerance, nominal)
+        results = np.array([result[quantity] for result in drawn])
+        spread = _spread(results, base[quantity], goal, seed) if draws else None
+        tables[quantity] = sought.table(base, ends, spread)
+    return tables
+
+
+def _drawn(
+    figures: Sequence[OpenFigure], draws: int, seed: int, slow: Sequence[str]
+) -> Iterator[dict[str, float]]:
+    """Values of all figures, for every draw."""
+    random = np.random.default_rng(seed)
+    values: dict[str, float] = {}
+    for number in range(draws):
+        for figure in figures:
+            if number % TOGETHER and figure.key in slow:
+                continue
+            values[figure.key] = _prior(figure, float(random.uniform()))
+        yield dict(values)
+
+
+def _prior(figure: OpenFigure, share: float) -> float:
+    """The value below which a figure lies in a share of the draws."""
+    if figure.switch:
+        return figure.low if share < 0.5 else figure.high
+    ends = figure.low, figure.nominal, figure.high
+    if figure.nominal in (figure.low, figure.high):
+        return figure.low + share * (figure.high - figure.low)
+    return float(np.interp(share, (0.0, 0.5, 1.0), ends))
+
+
+def _spread(results: Float, nominal: float, goal: float, seed: int) -> Spread:
+    side = 1.0 if goal > nominal else -1.0
+    reaching = float(np.mean((results - goal) * side >= 0.0))
+    quantiles = tuple(np.quantile(results, QUANTILES).tolist())
+    return Spread(len(results), seed, quantiles, reaching)
 
 
 @dataclass(frozen=True)
@@ -161,12 +209,15 @@ class _Sought:
     nominal: dict[str, float]
 
     def table(
-        self, base: Mapping[str, float], ends: Mapping[tuple[str, float], Mapping[str, float]]
+        self,
+        base: Mapping[str, float],
+        ends: Mapping[tuple[str, float], Mapping[str, float]],
+        spread: Spread | None,
     ) -> SensitivityTable:
         start = base[self.quantity]
         sign = 1.0 if self.goal > start else -1.0
         rows: list[SensitivityRow] = []
-        helps: dict[str, tuple[float, float]] = {}  # result and value at the end that helps more
+        helps: dict[str, float] = {}  # value at the end that helps more
         for figure in self.figures:
             at = {
                 end: ends[figure.key, end][self.quantity] if end != figure.nominal else start
@@ -174,7 +225,7 @@ class _Sought:
             }
             gain, end = max(((result - start) * sign, end) for end, result in at.items())
             if gain > 0:
-                helps[figure.key] = at[end], end
+                helps[figure.key] = end
             slope = (at[figure.high] - at[figure.low]) / (figure.high - figure.low)
             rows.append(
                 SensitivityRow(
@@ -185,14 +236,8 @@ class _Sought:
                     self._alone(figure, start, at),
                 )
             )
-        reach: float | None = None
-        combination = None
-        if all(row.reproduces is None for row in rows):
-            order = sorted(helps, key=lambda key: abs(helps[key][0] - start), reverse=True)
-            strongest = helps[order[0]][0] if order else start
-            ends_of = {key: helps[key][1] for key in order}
-            reach, combination = self._together(ends_of, start, strongest)
-        return SensitivityTable(self.quantity, self.goal, start, tuple(rows), reach, combination)
+        reach = self.evaluate({**self.nominal, **helps})[self.quantity]
+        return SensitivityTable(self.quantity, self.goal, start, tuple(rows), reach, spread)
 
     def _alone(self, figure: OpenFigure, start: float, at: Mapping[float, float]) -> float | None:
         """The value between nominal and an end that gives the goal, where the end is beyond it."""
@@ -200,43 +245,21 @@ class _Sought:
             if end != figure.nominal and (start - self.goal) * (result - self.goal) <= 0:
                 if figure.switch:
                     return end
-                return self._root({figure.key: end}, start, result).values[figure.key]
+                return self._root(figure, end, start, result)
         return None
 
-    def _together(
-        self, ends: Mapping[str, float], start: float, strongest: float
-    ) -> tuple[float | None, Combination | None]:
-        """Add figures, strongest first, until the goal is passed."""
-        keys, result = list(ends), strongest
-        for count in range(2, len(keys) + 1):
-            chosen = {key: ends[key] for key in keys[:count]}
-            result = self._at(chosen, 1.0)
-            if (start - self.goal) * (result - self.goal) <= 0:
-                return None, self._root(chosen, start, result)
-        return result, None
-
-    def _root(self, ends: Mapping[str, float], start: float, result: float) -> Combination:
+    def _root(self, figure: OpenFigure, end: float, start: float, result: float) -> float:
         from scipy.optimize import brentq
 
-        known = {1.0: result - self.goal}
-        if not any(figure.switch for figure in self.figures if figure.key in ends):
-            known[0.0] = start - self.goal
+        known = {0.0: start - self.goal, 1.0: result - self.goal}
+
+        def value(share: float) -> float:
+            return (1 - share) * figure.nominal + share * end
 
         def off(share: float) -> float:
             if share not in known:
-                known[share] = self._at(ends, share) - self.goal
+                found = self.evaluate({**self.nominal, figure.key: value(share)})
+                known[share] = found[self.quantity] - self.goal
             return known[share]
 
-        share = float(brentq(off, 0.0, 1.0, xtol=self.tolerance, rtol=self.tolerance))
-        return Combination(share, self._values(ends, share), off(share) + self.goal)
-
-    def _values(self, ends: Mapping[str, float], share: float) -> dict[str, float]:
-        """Values on the way to the ends; a switch is there at once."""
-        switched = {figure.key for figure in self.figures if figure.switch}
-        return {
-            key: end if key in switched else (1 - share) * self.nominal[key] + share * end
-            for key, end in ends.items()
-        }
-
-    def _at(self, ends: Mapping[str, float], share: float) -> float:
-        return self.evaluate({**self.nominal, **self._values(ends, share)})[self.quantity]
+        return value(float(brentq(off, 0.0, 1.0, xtol=self.tolerance, rtol=self.tolerance)))

@@ -21,6 +21,7 @@ GANTRY = "testbed"
 QUANTITIES = ("mechanical, magnitude", "electrical, drives")
 TRUSS = 12  # strokes of the assumed infill, along the wall and back
 RAM = 100.0  # kg, of the shipped gantry
+DRAWS, QUICK_DRAWS = 300, 20  # of all open figures at once; 12 motions in the full form
 
 MACHINE_FIGURES = open_figures(
     ("force_x", "gantry: Coulomb friction of the long axis", "N", 120.0, 300.0, 450.0,
@@ -75,7 +76,14 @@ def wall_tables(quick: bool) -> dict[str, SensitivityTable]:
     share = 1.0 + float(MACHINES[GANTRY].paper or 0.0)
     published: dict[str, float] = dict.fromkeys(QUANTITIES, share)
     only = IN_BOTH_FORMS if quick else None
-    return sensitivity(_over_arm, MACHINE_FIGURES + MOTION_FIGURES, published, only=only)
+    return sensitivity(
+        _over_arm,
+        MACHINE_FIGURES + MOTION_FIGURES,
+        published,
+        only=only,
+        draws=QUICK_DRAWS if quick else DRAWS,
+        slow=[figure.key for figure in MOTION_FIGURES],
+    )
 
 
 def _over_arm(values: Values) -> dict[str, float]:

@@ -29,7 +29,7 @@ PART_COLOURS = {
 }  # fmt: skip
 LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
 SERIES = ("#0b5cad", "#c2570c", "#12805c", "#be1844", "#8a6d0f", "#7a3fc4", "#5b6b7d")
-MAX_TICK = 40  # characters of a name beside an axis
+MAX_TICK = 40  # characters of a name next to an axis
 FONT = b"'DejaVu Sans'"  # with which figures are laid out
 PAGE_FONTS = b"system-ui, 'Segoe UI', Roboto, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 FORMATS = {".png", ".svg", ".pdf"}
@@ -138,7 +138,7 @@ def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
 
 
 def check_format(path: Path) -> None:
-    """Refuse a file that is no picture.
+    """Refuse a file that is not a picture.
 
     Raises:
         ReportError: If the suffix is not one of the formats.

@@ -111,10 +111,14 @@ class FlowDiagram:
 
     Attributes:
         picture: Its flows. [J]
+        unit: In which they are shown.
+        factor: What one of it is. [J]
     """
 
     picture: FlowPicture
     caption: str
+    unit: str
+    factor: float
 
 
 Part = Text | Table | Illustration | Tiles | FlowDiagram

@@ -29,7 +29,7 @@ from robot_energy_report.identification import delay_use
 
 @dataclass(frozen=True)
 class ReferenceValues:
-    """Friction known from elsewhere, to be set beside the identified one, joint side.
+    """Friction known from elsewhere, to be compared with the identified one, joint side.
 
     Attributes:
         viscous: Shape (n,). [N m s/rad]
@@ -87,7 +87,8 @@ def dynamics_document(
     }
     _torque_errors(
         page,
-        f"torque error (norm of error / norm of torque); held out: {FOLDS} contiguous blocks",
+        f"torque error below {result.settings.filters.cutoff:g} Hz "
+        f"(norm of error / norm of torque); held out: {FOLDS} contiguous blocks",
         list(errors),
         list(errors.values()),
         result.model.joint_names,
@@ -176,7 +177,7 @@ def _groups(page: Document, report: DynamicsReport) -> None:
         Column("value", "value", significant(5)),
         Column("std", "std", significant(2)),
         Column("95 % +-", "interval_95", significant(2)),
-        Column("better known by", lambda one: "the URDF" if one.told_less_than_urdf else ""),
+        Column("better known by", lambda one: "the URDF" if one.better_known_by_urdf else ""),
     ]
     for title, weak in (
         ("base parameters determined by the recording", False),
@@ -193,7 +194,8 @@ def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> 
     heads = [_split(judgement) for judgement in judgements]
     _torque_errors(
         page,
-        "torque error of recordings held out (norm of error / norm of torque); model file, "
+        "torque error of recordings held out, filtered alike (norm of error / norm of torque); "
+        "model file, "
         "without sensor offsets",
         heads,
         [each.torque for each in judgements],
@@ -239,7 +241,7 @@ def _split(judgement: HoldOutResult) -> str:
 
 
 def excitation_document(report: ExcitationReport, page: Document) -> None:
-    """Add what an excitation motion tells and uses.
+    """Add what an excitation motion determines and uses.
 
     Args:
         page: Where to.

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
@@ -55,13 +54,13 @@ def _part_names(drive: str) -> dict[str, str]:
     """Return the names of the parts of the energy from the grid, in their order."""
     unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
     return {
-        "rigid": "lifting and accelerating, net",
+        "rigid": "lifting, accelerating (net)",
         "friction": "friction",
         "drive_loss": "drive losses" + (" (not modelled)" if unmodelled else ""),
         "loss_dc": "constant losses, DC side",
-        "loss_grid": "constant and supply losses, grid",
+        "loss_grid": "constant and supply losses, grid side",
         "brake": "brake resistor",
-        "capacitor": "into the DC-link capacitor, net",
+        "capacitor": "into the DC-link capacitor (net)",
     }
 
 
@@ -102,9 +101,10 @@ def add_flow(
         returned=total("grid_return"),
         auxiliary=auxiliary,
     )
-    picture = flow_picture(parts, JOULE_PER_WH)
+    scale = scale_of([one.energy for one in reports])
+    picture = flow_picture(parts, scale.factor)
     if picture is not None and picture.flows:
-        page.add(FlowDiagram(picture, caption))
+        page.add(FlowDiagram(picture, caption, scale.unit, scale.factor))
 
 
 def sum_of_known(energies: Iterable[float | None]) -> float | None:
@@ -136,7 +136,7 @@ class EnergySections:
         """Add where the energy goes."""
         energy, scale = self._report.energy, self._scale
         net = energy.net
-        columns = ["", f"energy [{scale.unit}]", "", "share"]
+        columns = ["", f"energy [{scale.unit}]", "share"]
         second: dict[str, float | None] = {}
         if other is not None:
             change = other[0].replace("friction ", "friction\n")
@@ -153,7 +153,6 @@ class EnergySections:
         cells = [[*names.values(), "from the grid"]]
         for texts, whole in (
             (scale.parts(values), scale.joule(net)),
-            (scale.watt_hour_parts(values), scale.watt_hour(net)),
             ([percent(_share(value, net)) for value in values], percent(one)),
         ):
             cells.append([*texts, whole])
@@ -193,13 +192,16 @@ class EnergySections:
             "drive\nloss": "drive_loss_energy",
             "drive\ninput": "drive_input_energy",
         }
+        known = any(one.last_gear_temperature_degc is not None for one in self._report.joints)
+        gears = [Column("gear\ndegC", "last_gear_temperature_degc", fixed(1))] if known else []
         self._page.rows(
             f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input",
             [
                 Column("", "name"),
                 *(Column(name, key, scale.joule, total=True) for name, key in energies.items()),
                 Column("share\nof grid", "share_of_grid", percent, total=True),
-                Column("last\ndegC", "last_motor_temperature_degc", fixed(1)),
+                Column("motor\ndegC", "last_motor_temperature_degc", fixed(1)),
+                *gears,
             ],
             self._report.joints,
             "all joints",

@@ -142,6 +142,8 @@ def _brief(score: ModelScore) -> str:
     whole = score.all_joints
     if whole is not None:
         parts.append(f"motor torque {percent(whole.torque_relative_moving)} off while moving")
+        if whole.torque_relative_low_pass is not None:
+            parts.append(f"{percent(whole.torque_relative_low_pass)} below 10 Hz")
     return ", ".join(parts)
 
 
@@ -272,6 +274,12 @@ def _torque(report: EvaluationReport, page: Document) -> None:
         title = f"Motor torque, RMS error, {what} [N m]"
         table(title, rms, aligned(values, 4), total=False)
         table(f"The same over the measured torque, {what}", share, percent, total=True)
+    table(
+        "Joint torque below 10 Hz, as identify states it: error over the measured torque",
+        "torque_relative_low_pass",
+        percent,
+        total=True,
+    )
     shaft = "Shaft energy, predicted minus measured, over measured out + back"
     table(shaft, "shaft_energy_relative", signed_percent, total=True)
     samples = report.together[0].all_joints

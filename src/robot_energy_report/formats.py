@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 
-from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy_report.page.energy_flow import rounded_parts
 
 NOTHING = "-"
@@ -52,7 +51,6 @@ class EnergyFormat:
         self.unit, self.factor = next((u for u in units if largest >= u[1]), units[-1])
         lead = largest / self.factor if largest > 0 else 1.0
         self.digits = _digits(lead)
-        self.watt_hour_digits = _digits(max(largest, 1.0) / JOULE_PER_WH)
 
     def joule(self, energy: float | None) -> str:
         """Return an energy in the report's unit.
@@ -71,20 +69,9 @@ class EnergyFormat:
         """
         return summing(energies, self.digits, whole, self.factor)
 
-    def watt_hour(self, energy: float | None) -> str:
-        """Return an energy in Wh, as precise as the others; argument as in `EnergyFormat.joule`."""
-        if energy is None:
-            return NOTHING
-        return f"{number(energy / JOULE_PER_WH, self.watt_hour_digits)} Wh"
-
-    def watt_hour_parts(self, energies: Sequence[float | None]) -> list[str]:
-        """Return parts of an energy in Wh; as shown they sum to the whole.
-
-        Args:
-            energies: The parts; None where one is not modelled. [J]
-        """
-        texts = summing(energies, self.watt_hour_digits, unit=JOULE_PER_WH)
-        return [text if text == NOTHING else f"{text} Wh" for text in texts]
+    def text(self, energy: float | None) -> str:
+        """Return an energy with the report's unit; argument as in `EnergyFormat.joule`."""
+        return NOTHING if energy is None else f"{self.joule(energy)} {self.unit}"
 
 
 def fixed(digits: int) -> Callable[[float | None], str]:

@@ -12,12 +12,29 @@ from robot_energy_report.energy import scale_of
 from robot_energy_report.formats import counted, energy_text, percent, signed_percent
 from robot_energy_report.page.settings import PageSettings
 
+AGREES = 5e-4  # of the energy; less is 0.0 % as it is shown [-]
 LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
 
 
 def place_of(report: ReplayReport) -> str:
     """Return where the power of the comparison flows, in words."""
     return LOCATION_NAMES.get(report.comparison.meter_location or "", "the meter")
+
+
+def verdict(report: ReplayReport) -> str:
+    """Return what the result means, in plain words: how good, how sure, what to measure next."""
+    error, sure = report.comparison.predicted_minus_measured_relative, report.uncertainty
+    if error is None:
+        text = "Nothing was measured: this is a prediction alone"
+    elif abs(error) < AGREES:
+        text = f"The model agrees with the meter within {percent(AGREES)}"
+    else:
+        text = f"The model reads {percent(abs(error))} {'high' if error > 0 else 'low'}"
+    if sure.half_relative is not None:
+        text += f"; its energy is known within {percent(sure.half_relative)} (90 % band)"
+    if sure.contributions:
+        text += f"; measure next: {sure.contributions[0].name}"
+    return text
 
 
 def headline(report: ReplayReport) -> str:
@@ -72,7 +89,7 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
     found = [
         (
             "Energy from the grid",
-            scale.watt_hour(net),
+            scale.text(net),
             f"predicted, {counted(len(reports), 'recording')} of {duration(observed)} in all{sure}",
         ),
         ("Mean power", f"{net / observed:.0f} W" if observed else "-", "predicted"),
@@ -88,11 +105,11 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         name = max(names, key=names.count)
         jobs = [job.energy for one in reports for job in one.jobs if job.name == name]
         found.append(
-            ("Per job", scale.watt_hour(sum(jobs) / len(jobs)), f"mean of {len(jobs)} of '{name}'")
+            ("Per job", scale.text(sum(jobs) / len(jobs)), f"mean of {len(jobs)} of '{name}'")
         )
     if net > 0:
         found.append(
-            ("Into friction", percent(friction / net), f"{scale.watt_hour(friction)} of all joints")
+            ("Into friction", percent(friction / net), f"{scale.text(friction)} of all joints")
         )
     spans = [(one.time.start_ns or 0, one.time.span_ns) for one in reports]
     prices = [settings.mean_price(start_ns, start_ns + span_ns) for start_ns, span_ns in spans]

@@ -127,7 +127,7 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
         _energy_tables(test, stages, page)
     if test.with_torque:
         page.rows(
-            "Shaft energy of all axes, predicted over measured less 1, held out",
+            "Shaft energy of all axes, predicted over measured minus 1, held out",
             [
                 Column("recording", "name"),
                 Column("measured", "shaft", energy_text),
@@ -152,7 +152,7 @@ def _energy_tables(test: HeldOutEnergy, stages: list[str], page: Document) -> No
     last = test.stages[-1]
     for entries, where in ((test.within, ""), (test.beyond, "; outside the range of the fit")):
         page.rows(
-            f"Energy at {_place(test.metered[0])}, predicted over measured less 1, held out{where}",
+            f"Energy at {_place(test.metered[0])}, predicted / measured - 1, held out{where}",
             [
                 Column("recording", "name"),
                 Column("measured", "measured", energy_text),

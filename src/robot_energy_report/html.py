@@ -16,7 +16,6 @@ from pathlib import Path
 
 from robot_energy.foundation.files.output_files import HTML, HTML_MARK, PDF, write_file
 from robot_energy.foundation.shown_text import shown_lines
-from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy_report.document import (
     HEADINGS,
     Document,
@@ -32,6 +31,7 @@ from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.saved_page import inline_parts
+from robot_energy_report.terms import TERMS, with_hints
 
 NUMBER = ' class="n"'
 PROSE = 24  # characters from which a cell is read as a sentence
@@ -76,7 +76,7 @@ def page_html(document: Document) -> str:
     if len(links) > 2:
         contents = f'<nav class="card" aria-label="Contents"><ol>{"".join(links)}</ol></nav>'
     lead = f'<p class="small">{_prose(document.lead)}</p>' if document.lead else ""
-    cards = [_card(anchor, parts) for anchor, parts in named.items()]
+    cards, terms = with_hints("".join(_card(anchor, parts) for anchor, parts in named.items()))
     title, (head, script) = _escape(document.title), inline_parts()
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -85,7 +85,7 @@ def page_html(document: Document) -> str:
         '<meta name="color-scheme" content="light dark">'
         f"<title>{title}</title>{head}</head><body>\n"
         f'<header><h1>{MARK}{title}</h1><nav aria-label="Page">{THEME}</nav></header>\n'
-        f'<main class="report">\n{lead}{contents}\n{"".join(cards)}</main>\n'
+        f'<main class="report">\n{lead}{contents}\n{cards}{_terms(terms)}</main>\n'
         f"{script}</body></html>\n"
     )
 
@@ -106,6 +106,14 @@ def _card(anchor: str, parts: Sequence[Part]) -> str:
     first = any(isinstance(part, FlowDiagram) for part in parts)
     inner = "\n".join(filter(None, map(_part, parts)))
     return f'<section class="card{" first" if first else ""}"{place}>\n{inner}\n</section>\n'
+
+
+def _terms(terms: Sequence[str]) -> str:
+    """What the words of the page mean."""
+    if not terms:
+        return ""
+    table = _table(Table("", (), [(term, TERMS[term]) for term in terms]))
+    return f'<section class="card" id="terms">\n<h2>Terms</h2>\n{table}\n</section>\n'
 
 
 def _part(part: Part) -> str:
@@ -143,19 +151,19 @@ def _tile(name: str, value: str, note: str) -> str:
 def _flow(diagram: FlowDiagram) -> str:
     """The picture, drawn by the script of the live page, and the same as a table."""
     picture = diagram.picture
-    digits = max(0, round(-math.log10(picture.unit / JOULE_PER_WH)))
+    digits = max(0, round(-math.log10(picture.unit / diagram.factor)))
     drawn = sum(flow.units for flow in picture.flows if flow.source == GRID)
     rows = [
         (
             picture.labels[flow.source],
             picture.labels[flow.target],
-            number(flow.units * picture.unit / JOULE_PER_WH, digits),
+            number(flow.units * picture.unit / diagram.factor, digits),
             percent(flow.units / drawn if drawn else None),
         )
         for flow in picture.flows
     ]
-    data = escaped(json_text(picture.plain(JOULE_PER_WH)))
-    table = _table(Table("", ("from", "to", "Wh", "share"), rows))
+    data = escaped(json_text({**picture.plain(diagram.factor), "energy": diagram.unit}))
+    table = _table(Table("", ("from", "to", diagram.unit, "share"), rows))
     return (
         f'<figure class="flow"><div class="figure" data-flow="{data}"></div>'
         f"<figcaption>{_prose(diagram.caption)}</figcaption>"
@@ -183,7 +191,7 @@ def _table(table: Table) -> str:
 
 
 def _row(cells: Sequence[str], left: Sequence[bool], kind: str = "", head: bool = False) -> str:
-    """A row; the first cell of each is its header, and an empty one is no header."""
+    """A row; the first cell of each is its header, and an empty one is not a header."""
     inner: list[str] = []
     for place, (cell, side) in enumerate(zip(cells, left, strict=True)):
         tag = "th" if cell and (head or place == 0) else "td"

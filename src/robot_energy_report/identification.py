@@ -60,6 +60,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
     """Add the friction of every axis; arguments as in `friction_document`."""
     unit = report.torque_unit
     falling = [fit for fit in report.axes if fit.stribeck is not None][:1]
+    loaded = [fit for fit in report.axes if fit.load is not None][:1]
     page.rows(
         "Friction over motor temperature, "
         + ("as logged" if report.effort == "log" else "motor side"),
@@ -68,6 +69,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
             Column("Coulomb", _coulomb, unit=unit),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
             *(Column("Stribeck", _stribeck, unit=unit) for _ in falling),
+            *(Column("of the load", _by_load) for _ in loaded),
             Column("fitted at", _fitted_at),
         ],
         report.axes,
@@ -151,6 +153,14 @@ def _stribeck(fit: FrictionFit) -> str | None:
         return None
     torque = uncertain(term.torque.value, term.torque.std or 0.0)
     return f"{torque}, at {term.velocity.value:.3g} rad/s"
+
+
+def _by_load(fit: FrictionFit) -> str | None:
+    if fit.load is None:
+        return None
+    share, std, saturation = fit.load
+    text = f"{100.0 * share:.1f} +- {100.0 * std:.1f} %"
+    return f"{text}, up to {saturation:.3g} N m" if np.isfinite(saturation) else text
 
 
 def _fitted_at(fit: FrictionFit) -> str | None:
@@ -409,5 +419,5 @@ def states_document(report: LoadStatesReport, page: Document) -> None:
     ]
     if rows:
         columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
-        page.table("What the fit has not seen: predicted less measured", columns, rows)
+        page.table("What the fit has not seen: predicted minus measured", columns, rows)
     page.notes([note for fit in report.fits for note in fit.notes] + list(report.refused))

@@ -86,7 +86,6 @@ def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFor
             Column("mean", lambda kind: mean_energy(kind[1]), scale.joule, scale.unit),
             Column("lowest", lambda kind: min(energies(kind)), scale.joule),
             Column("highest", lambda kind: max(energies(kind)), scale.joule),
-            Column("mean in Wh", lambda kind: mean_energy(kind[1]), scale.watt_hour),
             Column("error against\nthe meter", lambda kind: _error(kind[1]), signed_percent),
         ],
         list(job_kinds(reports).items()),
@@ -130,18 +129,18 @@ def summary_section(page: Document, report: ReplayReport) -> None:
                 f"cycle '{name}'",
                 str(len(jobs)),
                 f"{_mean_time(jobs):.2f} s",
-                scale.watt_hour(mean_energy(jobs)),
+                scale.text(mean_energy(jobs)),
                 f"{mean_energy(jobs) / _mean_time(jobs):.1f} W" if _mean_time(jobs) else "-",
             )
             for name, jobs in job_kinds([report]).items()
         ]
-        names = {HOLD: "at rest, drives on", MOTION: "in motion", "generating": "generating"}
+        names = {HOLD: "hold (at rest, drives on)", MOTION: "motion", "generating": "generating"}
         rows += [
             (
                 names[name],
                 "",
                 f"{one.time:.2f} s",
-                scale.watt_hour(one.grid_import_energy),
+                scale.text(one.grid_import_energy),
                 f"{one.grid_import_energy / one.time:.1f} W",
             )
             for name, one in report.phases.items()
@@ -153,7 +152,7 @@ def summary_section(page: Document, report: ReplayReport) -> None:
             rows,
         )
         page.paragraph(
-            "States with the drives off (standby, off) have no joint states and are no part of "
+            "States with the drives off (standby, off) have no joint states and are not part of "
             "this recording."
             + ("" if report.jobs else " No cycle is defined: name them with `--jobs`.")
         )

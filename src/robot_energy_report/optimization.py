@@ -132,6 +132,9 @@ def _measures(page: Document, report: OptimizationReport, scale: EnergyFormat) -
         ],
         [one for one in report.measures if one.cycle is not None],
     )
+    page.paragraph(
+        "They overlap: together they save what the first line of this report says, not their sum"
+    )
     if others := [one.label for one in report.measures if one.cycle is None]:
         page.paragraph(f"These do not apply, or were not asked for: {'; '.join(others)}")
 

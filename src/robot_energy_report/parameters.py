@@ -1,4 +1,4 @@
-"""Figures of two model files of one robot beside each other."""
+"""Figures of two model files of one robot side by side."""
 
 from __future__ import annotations
 

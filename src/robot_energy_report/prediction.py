@@ -30,7 +30,7 @@ MINUTE = 60.0  # s
 
 
 def labels(runs: Sequence[PredictionReport]) -> list[str]:
-    """Return a name for each run: what tells it from the others.
+    """Return a name for each run: what distinguishes it from the others.
 
     Args:
         runs: Predictions that are shown together.

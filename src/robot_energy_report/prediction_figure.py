@@ -13,7 +13,7 @@ from robot_energy_report.canvas import PART_COLOURS, SERIES, Axes, Target, canva
 from robot_energy_report.energy import scale_of
 
 PARTS = {  # name, parts of the energy, and its colour
-    "lifting and accelerating, net": (("rigid",), "motion"),
+    "lifting, accelerating (net)": (("rigid",), "motion"),
     "friction": (("friction",), "friction"),
     "drive losses": (("drive_loss",), "drives"),
     "constant losses": (("loss_dc", "loss_grid"), "cabinet"),

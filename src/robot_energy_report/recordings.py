@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.results.model import ModelUsed
 from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import Float
@@ -181,7 +180,7 @@ def _table(
 def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:
     """Mean energy of the jobs of the most frequent name."""
     kinds = job_kinds(reports)
-    return f"{scale.watt_hour(mean_energy(next(iter(kinds.values()))))}" if kinds else None
+    return f"{scale.text(mean_energy(next(iter(kinds.values()))))}" if kinds else None
 
 
 def _share(reports: Sequence[ReplayReport]) -> float | None:
@@ -219,12 +218,12 @@ def _trend(groups: Mapping[str, Sequence[ReplayReport]], path: Target) -> None:
                 _line(axes[1], place, [net / time if time else None for net, time in power], style)
             for marker, kind in zip(cycle(MARKERS), job_kinds(group), strict=False):
                 jobs = [[job for job in one.jobs if job.name == kind] for one in group]
-                values = [mean_energy(one) / JOULE_PER_WH if one else None for one in jobs]
+                values = [mean_energy(one) * 1e-3 if one else None for one in jobs]
                 label = shown(f"{name}: {kind}" if len(groups) > 1 else kind, 2 * MAX_TICK)
                 _line(axes[1], place, values, style | {"marker": marker, "label": label})
         axes[0].axhline(0.0, color="#9a9a9a", linewidth=0.8)
         axes[0].set_ylabel("predicted -\nmeasured [%]")
-        axes[1].set_ylabel("energy per job [Wh]" if with_jobs else "mean power\nfrom the grid [W]")
+        axes[1].set_ylabel("energy per job [kJ]" if with_jobs else "mean power\nfrom the grid [W]")
         axes[1].set_xlabel("recording, in order of time")
         axes[1].xaxis.get_major_locator().set_params(integer=True)
         axes[1].set_ylim(bottom=min(0.0, axes[1].get_ylim()[0]))

@@ -21,12 +21,13 @@ from robot_energy_report.formats import (
     counted,
     fixed,
     percent,
+    plus_minus,
     seconds,
     signed_percent,
     tags_text,
     utc,
 )
-from robot_energy_report.headline import beyond_constant, headline, place_of, tiles
+from robot_energy_report.headline import beyond_constant, headline, place_of, tiles, verdict
 from robot_energy_report.jobs import job_section, summary_section
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.prediction_figure import energy_bars
@@ -83,7 +84,8 @@ def replay_document(
         curves: For the figures over time; None: without them.
     """
     other = report.compared_with
-    page.paragraph(headline(report), "strong")
+    page.paragraph(verdict(report), "strong")
+    page.paragraph(headline(report))
     if beyond := beyond_constant(report):
         page.paragraph(beyond)
     if other is not None:
@@ -196,7 +198,7 @@ def _compared(page: Document, report: ReplayReport) -> None:
         with page.only("page"):
             page.paragraph("Nothing was measured that could be compared.")
         return
-    rows = [("measured", scale.joule(measured), f"{power:.1f} W", "", "", "")]
+    rows = [("measured", scale.joule(measured), f"{power:.1f} W", "", "", "", "")]
     for entry in (report, other):
         values = None if entry is None else entry.comparison
         if entry is None or values is None or values.measured_energy is None:
@@ -209,6 +211,7 @@ def _compared(page: Document, report: ReplayReport) -> None:
                 f"{fixed(1)(values.predicted_mean_power_at_meter)} W",
                 scale.joule(values.predicted_minus_measured_energy),
                 signed_percent(values.predicted_minus_measured_relative),
+                plus_minus(values.half_relative),
                 f"{fixed(1)(values.power_error_rms)} W",
             )
         )
@@ -221,6 +224,7 @@ def _compared(page: Document, report: ReplayReport) -> None:
             "mean power",
             f"error [{scale.unit}]",
             "",
+            "90 % band\nof the model",
             "RMS error\nof power",
         ),
         rows,

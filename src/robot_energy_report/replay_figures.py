@@ -175,7 +175,7 @@ def temperature_and_friction(history: TemperatureHistory, path: Target) -> None:
                 label = history.joint_names[joint]
                 grid[0].plot(time, degc[:, joint], color=colour, label=label)
             middle = 0.5 * (float(np.nanmin(degc)) + float(np.nanmax(degc)))
-            low, high = grid[0].get_ylim()  # whole degrees of a sensor are no course
+            low, high = grid[0].get_ylim()  # whole degrees of a sensor are not a course
             grid[0].set_ylim(min(low, middle - MIN_SPAN / 2), max(high, middle + MIN_SPAN / 2))
             grid[0].set_ylabel("motor temperature [degC]")
             grid[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -1,4 +1,4 @@
-"""Identification of a real robot's dynamics, beside FIGAROH from PyPI on the same files.
+"""Identification of a real robot's dynamics, next to FIGAROH from PyPI on the same files.
 
 Needs the recordings: ``ROBOT_ENERGY_DATA`` names their folder. FIGAROH is installed into an
 environment of its own under build/ the first time.

@@ -1,4 +1,4 @@
-"""Cost of joint states whose names change with every message, beside names that stay."""
+"""Cost of joint states whose names change with every message, next to names that stay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CPU share and latency of the nodes, beside a plain subscriber that does nothing."""
+"""CPU share and latency of the nodes, next to a plain subscriber that does nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost of the pipeline per sample, live and in replay, beside the bare pin.rnea call."""
+"""Cost of the pipeline per sample, live and in replay, next to the bare pin.rnea call."""
 
 from __future__ import annotations
 

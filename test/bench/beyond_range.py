@@ -27,8 +27,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from places import ROOT
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy_identify.friction.friction import moving_samples
-from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
+from robot_energy_identify.friction.samples import (
+    FrictionData,
+    friction_data_of_log,
+    moving_samples,
+)
 from robot_energy_identify.friction.temperature_study import Span, temperature_split
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import load_mapping
@@ -50,7 +53,7 @@ WAYS = ("hold", "extend", "auto")
 
 
 def rig_axes(robot: str, seed: int) -> list[FrictionData]:
-    """Friction of a drawn plant while it warms: its measured torque less the true rigid one."""
+    """Friction of a drawn plant while it warms: its measured torque minus the true rigid one."""
     profile = random_profile(robot, seed)
     bodies, _ = profile.mechanics()
     program = random_program(

@@ -100,7 +100,7 @@ def stuck(quick: bool) -> tuple[Table, Goals]:
             f"{100 * max(row.refused, 0.0):.0f} % of the time",
             _axes(row.changes),
         )
-    return table, {"rig: a thermometer that stands still is no wear": reached}
+    return table, {"rig: a thermometer that stands still is not wear": reached}
 
 
 def one_program(quick: bool) -> tuple[Table, Goals]:

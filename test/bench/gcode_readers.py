@@ -4,8 +4,8 @@
     PYTHONPATH=build/gcode_readers:$PYTHONPATH python test/bench/gcode_readers.py FOLDER
 
 Prints one row for each program of the folder. The time is that of the moves at their feeds, of
-the extruder alone and of G4; rapids of machines that are no printers have no feed and are left
-out. What the slicer states in the program stands beside it, acceleration included.
+the extruder alone and of G4; rapids of machines that are not printers have no feed and are left
+out. What the slicer states in the program stands next to it, acceleration included.
 """
 
 from __future__ import annotations

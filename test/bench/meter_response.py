@@ -1,4 +1,4 @@
-"""RMS of predicted less measured power, with the response of the meter and without.
+"""RMS of predicted minus measured power, with the response of the meter and without.
 
     python test/bench/meter_response.py [--model FILE]
 

@@ -1,6 +1,6 @@
 """Runs every benchmark, prints tables and writes the figures to build/bench.json.
 
-Every figure stands beside a named alternative measured in the same run; medians.
+Every figure stands next to a named alternative measured in the same run; medians.
 Usage: ``make bench``, or some: ``python test/bench/run.py replay live page [--quick]``.
 """
 

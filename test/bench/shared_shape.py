@@ -26,12 +26,13 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main as command
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.friction.friction import fit_axes, moving_samples
+from robot_energy_identify.friction.friction import fit_axes
 from robot_energy_identify.friction.laws import fit_law, nuisance
 from robot_energy_identify.friction.samples import (
     FrictionData,
     friction_data,
     friction_data_of_log,
+    moving_samples,
 )
 from robot_energy_identify.friction.shape import TemperatureShape, common_shape, fit_shared
 from robot_energy_logs.log_import import open_logs

@@ -1,4 +1,4 @@
-"""A robot that warms up: friction that follows its gears beside friction that follows its motors.
+"""A robot that warms up: friction that follows its gears next to friction that follows its motors.
 
     python test/bench/warm_up.py [--plants 10] [--first 300] [--without EFFECT ...]
 

@@ -37,7 +37,7 @@ SOURCES = tracked(
     "ros2_energy_monitor/ros2_energy_monitor/*.py",
 )
 CODE = [*SOURCES, *tracked("test/*.py", ".ci/*.py", "ros2_energy_monitor/test/*.py")]
-# Records of decisions tell of files as they were then.
+# Records of decisions name files as they were then.
 DOCUMENTS = [path for path in tracked("*.md", "*.rst") if "decisions" not in path.parts
              and not path.name.startswith("CHANGELOG")]  # fmt: skip
 
@@ -131,7 +131,7 @@ MADE = ("build/", "my_", "install/", ".venv/", "state/")
 
 
 def named_file_exists(path: Path, name: str) -> bool:
-    """Whether a text's file exists: from the root, beside the text, or in a package."""
+    """Whether a text's file exists: from the root, next to the text, or in a package."""
     if name.startswith(MADE):
         return True
     tops = (ROOT, path.parent, SOURCE, SOURCE / "robot_energy", SOURCE / "doc", ROOT / "test",

@@ -24,7 +24,7 @@ def measured(name: str, count: int) -> dict[str, float | int | str]:
     """Run a target on its samples and on so many damaged ones."""
     target, draw = TARGETS[name], random.Random(name)
     seeds = target.seeds()
-    target.run(seeds[0])  # what is made once is no cost of an input
+    target.run(seeds[0])  # what is made once is not a cost of an input
     slowest, culprit = 0.0, b""
     for number in range(len(seeds) + count):
         data = seeds[number % len(seeds)]

@@ -1,6 +1,6 @@
 """Replay of the bundled bags against stored results, field by field.
 
-``pytest -c test/pytest.ini test/golden --update-golden`` writes them anew; commit that alone,
+``pytest -c test/pytest.ini test/golden --update-golden`` writes them again; commit that alone,
 with the reason why a number changed.
 """
 

@@ -75,7 +75,7 @@ def test_every_import_is_of_a_declared_dependency(package):
     # What robot_energy needs is there whenever it is.
     if "robot_energy" in tested:
         tested |= depends("robot_energy", "depend", "exec_depend") | by_pip("robot_energy")
-    # Modules of the tests: those beside them, and those that all tests of the project share.
+    # Modules of the tests: those next to them, and those that all tests of the project share.
     shared = [*(ROOT / "test").glob("*.py"), *(FOLDERS[package] / "test").rglob("*.py")]
     tested |= {path.stem for path in shared}
     assert not imported(package, TESTED.get(package, [])) - tested

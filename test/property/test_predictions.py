@@ -74,7 +74,7 @@ def with_points(path: JointTrajectory, given: int, more: np.ndarray) -> JointTra
 @settings(deadline=None, max_examples=60)
 @given(data=st.data())
 def test_any_supply_and_any_points_give_one_energy(data):
-    """Points on others, beside them, and beside the grid of samples change nothing."""
+    """Points on others, next to them, and next to the grid of samples change nothing."""
     model = data.draw(models())
     path, given = data.draw(paths(len(model.joints)))
     grid = np.arange(int(path.duration / GRID) + 1) * GRID

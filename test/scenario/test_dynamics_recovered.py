@@ -58,8 +58,8 @@ def truth(base):
         known |= {f"rotor_inertia {name}": value, f"offset {name}": 0.0}
     values = np.array([known.get(name, np.nan) for name in base.names])
     matrix = base.matrix
-    told = ~(np.abs(matrix[:, np.isnan(values)]) > 1e-9).any(axis=1)
-    return (matrix @ np.nan_to_num(values))[told], told
+    determined = ~(np.abs(matrix[:, np.isnan(values)]) > 1e-9).any(axis=1)
+    return (matrix @ np.nan_to_num(values))[determined], determined
 
 
 def recovery(excitation, config, seeds):
@@ -67,10 +67,10 @@ def recovery(excitation, config, seeds):
     inside, off = [], []
     for seed in seeds:
         result = identify_dynamics(recorded(excitation, config, seed), MODEL, SETTINGS)
-        expected, told = truth(result.base)
-        error = result.fit.values[told] - expected
-        inside.append(np.abs(error) <= result.fit.interval()[told])
-        labels = list(np.array(result.base.labels)[told])
+        expected, determined = truth(result.base)
+        error = result.fit.values[determined] - expected
+        inside.append(np.abs(error) <= result.fit.interval()[determined])
+        labels = list(np.array(result.base.labels)[determined])
         places = [labels.index("mx joint_a2"), labels.index("mx joint_a3")]
         off.append(error[places] / expected[places])
     return float(np.mean(inside)), np.mean(off, axis=0)

@@ -223,7 +223,7 @@ def test_a_topic_that_has_jumped_already_waits_for_the_other():
 
 @pytest.mark.parametrize("offset", [0.0, 0.004])
 @pytest.mark.parametrize("velocity", [True, False])
-def test_a_publisher_of_zeros_beside_the_driver_changes_no_energy(once, offset, velocity):
+def test_a_publisher_of_zeros_next_to_the_driver_changes_no_energy(once, offset, velocity):
     """From 4 s to 6 s zeros come in between: they are left out, and all else is counted."""
     chain = beside_the_driver((0.0, 0.0), offset, velocity)
     alone = Chain().take(rows(IN_A_LOOP, velocity=velocity)).end()
@@ -242,7 +242,7 @@ def beside_the_driver(pose, offset, velocity):
 
 @pytest.mark.parametrize("offset", [0.0, 0.004])
 @pytest.mark.parametrize("velocity", [True, False])
-def test_a_second_publisher_beside_the_driver_adds_no_energy(once, offset, velocity):
+def test_a_second_publisher_next_to_the_driver_adds_no_energy(once, offset, velocity):
     """From 4 s to 6 s a pose comes in between: until 7 s nothing is counted. What is, is what the
     undisturbed run has in the same time: not one false sample became energy."""
     chain = beside_the_driver((-0.5, -0.5), offset, velocity)

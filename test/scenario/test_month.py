@@ -19,7 +19,7 @@ def test_half_an_hour_is_booked_to_the_microjoule(missed):
 
 
 def test_a_sum_in_floats_is_noticed(missed, monkeypatch):
-    """The reference is no copy of what it checks: a sum that rounds is found."""
+    """The reference is not a copy of what it checks: a sum that rounds is found."""
 
     def add(self, energy, first=0):
         more = (energy.sum(axis=0) * 1e6).astype("int64")

@@ -180,7 +180,7 @@ WAYS = {
         as_dynamic,
         source(topic="dynamic_joint_states", type=DYNAMIC_JOINT_STATE),
     ),
-    "values beside their names": (as_values, source(topic="b/values", type=INTERFACE_VALUES)),
+    "values next to their names": (as_values, source(topic="b/values", type=INTERFACE_VALUES)),
     "texts of diagnostics": (
         as_diagnostics,
         source(
@@ -236,9 +236,7 @@ def test_temperatures_of_no_joint_are_listed_once(dressed, reference):
     path = dressed(as_dynamic)
     result = replay(path, MODEL, inputs=WAYS["dynamic joint states"][1])
     same_registers(result, reference)
-    assert replay_report(result).notes == (
-        "temperatures of what is no joint of the model: gripper",
-    )
+    assert replay_report(result).notes == ("temperatures of unknown joints: gripper",)
 
 
 def test_an_array_counts_from_its_receipt(dressed, reference):

@@ -1,4 +1,4 @@
-"""Bit rot of bags: single flipped bits, each of which must be told or change nothing."""
+"""Bit rot of bags: single flipped bits, each of which must be said or change nothing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def run(folder: str, quick: bool) -> list[Figure]:
     for compression in ("none", "zstd"):
         file = _record(Path(folder) / compression, compression)
         whole, data = _read(file)[0], file.read_bytes()
-        told = silent = 0
+        said = silent = 0
         for bit in np.random.default_rng(0).integers(0, 8 * len(data), trials).tolist():
             damaged = bytearray(data)
             damaged[bit // 8] ^= 1 << bit % 8
@@ -33,12 +33,12 @@ def run(folder: str, quick: bool) -> list[Figure]:
             try:
                 found, problems = _read(file)
             except BagError:
-                told += 1
+                said += 1
                 continue
-            told += bool(problems)
+            said += bool(problems)
             silent += not problems and found != whole
         what = f"flipped bits of {trials} in a bag, compression {compression}"
-        figures.append(Figure(f"{what}: told", told))
+        figures.append(Figure(f"{what}: said", said))
         figures.append(Figure(f"{what}: silently different", silent, "0", not silent))
     return figures
 

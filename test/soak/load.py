@@ -183,7 +183,7 @@ def _growth(what: str, watch: Watch) -> list[Figure]:
     time, memory = np.array(watch.times), np.array(watch.memory)
     marks = np.arange(SETTLED, time[-1] if len(time) else 0.0, PIECE)
     if len(marks) < LEAST_PIECES:
-        return [Figure(f"{what}: growth of memory", "run too short to tell")]
+        return [Figure(f"{what}: growth of memory", "run too short to decide")]
     pieces = np.diff(np.interp(marks, time, memory))
     creep = float(np.median(pieces)) / PIECE * 3600
     return [

@@ -55,7 +55,7 @@ def run(folder: str, quick: bool) -> list[Figure]:
 
 
 def simulate(cycles: int) -> Month:
-    """Feed some cycles to the pipeline and keep the reference beside it."""
+    """Feed some cycles to the pipeline and keep the reference next to it."""
     month = Month(cycles)
     month.run()
     return month

@@ -51,7 +51,7 @@ def run(folder: str, quick: bool) -> list[Figure]:
     return [
         Figure(f"{what}: counts again after, worst [s]", worst, f"<= {LIMIT:g}", worst <= LIMIT),
         Figure(f"{what}: accounts that did not add up", found["wrong"], "0", not found["wrong"]),
-        Figure(f"{what}: subscriptions made anew", found["renewals"]),
+        Figure(f"{what}: subscriptions made again", found["renewals"]),
         Figure(f"{what}: observed time of the span [-]", found["coverage"]),
     ]
 

@@ -33,7 +33,7 @@ class Reference:
         longest_ns: Longer intervals are gaps. [ns]
 
     Attributes:
-        observed_ns: Time between neighbouring samples that is no gap. [ns]
+        observed_ns: Time between neighbouring samples that is not a gap. [ns]
         gap_ns: The other time. [ns]
         strange: Samples after the first two cycles whose powers differ from those of the second.
     """

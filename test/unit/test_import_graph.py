@@ -68,13 +68,13 @@ MODULES = {
         friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema payload reference
-        schema
+        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        payload reference schema
     """,
     "robot_energy.physics": """
-        cabinet collision derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat plausibility rigid_body
-        torque torque_limits transmission
+        cabinet collision counterbalance derivative drive drivetrain effort effort_check
+        electrical_power equations friction hold_torque limit_utilisation motor_heat
+        plausibility rigid_body torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
@@ -105,9 +105,9 @@ MODULES = {
         tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset
-        dataset_columns findings history_tables identify joint_sums merged_friction
-        merged_laws report run sisters tables wear_history workers
+        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
+        findings history_tables identify joint_sums merged_friction merged_laws report run sisters
+        tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
         claims dataset_evidence evidence run speeds
@@ -138,11 +138,11 @@ MODULES = {
         bags log_channels observations recordings signals
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency losses total_power
-        total_sums
+        all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
+        total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out sufficiency
+        base_parameters consistent dynamics dynamics_model leave_one_out springs sufficiency
         torque_model validation
     """,
     "robot_energy_identify.excitation": """
@@ -158,7 +158,7 @@ MODULES = {
         arm description joints model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic
+        autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
@@ -199,7 +199,7 @@ MODULES = {
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
-        replay_figures series
+        replay_figures series terms
     """,
     "robot_energy_report.layouts": """
         foxglove plotjuggler plots viewers

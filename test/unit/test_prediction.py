@@ -79,7 +79,7 @@ def test_holding_a_weight_takes_nothing_from_ideal_drives_and_lifting_it_takes_m
     assert rigid == pytest.approx(G * lifted, rel=1e-5)
 
 
-def test_a_payload_beside_that_of_the_model_is_said():
+def test_a_payload_next_to_that_of_the_model_is_said():
     """The model carries 3 kg on the fore arm."""
     model = two_link(payload=[{"link": "fore", "mass": 3.0, "tag": "assumed"}])
 

@@ -70,7 +70,7 @@ def test_apt_is_not_used_where_nobody_can_be_asked(bare, settings):
 def until_closed(terminal):
     """Return all that is written to a terminal until its last writer is gone."""
     said = b""
-    with contextlib.suppress(OSError):  # EIO tells that the other end is closed
+    with contextlib.suppress(OSError):  # EIO says that the other end is closed
         while got := os.read(terminal, 10_000):
             said += got
     return said.decode()

@@ -61,7 +61,7 @@ class AccountPublisher:
             account,
             folder_of(parameters.state_folder),
             parameters.checkpoint_period,
-            lambda persisted: self._registers_writer.encode(account, persisted),
+            self._encode,
             lambda rows: self._registers and self._registers.publish(rows),
         )
 
@@ -85,8 +85,14 @@ class AccountPublisher:
         self._account.on_reading = None
         self._power = self._registers = None
 
+    def _encode(self, persisted: bool, minute_ns: int = 0) -> Any:
+        """Return the message of the registers; what counts a recording is kept nowhere."""
+        recording = self.checkpoints.store.is_aside
+        kept = persisted and not recording
+        return self._registers_writer.encode(self._account, kept, minute_ns, recording)
+
     def _add_reading(self, minute_ns: int) -> None:
-        encode = partial(self._registers_writer.encode, self._account, minute_ns=minute_ns)
+        encode = partial(self._encode, minute_ns=minute_ns)
         if self.checkpoints.running:
             self.checkpoints.add_reading(encode)
 

@@ -70,7 +70,7 @@ class LoadInput:
             quality = (
                 latched(STATES) if what == "state" and keeps_state else best_effort(SLOW_DEPTH)
             )
-            # States come when they change: their silence is no fault.
+            # States come when they change: their silence is not a fault.
             renewed = renew_after if what == "meter" else None
             found[what] = [
                 Inbox(node, kind, topic, quality, renew_after=renewed) for topic in source.topics

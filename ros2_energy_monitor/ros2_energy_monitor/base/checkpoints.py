@@ -95,6 +95,7 @@ class Checkpoints:
         self._warning = ""
         self._adopted = ""
         self._trouble = ""
+        self._players = ""  # who plays the recording that is counted
         self.running = False
 
     def open(self) -> None:
@@ -121,10 +122,39 @@ class Checkpoints:
             encode: Gives their message, marked as persisted or not.
         """
         self._readings.append((encode(False), encode(True)))
-        if not self.store.keeps:
+        if not self._keeps:
             self._publish_readings(len(self._readings), False)
         elif len(self._readings) > MAX_READINGS:
             self._publish_readings(1, False)
+
+    @property
+    def _keeps(self) -> bool:
+        """Whether what is counted is to be brought to disk."""
+        return self.store.keeps and not self.store.is_aside
+
+    def begin_recording(self, players: str) -> None:
+        """Count a recording from zero from now on, apart from the robot's registers.
+
+        Args:
+            players: The nodes that play it.
+        """
+        if self._keeps and self.running and not self.store.busy:
+            self._start()  # what the robot has used until now
+        self._players = players
+        self.store.set_aside()
+        self._log.warning(self._recording())
+
+    def end_recording(self) -> None:
+        """Go on with the robot's registers; what was counted of the recording is dropped."""
+        self._publish_readings(len(self._readings), False)
+        self.store.take_back()
+        self._log.info("joint states come from a robot again: its registers go on")
+
+    def _recording(self) -> str:
+        return (
+            f"{self._players} plays a recording: it is counted from zero and kept nowhere; the "
+            "registers of the robot stay as they are and go on when a robot publishes again"
+        )
 
     def change_period(self, period: float) -> None:
         """Change how often the registers are kept.
@@ -139,9 +169,9 @@ class Checkpoints:
         """Call back once the registers as they stand now are on disk, without waiting here.
 
         Args:
-            answer: Told whether they are, after `ANSWERING` at the latest.
+            answer: Gets whether they are, after `ANSWERING` at the latest.
         """
-        if not self.store.keeps:
+        if not self._keeps:
             self._publish(self._encode(False))
             answer(False)
             return
@@ -202,6 +232,8 @@ class Checkpoints:
             found.add(ERROR, store.cause.rstrip("."), store.remedy)
         if self._warning:
             found.add(WARN, self._warning.rstrip("."))
+        if store.is_aside:
+            found.notes.append(self._recording())
         if store.adopted:
             found.add(OK, store.adopted)
         return found
@@ -210,7 +242,7 @@ class Checkpoints:
         """Begin the checkpoint of this period."""
         if not self.running:
             return
-        if not self.store.keeps:
+        if not self._keeps:
             self._publish(self._encode(False))
             return
         if self.store.busy:
@@ -223,6 +255,9 @@ class Checkpoints:
 
     def _start(self) -> None:
         """Begin a checkpoint of the registers as they stand; the next is due a period later."""
+        if not self._keeps:
+            self._answer(len(self._waiting), kept=False)
+            return
         row = self._encode(True)
         self._begun = time.monotonic()
         self._row = row if self.store.begin() else None

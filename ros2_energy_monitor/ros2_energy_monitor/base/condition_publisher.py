@@ -62,6 +62,7 @@ class ConditionPublisher:
         self._shown: tuple[int | None, tuple[WearAlarm, ...]] = (None, ())
         self._published = self._kept = time.monotonic()
         self._trouble = ""
+        self._aside: list[Any] | None = None  # what was learned of the robot before a recording
 
     def open(self) -> None:
         """Create the publisher, and read from disk what was learned before."""
@@ -82,6 +83,7 @@ class ConditionPublisher:
 
     def close(self) -> None:
         """Write a last time; safe also after an `open` that failed."""
+        self.end_recording()
         for store in self._stores:
             store.close(CLOSING)
         self._log_news()
@@ -90,12 +92,26 @@ class ConditionPublisher:
         self._publisher = None
         self._stores = []
 
+    def begin_recording(self) -> None:
+        """Keep what was learned of the robot as it is; what a recording teaches is dropped."""
+        if self._aside is None:
+            self._aside = [kept.state() for kept in self._kept_things]
+
+    def end_recording(self) -> None:
+        """Go on with what was learned of the robot before the recording."""
+        if self._aside is None:
+            return
+        for kept, state in zip(self._kept_things, self._aside, strict=True):
+            if state is not None:
+                kept.restore(state)
+        self._aside = None
+
     def tick(self) -> None:
         """Publish what is new, and write from time to time; call every tick."""
         for store in self._stores:
             store.poll()
         now, alarms = time.monotonic(), self._learner.wear.alarms
-        if self._stores and now - self._kept >= KEEP_PERIOD:
+        if self._stores and self._aside is None and now - self._kept >= KEEP_PERIOD:
             self._kept = now
             for store in self._stores:
                 store.begin()

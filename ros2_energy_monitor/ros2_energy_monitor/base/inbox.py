@@ -119,7 +119,7 @@ class Inbox:
         self._depth = qos.depth
         self._arrived_ns: int | None = None
         self._queue: deque[Numbered] = deque(maxlen=qos.depth)
-        self._sequences = MessageLossCounter(self._met)
+        self._sequences = MessageLossCounter(self.met)
         self._revival = None if renew_after is None else ResubscribePolicy(renew_after)
         self._met_before = 0  # publishers that earlier subscriptions have met
         self._subscribe(NeverReady())
@@ -187,7 +187,7 @@ class Inbox:
 
     def renew(self) -> None:
         """Subscribe again, in case the middleware has lost a publisher that is there."""
-        ever, now = self._met()
+        ever, now = self.met()
         self._node.destroy_subscription(self._subscription)
         self._met_before = ever - now
         self._subscribe(NeverReady() if self.direct else None)
@@ -233,8 +233,8 @@ class Inbox:
     def _status(self, kind: Event) -> Any:
         return event_status(self._subscription.handle, kind)
 
-    def _met(self) -> tuple[int, int]:
-        """How many publishers were ever matched, and how many are now."""
+    def met(self) -> tuple[int, int]:
+        """Return how many publishers were ever matched, and how many are now."""
         status = self._status(Event.RCL_SUBSCRIPTION_MATCHED)
         if status is None:
             return self._met_before + self.publishers, self.publishers

@@ -45,7 +45,7 @@ class ManagedNode(LifecycleNode, ABC):
         active: Whether the node counts and publishes.
         outdated: Whether parameters have changed since it was configured; activate configures
             it again then.
-        bad_clocks: Messages of ``/clock`` left out, as their time is no stamp.
+        bad_clocks: Messages of ``/clock`` left out, as their time is not a stamp.
     """
 
     def __init__(self, name: str, **options: Any) -> None:

@@ -47,7 +47,7 @@ def message_class(msgtype: str) -> type[Any]:
     match = NAME.fullmatch(msgtype) if len(msgtype) <= MAX_NAME else None
     if match is None:
         raise MessageTypeError(
-            f"'{shown(msgtype)}' is no message type", "a name such as sensor_msgs/msg/JointState"
+            f"'{shown(msgtype)}' is not a message type", "a name such as sensor_msgs/msg/JointState"
         )
     package, short = match.groups()
     try:

@@ -8,7 +8,7 @@
 
 """Bounds on what a broker may make an MQTT client hold.
 
-paho-mqtt takes packets of up to 256 MB. MQTT 3.1.1 has no way to tell the broker a bound, that of
+paho-mqtt takes packets of up to 256 MB. MQTT 3.1.1 has no way to give the broker a bound, that of
 MQTT 5 is only a request: the client itself must refuse.
 """
 

@@ -11,7 +11,7 @@
 `robot-energy reproduce paper-a` leaves recordings of motions that no model was fitted to,
 and says what the identified model predicts of each by replay. Here the same recordings are
 played to the three monitors as processes of their own, faster than nature, and the energies
-that they publish are set beside those of the replay.
+that they publish are compared with those of the replay.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     stop = StopSignal()
     study: Path = options.study.resolve()
-    log = study.with_name(f"{study.name}_log")  # beside the study, which stays what it is
+    log = study.with_name(f"{study.name}_log")  # next to the study, which stays what it is
     try:
         studied = read_study(options.study)
         for sentence in clear_ports():

@@ -158,7 +158,7 @@ def temperature_source(
         inboxes: Where they arrive.
         stage: The friction that follows.
         states: The joint states, where they are known.
-        wanted: Whether any source is set; that a robot has none is no fault.
+        wanted: Whether any source is set; that a robot has none is not a fault.
 
     Returns:
         Makes the status of the motor temperatures.

@@ -28,7 +28,7 @@ class TimeWatch:
 
     The end of the account moves with the stamps, observed time and gaps are added up by
     other lines of code: they can only agree if both are right. Where stamps jumped back,
-    or the account began anew, there is nothing to compare.
+    or the account began again, there is nothing to compare.
     """
 
     def __init__(self) -> None:

@@ -21,6 +21,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
 LOOK_PERIOD = 5.0  # [s]
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
+NOT_YET_KNOWN = "a node not yet known"
 
 
 class TopicPublishers:
@@ -56,7 +57,7 @@ class TopicPublishers:
         for endpoint in self._node.get_publishers_info_by_topic(self._topic):
             name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
             if UNKNOWN in name:  # its endpoint was discovered first
-                name, self._looked = "a node not yet known", None
+                name, self._looked = NOT_YET_KNOWN, None
             self.names[name] += 1
             if endpoint.topic_type != self._msgtype:
                 self.complaints.append(

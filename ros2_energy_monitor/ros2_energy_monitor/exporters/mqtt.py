@@ -140,7 +140,7 @@ class MqttExporter(Exporter):
         """Begin to connect; a broker that is not there yet is tried again.
 
         Raises:
-            ExporterError: If the host is no name.
+            ExporterError: If the host is not a name.
         """
         try:
             self._client.connect_async(self._given.host, self._given.port, KEEP_ALIVE)

@@ -61,7 +61,7 @@ VALUES = (
     _power("predicted_grid_power", "Grid power, predicted"),
     _power("measured_power", "Power, measured"),
     _power("predicted_power_at_meter", "Power at the meter, predicted"),
-    _power("residual_power", "Predicted less measured power"),
+    _power("residual_power", "Predicted minus measured power"),
     _power("friction_power", "Friction, predicted"),
     _power("drive_loss", "Loss of the drives, predicted"),
     _power("brake_power", "Brake resistor, predicted"),

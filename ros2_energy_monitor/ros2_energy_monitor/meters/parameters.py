@@ -47,7 +47,7 @@ class MeterDriverParameters:
         1e9,
     )
     max_power: float = parameter(
-        "Power beyond which a reading is refused and a fall of the counter is no wrap [W].",
+        "Power beyond which a reading is refused and a fall of the counter is not a wrap [W].",
         1e6,
         1.0,
         1e9,

@@ -78,7 +78,7 @@ class CounterWrap:
     it for a reset or a wrong reading.
 
     A count whose scale has changed is taken only if it continues the old one: a wrong scale makes
-    a thousandfold of it. A new connection may bring another scale, as of a meter set up anew.
+    a thousandfold of it. A new connection may bring another scale, as of a meter set up again.
 
     Args:
         max_power: Highest power that the installation can draw. [W]

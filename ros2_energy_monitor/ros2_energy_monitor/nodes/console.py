@@ -70,7 +70,7 @@ class Console(Node):
         self.create_timer(period, self.show, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def show(self) -> None:
-        """Draw the table anew, or print the next line."""
+        """Draw the table again, or print the next line."""
         now = time.monotonic()
         if self._live is not None:
             self._live.update(self.board.table(now, self._live.console.width), refresh=True)

@@ -21,6 +21,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.foundation.errors import ParameterError
+from robot_energy.messages.model_messages import RECORDING
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, REGISTERS_TOPIC, best_effort
@@ -82,7 +83,8 @@ class EnergyExporter(Node):
         self.get_logger().info(f"exporting over {EXPORTERS[name].label}")
 
     def _take(self, topic: Topic, message: Any) -> None:
-        self.newest.take(topic, message, time.monotonic())
+        if message.header.frame_id != RECORDING:
+            self.newest.take(topic, message, time.monotonic())
 
     def tick(self) -> None:
         """Hand out what is new."""

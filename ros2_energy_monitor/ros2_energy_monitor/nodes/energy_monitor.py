@@ -31,6 +31,7 @@ from ros2_energy_monitor.base.inputs import (
 )
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import EnergyParameters
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
     REGISTERS_TOPIC,
     friction_publisher,
@@ -97,6 +98,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         renew = self.parameters.resubscribe_after
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
+        self._played = PlayedRecording(states)
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
         self._meter, self.readings = meter_input(self, self.parameters, renew)
         PayloadService(self, self._pipeline.torque, self.model.model_id).open()
@@ -178,6 +180,24 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
     def take(self) -> None:
+        """Take what has arrived, unless it is still unknown whether a recording is played."""
+        change = self._played.look()
+        if change is Change.UNKNOWN:
+            return
+        if change is Change.RECORDING:
+            self._flush()  # what a robot has sent before
+            self._account_publisher.checkpoints.begin_recording(", ".join(self._played.players))
+            self._condition.begin_recording()
+        if change is not Change.ROBOT:
+            self._drain()
+        if change in (Change.ROBOT, Change.MIXED):
+            self._flush()  # the end of the recording
+            self._account_publisher.checkpoints.end_recording()
+            self._condition.end_recording()
+        if change is Change.ROBOT:
+            self._drain()
+
+    def _drain(self) -> None:
         """Drain all inputs, run the pipeline once and publish.
 
         Joint states come first: the temperatures and readings drained after them are then
@@ -210,8 +230,13 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
-        """Book and publish what still waits."""
+        """Count and publish what still waits."""
         self.take()
+        self._flush()
+        self.guard.run("registers", self._account_publisher.deactivate)
+
+    def _flush(self) -> None:
+        """Count what waits in the stages, as at the end."""
         self._publish(
             self.guard.run(
                 "motor_temperatures",
@@ -222,7 +247,6 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._loads.flush()
         self._joints(0, self.ingest.flush)
         self._publish(self.guard.run("joint_states", self._pipeline.flush, self._restart))
-        self.guard.run("registers", self._account_publisher.deactivate)
 
     def _joints(self, arrived: int, take: Callable[[], JointBlock | None]) -> None:
         """Let joint states go all their way, from messages to energy."""

@@ -168,14 +168,14 @@ class Player:
         """Publish all of it.
 
         Args:
-            pause: Waits some seconds; tells whether to go on.
+            pause: Waits some seconds; returns whether to go on.
             loop: Whether to begin again at the end, for ever.
         """
         while self._play_once(pause) and loop:
             self._report("begins again")
 
     def _play_once(self, pause: Callable[[float], bool]) -> bool:
-        """Publish all of it once; tell whether to go on."""
+        """Publish all of it once; return whether to go on."""
         first, reported, looked = None, 0, time.monotonic()
         end_ns = (self._span[1] if self._span else self._bag.end_ns) or 0
         for due_ns, topic, message in self._messages():
@@ -280,7 +280,7 @@ def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
         node: The node; destroyed at the end.
 
     Yields:
-        Waits some seconds; tells whether to go on.
+        Waits some seconds; returns whether to go on.
     """
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)

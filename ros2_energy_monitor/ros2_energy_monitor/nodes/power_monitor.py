@@ -11,15 +11,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from ros2_energy_msgs.msg import JointFriction, JointTorque
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import PowerStage
@@ -37,6 +40,7 @@ from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import messages_in, meter_input
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import PowerParameters
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
     FRICTION_DEPTH,
     FRICTION_TOPIC,
@@ -97,6 +101,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(self, JointTorque, TORQUE_TOPIC, reliable(depth), renew_after=renew)
+        self._played = PlayedRecording([self.torques])
+        self._recording = False
         self.frictions = Inbox(self, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
         self._meter, self.readings = meter_input(
             self, self.parameters, self.parameters.resubscribe_after
@@ -115,7 +121,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             lambda: self.parameters.input_timeout,
             remedy="start torque_monitor",
         )
-        # Friction comes with temperatures only, and latched: silence is no fault, absence is.
+        # Friction comes with temperatures only, and latched: silence is not a fault, absence is.
         friction = InputWatch(
             "joint friction",
             self.frictions,
@@ -155,6 +161,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
 
         Torque comes first, though it is used last: what it belongs to is then not newer.
         """
+        if self._played.look() is Change.UNKNOWN:
+            return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
         self._loads.take(self._loads.drain())
@@ -173,7 +181,9 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         means = self.guard.feed(
             "joint_torque",
             [(self._torque.rejections, messages_in(torques))],
-            lambda: [self._use_torque(self._torque.decode(batch)) for batch in torques],
+            lambda: [
+                mean for batch in torques for part in _alike(batch) for mean in self._decoded(part)
+            ],
             self._restart,
         )
         for mean in means or ():
@@ -185,18 +195,39 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
-        """Book and publish what still waits."""
+        """Count and publish what still waits."""
         self.take()
         self.guard.run("joint_friction", lambda: self._use_friction(self._friction.flush()))
         self.guard.run("meter", lambda: self._use_meter(self._meter.flush()))
         self._loads.flush()
-        self._publish(
-            self.guard.run("joint_torque", lambda: self._use_torque(self._torque.flush()))
-        )
-        last = self.guard.run("joint_torque", lambda: self._book(self._stage.flush()))
-        self._publish(last)
-        self._publish(self.guard.run("joint_torque", self.account.flush))
+        for mean in self.guard.run("joint_torque", self._flushed) or ():
+            self._publish(mean)
         self.guard.run("registers", self._account_publisher.deactivate)
+
+    def _decoded(self, batch: RawBatch) -> list[MeanBlock | None]:
+        """Count a batch of torques, apart from the robot's where a recording is played."""
+        means: list[MeanBlock | None] = []
+        block = self._torque.decode(batch)
+        recording = self._torque.recording or bool(self._played.players)
+        if recording != self._recording:
+            means += self._flushed()
+            self._recording = recording
+            checkpoints = self._account_publisher.checkpoints
+            if recording:
+                checkpoints.begin_recording(", ".join(self._played.players) or "a player")
+                self._condition.begin_recording()
+            else:
+                checkpoints.end_recording()
+                self._condition.end_recording()
+        return [*means, self._use_torque(block)]
+
+    def _flushed(self) -> list[MeanBlock | None]:
+        """Count what waits in the stages, as at the end; return the periods that ended."""
+        return [
+            self._use_torque(self._torque.flush()),
+            self._count(self._stage.flush()),
+            self.account.flush(),
+        ]
 
     def _clocks(self, found: StatusBuilder) -> None:
         """Check the stamps of torque and friction."""
@@ -220,9 +251,9 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self._stage.measure(meter)
 
     def _use_torque(self, torque: TorqueBlock | None) -> MeanBlock | None:
-        return None if torque is None else self._book(self._stage.step(torque))
+        return None if torque is None else self._count(self._stage.step(torque))
 
-    def _book(self, power: PowerBlock | None) -> MeanBlock | None:
+    def _count(self, power: PowerBlock | None) -> MeanBlock | None:
         return None if power is None else self.account.step(power)
 
     def _restart(self) -> None:
@@ -231,6 +262,13 @@ class PowerMonitor(MonitorNode[PowerParameters]):
 
     def _publish(self, means: MeanBlock | None) -> None:
         self.guard.run("publish.power", lambda: self._account_publisher.power(means))
+
+
+def _alike(batch: RawBatch) -> Iterator[RawBatch]:
+    """Cut where messages get longer or shorter, as they do where a recording begins and ends."""
+    cuts = (np.flatnonzero(np.diff(batch.length)) + 1).tolist()
+    for start, stop in pairwise([0, *cuts, len(batch)]):
+        yield batch[slice(start, stop)]
 
 
 def main(args: Sequence[str] | None = None) -> int:

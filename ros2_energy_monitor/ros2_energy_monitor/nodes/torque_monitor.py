@@ -20,6 +20,7 @@ from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 from ros2_energy_monitor.base.inputs import joint_state_inboxes, messages_in
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import TorqueParameters
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
@@ -50,6 +51,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         depth = self.parameters.joint_state_depth
         settings, source = settings_of(self.parameters), self.parameters.joint_states
         self.stage = TorqueStage(self.model, settings)
+        self._recording = False  # whether joint states come from a recording that is played
         self.ingest = JointStateIngest(
             self.model.joint_names,
             limits=self.stage.robot.limits,
@@ -63,6 +65,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self.log_inventory(self.stage.robot)
         inboxes = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = inboxes
+        self._played = PlayedRecording(inboxes)
         self.inputs = [(inbox, self.ingest.rejections) for inbox in inboxes]
         self.orders = [self.ingest.order]
         self.sources = [
@@ -73,15 +76,27 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
 
     def take(self) -> None:
         """Drain the joint states and publish the torques that became complete."""
+        change = self._played.look()
+        if change is Change.UNKNOWN:
+            return
+        if change in (Change.RECORDING, Change.ROBOT):
+            self._flush()
+            self._recording = change is Change.RECORDING
         states = self.drain([self.joint_states, *self._further])
         self._joints(messages_in(states), lambda: self.ingest.step(states))
+        if change is Change.MIXED:
+            self._flush()
+            self._recording = False
 
     def deactivate(self) -> None:
         """Publish the last torques, whose window will not fill any more."""
         self.take()
+        self._flush()
+        self.guard.run("publish.joint_torque", self._publisher.finish)
+
+    def _flush(self) -> None:
         self._joints(0, self.ingest.flush)
         self._publish(self.guard.run("joint_states", self.stage.flush, self._restart))
-        self.guard.run("publish.joint_torque", self._publisher.finish)
 
     def _joints(self, arrived: int, take: Callable[[], JointBlock | None]) -> None:
         """Let joint states go their way from messages to torques."""
@@ -100,7 +115,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
     def _publish(self, torque: TorqueBlock | None) -> None:
         if torque is not None:
             publish, encode = self._publisher.publish, self._writer.encode
-            self.guard.run("publish.joint_torque", lambda: publish(encode(torque)))
+            self.guard.run("publish.joint_torque", lambda: publish(encode(torque, self._recording)))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -26,6 +26,7 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.history.readings import ReadingDecoder
 from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch
 
@@ -48,7 +49,10 @@ class RecordedRobot:
         self._prefix = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
         topic = f"{self._prefix}{REGISTERS_TOPIC}"
         self._inbox = Inbox(node, EnergyRegisters, topic, reliable(DEPTH), renew_after=SILENCE)
+        self._played = PlayedRecording([self._inbox])
         self._decoder = ReadingDecoder()
+        self._jobs: list[dict[str, Any]] = []  # of the newest answer
+        self._recorded = 0  # registers left out since a player published them
         self._alarms = AlarmWatch(namespace)
         self._client: Client | None = None
         self._listing: Any = None  # the answer that is awaited
@@ -61,19 +65,34 @@ class RecordedRobot:
         return self._decoder.malformed
 
     @property
+    def played(self) -> int:
+        """Messages left out, as they come from a recording that is played."""
+        return self._recorded + self._decoder.recorded
+
+    @property
     def lost(self) -> int:
         """Messages that were published and did not arrive."""
         return self._inbox.lost
 
     def take(self) -> None:
-        """Hand what has arrived to the store."""
+        """Hand what has arrived to the store, but for what comes from a recording."""
+        change = self._played.look()
+        if change is Change.UNKNOWN:
+            return
         batch = self._inbox.drain()
-        if batch is not None:
-            self.heard = time.monotonic()
+        if batch is None:
+            return
+        self.heard = time.monotonic()
+        if self._played.players or change is Change.MIXED:
+            self._recorded += len(batch)
+        else:
             self._store.add(self.name, self._decoder.decode(batch))
+        self._add_jobs()
 
     def take_statuses(self, message: DiagnosticArray) -> None:
-        """Hand alarms and restarts among diagnostic statuses to the store."""
+        """Hand alarms and restarts among diagnostic statuses to the store, but for played ones."""
+        if self._decoder.recording or self._played.players:
+            return
         stamp = message.header.stamp
         stamp_ns = stamp.sec * SECOND_NS + stamp.nanosec
         events = self._alarms.take(message.status, stamp_ns, time.monotonic())
@@ -105,8 +124,14 @@ class RecordedRobot:
     def _take_jobs(self, future: Any) -> None:
         response = None if future.cancelled() else future.result()
         if response is not None:
-            ended = [_job(one) for one in response.intervals if not one.is_open]
-            self._store.add_jobs(self.name, ended)
+            self._add_jobs()
+            self._jobs = [_job(one) for one in response.intervals if not one.is_open]
+
+    def _add_jobs(self) -> None:
+        """Hand jobs to the store, unless registers have shown since that they are a recording's."""
+        jobs, self._jobs = self._jobs, []
+        if not (self._decoder.recording or self._played.players):
+            self._store.add_jobs(self.name, jobs)
 
 
 def _job(interval: EnergyInterval) -> dict[str, Any]:

@@ -130,7 +130,7 @@ class CMessage:
             This memory.
         """
         if not self._fill(message, self.address):
-            raise TypeError(f"{message!r} is no {self._kind.__name__}")
+            raise TypeError(f"{message!r} is not a {self._kind.__name__}")
         return self
 
     def free(self) -> None:

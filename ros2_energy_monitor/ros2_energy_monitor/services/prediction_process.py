@@ -95,7 +95,7 @@ def main() -> None:
     """Answer what comes on standard input, until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # what a library prints is not an answer
     load_kinds()
     # Heavy: imported before the first request comes.
     import scipy.interpolate  # noqa: F401

@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A service whose requests are taken beside the executor, and stay in C until their size is known.
+"""A service whose requests are taken outside the executor, and stay in C until their size is known.
 
 rclpy takes a request in the thread of the ticks, and no other thread runs until every part of it is
 a Python object: 300,000 points of a trajectory silenced a monitor for seconds. Here a thread of

@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The services that predict trajectories, beside the ticks and within a bound known before.
+"""The services that predict trajectories, outside the ticks and within a bound known before.
 
 A thread takes the requests, and refuses what is too long before anything is converted. A process
 makes the predictions: it is started when a client of the service appears, so that it is ready for
@@ -51,7 +51,7 @@ FAILED = "internal error: see the log of the node"
 
 
 class PredictionService:
-    """Serves ``~/predict_trajectory``: one prediction at a time, beside the ticks.
+    """Serves ``~/predict_trajectory``: one prediction at a time, outside the ticks.
 
     Attributes:
         parts: Fields of its response that are lists of messages, with their classes.
@@ -95,7 +95,7 @@ class PredictionService:
             self._service = RawService(self._node, self.interface, f"~/{self.name}")
         except (OSError, AttributeError) as error:
             self._node.get_logger().error(
-                f"~/{self.name} is not offered: this rclpy does not let requests be taken beside "
+                f"~/{self.name} is not offered: this rclpy does not let requests be taken outside "
                 f"the ticks ({error}); expected rclpy 7; use robot-energy predict instead"
             )
             return

@@ -31,7 +31,7 @@ def joint_trajectories(plan: Any) -> list[JointTrajectory]:
         parts = plan.trajectory
         parts = parts if isinstance(parts, list | tuple) else [parts]
         return [one for part in parts for one in joint_trajectories(part)]
-    raise TypeError(f"{type(plan).__name__} is no plan with joint trajectories")
+    raise TypeError(f"{type(plan).__name__} is not a plan with joint trajectories")
 
 
 def costs(node: Node, plans: Iterable[Any], **options: Any) -> CompareTrajectories.Response:

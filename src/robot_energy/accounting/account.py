@@ -92,9 +92,9 @@ class EnergyAccount:
         self.judgement = MeterDiagnostics(self._settings.meter_unit)
         self.repeated = 0
         self.auxiliary: AuxiliaryAccount | None = None
-        self._begin()
+        self.begin()
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
         """Begin with all counters at zero."""
         self.registers = Registers(self._n_joints)
         self.comparison = Comparison(
@@ -266,9 +266,17 @@ class EnergyAccount:
         Args:
             record: Of the same joints in the same order.
         """
-        self._begin()
-        carry_into(self, record)
+        self.resume(record)
         self.restarts += 1
+
+    def resume(self, record: AccountRecord) -> None:
+        """Go on with a record of this account; what it has counted since is dropped.
+
+        Args:
+            record: Of the same joints in the same order.
+        """
+        self.begin()
+        carry_into(self, record)
         self._resume_ns = record.end_ns
 
     def precede(self, record: AccountRecord) -> None:

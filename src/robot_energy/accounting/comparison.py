@@ -6,7 +6,7 @@ two changes of a counter. The predicted power is straight between samples. Both 
 integrated over the intersection of what is covered by both, cut at every breakpoint of
 either, so the result does not depend on how the input is cut into blocks.
 
-Beside the energy that is drawn over each of these intervals stands what a meter with a delay and a
+Next to the energy that is drawn over each of these intervals stands what a meter with a delay and a
 low pass shows of it (`robot_energy.accounting.meter_response`). Powers are compared with the
 latter; energies are counted from the former. A counter shows what is drawn.
 """
@@ -41,7 +41,7 @@ from robot_energy.timeline.pieces import Compared, CoveredPieces
 MAX_PIECES = 1_000_000
 MAX_BEGINNING = 2  # readings of a first epoch that may have been none
 MAX_EPOCHS = 8  # of the meter that wait for the prediction to follow
-EARLY_NS = 5 * SECOND_NS  # a reading stamped this much later than the prediction is no delay
+EARLY_NS = 5 * SECOND_NS  # a reading stamped this much later than the prediction is not a delay
 ALONE_NS = 10 * SECOND_NS  # a jump of one side that the other does not follow by then
 ALONE_READINGS = 3  # of the meter that must have come meanwhile
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock

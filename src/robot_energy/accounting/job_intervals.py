@@ -21,7 +21,7 @@ MAX_CLOSED = 16
 class JobIntervals:
     """The open intervals and the latest closed ones.
 
-    An interval is the difference of two tallies, so adjacent ones add up to the
+    An interval is the difference of two totals, so adjacent ones add up to the
     microjoule. Its bounds are stamps of counted samples.
     """
 

@@ -71,7 +71,7 @@ def _at(limit: str) -> Callable[[ErrorDetails], Any]:
 
 
 def _unknown(one: ErrorDetails) -> None:
-    """A power that is no number is not known."""
+    """A power that is not a number is not known."""
 
 
 _LIMITED: dict[str, Callable[[ErrorDetails], Any]] = {

@@ -97,7 +97,7 @@ class Registers(ExactSum):
             sound = compiled.integrate(*_parts(block), before, half, last, energy, whole, rest)
             if sound:
                 return energy, 0.0, last
-            columns = _columns(block)  # what is no number or too much becomes a gap
+            columns = _columns(block)  # what is not a number or too much becomes a gap
             return *interval_energy(columns, before, duration), columns[-1].copy()
 
         intervals = self._trapezoid.integrate(

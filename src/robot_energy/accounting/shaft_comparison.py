@@ -17,7 +17,7 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, SHAFT_REGISTERS
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock
 
 PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
-MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is no measurement, and would not fit the sums
+MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is no measurement, does not fit the sums
 
 
 class ShaftEnergySums(ExactSum):

@@ -156,7 +156,7 @@ def read_folder_info(folder: Path) -> FolderInfo:
         ) from error
     except (KeyError, TypeError, AttributeError) as error:
         raise BagError(
-            f"{path} is no bag metadata: {error!r} is missing or misplaced",
+            f"{path} is not metadata of a bag: {error!r} is missing or misplaced",
             "a metadata.yaml of rosbag2",
         ) from error
 

@@ -38,7 +38,7 @@ def open_file(path: Path, report: Report) -> Source:
         path: A file of a bag; ``.db3`` is SQLite, everything else MCAP.
 
     Raises:
-        BagError: If it is no bag file.
+        BagError: If it is not a bag file.
     """
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
@@ -141,7 +141,7 @@ class PackedFile(_Packed):
         report: Takes one sentence per thing found wrong.
 
     Raises:
-        BagError: If it cannot be unpacked, or what comes out is no bag file.
+        BagError: If it cannot be unpacked, or what comes out is not a bag file.
     """
 
     def __init__(self, path: Path, report: Report) -> None:

@@ -225,7 +225,7 @@ def broken_times(topic: str) -> str:
 
 
 def _as_logged(times: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Log times to sort by: where one is no stamp, that of the message before it in the file."""
+    """Log times to sort by: where one is not a stamp, that of the message before it in the file."""
     valid = valid_stamps(times)
     row = np.maximum.accumulate(np.where(valid, np.arange(len(times)), -1))
     return np.where(row < 0, 0, times[row])

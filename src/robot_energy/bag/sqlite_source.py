@@ -164,7 +164,7 @@ class SqliteSource:
         try:
             with open_regular(self._path) as file:
                 if file.read(len(MAGIC)) != MAGIC:
-                    raise self._unreadable("it is no sqlite3 file")
+                    raise self._unreadable("it is not a sqlite3 file")
         except OSError as error:
             raise self._unreadable(str(error.strerror)) from error
         place = quote(str(self._path.absolute()))
@@ -206,7 +206,7 @@ class SqliteSource:
         computed = [column[1] for column in columns if column[6]]
         plain = row[0] == "table" and str(row[1]).upper().startswith("CREATE TABLE")
         if not plain or computed:
-            raise self._unreadable(f"its {name} is no plain table")
+            raise self._unreadable(f"its {name} is not a plain table")
         lacks = _COLUMNS[name] - {column[1] for column in columns}
         if lacks:
             raise self._unreadable(f"its table of {name} has no {', '.join(sorted(lacks))}")

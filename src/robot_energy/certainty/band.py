@@ -21,7 +21,9 @@ _FIRST = len(CABINET_DEVIATIONS)
 LOSS_GRID, BUS, TEMPERATURE, FORM, _RANDOM = (
     CABINET_DEVIATIONS.index(name) for name in ("loss_grid", "bus", "temperature", "form", "random")
 )
-_SYSTEMATIC = [CABINET_DEVIATIONS.index(name) for name in ("bodies", "payload", "loss_dc")]
+_SYSTEMATIC = [
+    CABINET_DEVIATIONS.index(name) for name in ("bodies", "payload", "loss_dc", "together")
+]
 
 
 class BandKind(IntEnum):
@@ -127,3 +129,13 @@ def energy_parts(
     left_out = (temperature + form) + (grid if at_bus else 0.0) + (random if systematic else 0.0)
     rest = math.sqrt(max(float(variances.sum()) - left_out, 0.0))
     return rest, float(abs(deviation[TEMPERATURE]))
+
+
+def energy_std(deviation: Float, at_bus: bool = False) -> float:
+    """Return the standard deviation of an energy from the figures of the model. [J]
+
+    Args:
+        deviation: Integrals of the deviations, shape (K,). [J]
+        at_bus: Whether the energy is that of the DC bus.
+    """
+    return math.hypot(*energy_parts(deviation, at_bus), float(deviation[FORM]))

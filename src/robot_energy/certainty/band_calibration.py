@@ -7,7 +7,7 @@ above, whatever their distribution and their correlation (conformal quantile tra
 count from the next whole second on.
 
 Readings are set against the prediction as the meter shows it
-(`robot_energy.accounting.meter_response`), so what it shows late is no error.
+(`robot_energy.accounting.meter_response`), so what it shows late is not an error.
 
 Windows of 5 s show what the band of an energy must be (`EnergyCalibration`).
 
@@ -28,13 +28,12 @@ from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETC
 from robot_energy.accounting.record import Calibrated
 from robot_energy.certainty.band import (
     BUS,
-    FORM,
     LOSS_GRID,
     TEMPERATURE,
     Z90,
     BandKind,
     EnergyBand,
-    energy_parts,
+    energy_std,
     half_width,
     scores,
 )
@@ -315,8 +314,7 @@ class BandCalibration:
         Args:
             deviation: Integrals of the deviations, shape (K,). [J]
         """
-        rest, temperature = energy_parts(deviation)
-        std = math.hypot(rest, temperature, float(deviation[FORM]))
+        std = energy_std(deviation)
         half = self._energies.half(deviation)
         if half is None:
             return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)

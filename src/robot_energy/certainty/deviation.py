@@ -5,7 +5,8 @@ power with figure k, ``e_k`` the error of that figure. A column of `PowerDeviati
 ``g_k s_k`` in watts, with the standard deviation ``s_k``. Errors of figures are constant or
 change slowly, so the columns are integrated before they are squared: the standard deviation of
 an energy is ``sqrt(sum_k (integral g_k s_k dt)^2)``, which grows with time. Different figures
-are taken as independent.
+are taken as independent, but for losses with a covariance C in the model: with ``C = L L'``
+their columns are ``g' L``, which are independent and have a sign.
 
 Motor side, per joint: ``|w| s(fc)`` and ``w^2 s(fv)`` are one column, as are all losses of the
 drive; that adds them a little too much (Minkowski), never too little. Of ``s(fv)``, what errs
@@ -29,6 +30,7 @@ from robot_energy.certainty.priors import MISSING_LOSS, figure_std, relative_std
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag, least_known, tag_of
+from robot_energy.model.schema import LOSS_TERMS
 from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
@@ -36,11 +38,13 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float, Int, differences
 
 CABINET_DEVIATIONS = (
-    "bodies", "payload", "loss_dc", "loss_grid", "temperature", "form", "random", "bus",
+    "bodies", "payload", "loss_dc", "together", "loss_grid", "temperature", "form", "random",
+    "bus",
 )  # fmt: skip
 """Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
-``loss_grid``, ``temperature`` and ``form``."""
-JOINT_DEVIATIONS = ("friction", "drive")
+``loss_grid``, ``temperature`` and ``form``; ``together`` begins what has a covariance."""
+JOINT_DEVIATIONS = ("friction", "drive", *(f"together_{term}" for term in LOSS_TERMS))
+TOGETHER_NAME = "losses that were identified together"
 FORM = 0.06
 """What the form of friction and drive losses leaves out, over their power. [-]
 
@@ -72,10 +76,19 @@ class PowerDeviation:
     """Columns ``g_k s_k`` of one robot."""
 
     def __init__(self, model: RobotModel) -> None:
+        model, factor = losses_apart(model)
+        self._factor, self._of_grid = (None, None) if factor is None else (factor[:-1], factor[-1])
+        first, own = len(CABINET_DEVIATIONS), 2 * len(model.joints)
+        last = first + len(JOINT_DEVIATIONS) * len(model.joints)
+        self._places = [CABINET_DEVIATIONS.index("together"), *range(first + own, last)]
         self._coulomb = np.asarray(
             [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
         )
         self._coulomb_squared = self._coulomb**2
+        by_load = [joint.friction.load_coulomb for joint in model.joints]
+        self._by_load = np.asarray(
+            [0.0 if one is None else figure_std(one, "coulomb") for one in by_load]
+        )
         self._viscous_prior = np.asarray(
             [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
         )
@@ -118,6 +131,13 @@ class PowerDeviation:
         peaks = windows_of(values, RECENT_SLOTS).max(axis=1)
         return np.maximum(peaks[np.cumsum(begins)], power)
 
+    def _shared(self, speed: Float, squared: Float, motor_torque: Float) -> Float | None:
+        """Columns of losses that were identified together, at the DC bus; None without any. [W]"""
+        if self._factor is None:
+            return None
+        terms = np.hstack([np.ones((len(speed), 1)), motor_torque**2, speed, squared])
+        return terms @ self._factor
+
     def columns(
         self,
         motor_velocity: Float,
@@ -154,8 +174,10 @@ class PowerDeviation:
         size, n_joints = rigid_power.shape
         first = len(CABINET_DEVIATIONS)
         columns = np.empty((size, first + len(JOINT_DEVIATIONS) * n_joints), order="F")
-        bodies, payload, loss_dc, loss_grid, temperature, form, random, bus = columns[:, :first].T
-        friction, drive = columns[:, first : first + n_joints], columns[:, first + n_joints :]
+        bodies, payload, loss_dc, _, loss_grid, temperature, form, random, bus = columns[
+            :, :first
+        ].T
+        friction, drive = np.hsplit(columns[:, first : first + 2 * n_joints], 2)
         speed, shaft = np.abs(motor_velocity), np.abs(rigid_power + friction_power)
         squared = speed**2
         std, shared = viscous_std, shared_std
@@ -170,6 +192,8 @@ class PowerDeviation:
         variance += self._coulomb_squared
         np.sqrt(variance, out=friction)
         friction *= speed
+        if self._by_load.any():  # of friction by load: its share times the torque of the bodies
+            np.hypot(friction, self._by_load * rigid_power, out=friction)
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
         else:
@@ -199,15 +223,75 @@ class PowerDeviation:
         reaches = np.where(balance.brake_power > 0, 0.0, 1.0)
         if self._returned:
             reaches[balance.grid_power < balance.loss_grid] = self._returned
+        shared = self._shared(speed, squared, motor_torque)
+        if shared is not None:
+            squares = squares + (shared**2).sum(axis=1)
         if (reaches < 1.0).any():
             for column in (bodies, payload, temperature, form, loss_dc, *friction.T, *drive.T):
                 column *= reaches
             squares *= reaches**2
+        columns[:, self._places] = (
+            0.0 if shared is None else shared * reaches[:, None] + self._of_grid
+        )
         np.sqrt(squares + unexplained, out=bus)
         if not max(float(columns.max()), -float(columns.min())) <= MAX_DEVIATION:
             np.fmin(columns, MAX_DEVIATION, out=columns)
             np.fmax(columns, -MAX_DEVIATION, out=columns)
         return columns
+
+
+def losses_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
+    """Return a model whose losses err each for itself, and by how much others err together.
+
+    Returns:
+        The model; the figures of its covariance have no deviation left in it but for ``loss_grid``.
+        The factor L of the covariance, of ``loss_dc``, the terms of the joints and ``loss_grid`` by
+        the columns of all but the last, shape (2 + 3 n, 1 + 3 n); None without a covariance.
+    """
+    covariance = model.covariance
+    if covariance is None or model.drive != "loss_model":
+        return model, None
+    terms = [f"{term} of {name}" for term in LOSS_TERMS for name in model.joint_names]
+    order = ["loss_dc", *terms, "loss_grid"]
+    known = [name for name in order if name in covariance.figures]
+    rows = [covariance.figures.index(name) for name in known]
+    matrix = np.array(covariance.matrix)[np.ix_(rows, rows)]
+    scale = np.sqrt(np.diagonal(matrix))
+    scale = np.where(scale > 0, scale, 1.0)
+    matrix = matrix / np.outer(scale, scale)
+    size, direction = np.linalg.eigh(matrix)
+    root = direction * np.sqrt(np.maximum(size, 0.0))
+    lower = np.linalg.qr(root.T, mode="r").T * scale[:, None]  # L with C = L L'
+    factor = np.zeros((len(order), len(order)))
+    places = [order.index(name) for name in known]
+    factor[np.ix_(places, places)] = lower
+    sure = set(known)
+    joints = [
+        joint.model_copy(update={"losses": _without_std(joint.losses, joint.name, sure)})
+        for joint in model.joints
+    ]
+    update = {name: 0.0 for name in ("loss_dc", "loss_grid") if name in sure}
+    if "loss_grid" in sure:
+        update["loss_grid"] = abs(float(factor[-1, -1]))
+    cabinet = model.cabinet.model_copy(
+        update={
+            name: getattr(model.cabinet, name).model_copy(update={"std": std})
+            for name, std in update.items()
+        }
+    )
+    return model.changed(joints=joints, cabinet=cabinet, covariance=None), factor[:, :-1]
+
+
+def _without_std(losses: LossDrive | None, joint: str, sure: set[str]) -> LossDrive | None:
+    if losses is None:
+        return None
+    return losses.model_copy(
+        update={
+            term: getattr(losses, term).model_copy(update={"std": 0.0})
+            for term in LOSS_TERMS
+            if f"{term} of {joint}" in sure
+        }
+    )
 
 
 def _in_order(table: Float) -> Float:
@@ -304,10 +388,12 @@ def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
         "bodies",
         "payload",
         "constant loss, DC side",
+        TOGETHER_NAME,
         "constant loss, grid side",
         "temperature of the friction",
         "form of friction and drive losses",
         "what the model leaves out",
         *(f"friction of {name}" for name in joint_names),
         *(f"drive of {name}" for name in joint_names),
+        *(TOGETHER_NAME for _ in LOSS_TERMS for _ in joint_names),
     )

@@ -62,8 +62,8 @@ class EnergyCalibration:
 
         Args:
             deviation: Integrals of the deviations, shape (K,). [J]
-            error: Predicted less measured energy. [J]
-            step: Measured power at the end less that at the begin. [W]
+            error: Predicted minus measured energy. [J]
+            step: Measured power at the end minus that at the begin. [W]
             at_bus: Whether the meter sits on the DC bus: it shows nothing of the loss before it.
         """
         rest, temperature = energy_parts(deviation, at_bus, systematic=True)

@@ -1,4 +1,4 @@
-"""RMS of what a model predicts less what was measured: power at a meter, torque of motors.
+"""RMS of what a model predicts minus what was measured: power at a meter, torque of motors.
 
 Both take blocks as they come, in any cutting, and keep a few sums only.
 """
@@ -70,7 +70,7 @@ class PowerErrorSums:
 
     @property
     def rms(self) -> float:
-        """Of predicted less measured power; NaN where nothing was compared. [W]"""
+        """Of predicted minus measured power; NaN where nothing was compared. [W]"""
         return self._root(0)
 
     @property
@@ -134,7 +134,7 @@ class TorqueErrorSums:
 
     @property
     def rms(self) -> Float:
-        """Of predicted less measured torque, all and moving, shape (2, n). [N m]"""
+        """Of predicted minus measured torque, all and moving, shape (2, n). [N m]"""
         return self._mean_root(0)
 
     @property

@@ -5,7 +5,7 @@ test learns from the robot's own records, plus a slow wander and scatter. The ba
 in the features of a record: a smooth function of temperature and speed (the error of the model's
 friction law), load, difference of directions, scatter, slope and history of the temperature, each
 of them also times warmth. Wear adds a step or a ramp that begins at one of the records. With K the
-covariance without wear, y the excess less its expected baseline and u the shape of a change,
+covariance without wear, y the excess minus its expected baseline and u the shape of a change,
 
 ``size = u' K^-1 y / u' K^-1 u``,  ``z = u' K^-1 y / sqrt(u' K^-1 u)``,
 
@@ -109,7 +109,7 @@ class Drift:
         size: All changes together; 0 if there is none. [-]
         std: Its standard deviation; NaN if there is none. [-]
         since_ns: When the first of the latest changes of one sign began; None: none. [ns]
-        sure: Probability that the newest change is no chance. [-]
+        sure: Probability that the newest change is not chance. [-]
         fell: Whether the newest change was a fall.
     """
 
@@ -126,7 +126,7 @@ class DriftTest:
     Attributes:
         records: Kept ones, oldest first; the older, the longer.
         programs: That were seen.
-        refused: Records that were no numbers.
+        refused: Records that were not numbers.
     """
 
     def __init__(self, subject: Subject = JOINT) -> None:
@@ -346,7 +346,7 @@ class DriftTest:
         """Cholesky factors of the covariance at each size of the wander, and how likely they are.
 
         Returns:
-            Shapes (S, n, n) and (S,), and the excess less its expected baseline, shape (n,).
+            Shapes (S, n, n) and (S,), and the excess minus its expected baseline, shape (n,).
         """
         rows = self.contrasts.rows(self.records)
         hours = self._hours()

@@ -1,6 +1,6 @@
 """Learns from one power meter: one factor on friction, and the constant losses.
 
-One meter cannot tell six joints apart. What it can is regress the residual of each window,
+One meter cannot distinguish six joints. What it can is regress the residual of each window,
 
 ``measured - predicted = (factor - 1) E_friction + offset T``,
 
@@ -22,7 +22,7 @@ PRIOR_FACTOR = 0.5  # standard deviation of the factor before any reading [-]
 PRIOR_OFFSET = 0.3  # of the offset, share of the constant losses [-]
 MAX_OFFSET = 0.5  # share of the constant losses [-]
 LEAST_OFFSET = 20.0  # however small the constant losses are [W]
-NOISE_SHARE = 0.05  # of the measured power: residual of one window that is no surprise [-]
+NOISE_SHARE = 0.05  # of the measured power: residual of one window that is not a surprise [-]
 MIN_NOISE = 2.0  # W
 MAX_SURPRISE = 3.0  # a window further off weighs less (Huber)
 MIN_TIME = 60.0  # before the fit is valid [s]
@@ -59,7 +59,7 @@ class MeterFit:
         Args:
             duration: Its length. [s]
             measured: Measured energy. [J]
-            residual: Measured less what the model file predicts. [J]
+            residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]
         """
         if not np.isfinite(measured + residual + friction):

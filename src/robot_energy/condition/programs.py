@@ -1,4 +1,4 @@
-"""The programs of a robot, as far as the friction of one joint can tell them apart.
+"""The programs of a robot, as far as the friction of one joint can distinguish them.
 
 Two programs load a gear in other poses. So at equal features their friction differs, and a payload
 that the model does not have leaves another part of its torque in the mean of the directions. Each
@@ -40,7 +40,7 @@ class KnownProgram:
 
 
 class ProgramTable:
-    """Tells to which program a record belongs.
+    """Finds to which program a record belongs.
 
     Args:
         known: Seen before, in the order of their coefficients; the first has none.

@@ -1,4 +1,4 @@
-"""Temperatures that no sensor tells, of motors and gears: from the model's own losses.
+"""Temperatures that no sensor measures, of motors and gears: from the model's own losses.
 
 One Kalman filter per joint over windows of 10 s of the stamps. Its state is the temperature of
 motor, structure and ambient, the factor on the heat of the losses and the temperature of the gear;
@@ -53,7 +53,7 @@ MAX_ODDITY = 4.0  # standard deviations: beyond it, friction says something else
 MIN_WORK = 1.0  # J of friction in a window that says something of it
 GEAR_START_STD = 1.0  # K of a gear against its motor where the motor is as warm as the air ...
 GEAR_START_SHARE = 0.3  # ... and of the motor above the air: one may have worked longer ago
-SENSED_DRIFT = 20.0  # K per root hour, of a motor without a network, which its sensor tells
+SENSED_DRIFT = 20.0  # K per root hour, of a motor without a network, which its sensor measures
 COOLING = 1500.0  # s, in which such a motor cools while nothing comes
 METER_SHARE = 0.02  # of the measured power by which predictions err alike
 METER_LEAST = 5.0  # W, at least
@@ -378,7 +378,7 @@ class ThermalObserver:
         self._correct(place, *self._by_friction(elapsed, used, place))
 
     def _correct_by_meter(self, torque: bool) -> None:
-        """Correct all gears together by the residual of the power, where no torque tells more.
+        """Correct all gears together by the residual of the power, where no torque determines more.
 
         The residual of a window is ``sum(d fv/dT (T_g - estimate) integral(w^2 dt))``; errors of
         the prediction itself are alike for long, so one window counts for little.

@@ -47,7 +47,7 @@ class WearAlarm:
 
     @property
     def sure(self) -> float:
-        """Probability that the change is no chance, at most ``MAX_SURE``. [-]"""
+        """Probability that the change is not chance, at most ``MAX_SURE``. [-]"""
         return min(self.drift.sure, MAX_SURE)
 
     @property
@@ -120,7 +120,7 @@ class WearMonitor:
         Args:
             stamp_ns: Its end. [ns]
             duration: [s]
-            residual: Measured less what the model file predicts. [J]
+            residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]
             degc: Mean motor temperature. [degC]
         """

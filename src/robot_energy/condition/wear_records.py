@@ -280,7 +280,7 @@ class MeterGatherer:
         Args:
             stamp_ns: Its end. [ns]
             duration: [s]
-            residual: Measured less what the model file predicts. [J]
+            residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]
             degc: Mean motor temperature. [degC]
         """

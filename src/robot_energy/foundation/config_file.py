@@ -76,7 +76,7 @@ def load(
         remedy: Where an example of one is.
 
     Raises:
-        RobotEnergyError: The error asked for, if the file cannot be read, is no bounded YAML, or
+        RobotEnergyError: The error asked for, if the file cannot be read, is not bounded YAML, or
             does not fit the schema.
     """
     text = read_text(path, error, what, remedy=remedy)

@@ -223,7 +223,7 @@ def _rewritten(path: Path) -> str:
         if not aside.exists():
             break
     else:
-        raise HistoryError(f"{MAX_ASIDE} damaged files lie beside {path}", "fewer", "move them")
+        raise HistoryError(f"{MAX_ASIDE} damaged files lie next to {path}", "fewer", "move them")
     path.rename(aside)
     for end in ("-wal", "-shm"):
         path.with_name(path.name + end).unlink(missing_ok=True)

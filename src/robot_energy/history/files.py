@@ -1,4 +1,4 @@
-"""The file of a history: one writer, who holds a lock; any number of readers beside it."""
+"""The file of a history: one writer, who holds a lock; any number of readers next to it."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.messages.model_messages import FRAME, RECORDING
 from robot_energy.messages.registers import ENERGY_REGISTERS, EXACT_FIELDS, EXACT_JOINT_FIELDS
 
 PHASES = ("hold", "motion", "generating")  # from PHASE_HOLD on
@@ -25,7 +26,7 @@ OBSERVED, GAP = COLUMNS.index("observed_ns"), COLUMNS.index("gap_ns")
 _STAMPS = ("header.stamp", "energy_start", "minute")
 _FIELDS = (
     *(f"{stamp}.{part}" for stamp in _STAMPS for part in ("sec", "nanosec")),
-    *("model_id", "meter_location", "phase_microjoule", "phase_ns", "joints.name"),
+    *(FRAME, "model_id", "meter_location", "phase_microjoule", "phase_ns", "joints.name"),
     *FROM_MESSAGE,
     *(f"joints.{name}" for name in JOINT_COLUMNS),
 )
@@ -69,18 +70,30 @@ class ReadingDecoder:
 
     Attributes:
         malformed: Messages left out.
+        recorded: Messages left out since they count a recording that is played.
+        recording: Whether the newest message was one of these.
     """
 
     def __init__(self) -> None:
         self._decoder = Decoder(ENERGY_REGISTERS, _FIELDS)
-        self.malformed = 0
+        self.malformed = self.recorded = 0
+        self.recording = False
 
     def decode(self, batch: RawBatch) -> list[Reading]:
         """Return the readings of a batch in order of arrival."""
         decoded = self._decoder.decode(batch)
         self.malformed += len(decoded.malformed)
-        rows = [(int(row), one) for run in decoded.runs for row, one in _readings(run)]
-        return [one for _, one in sorted(rows, key=lambda row: row[0])]
+        rows = [
+            (int(row), one, run.columns[FRAME] == RECORDING)
+            for run in decoded.runs
+            for row, one in _readings(run)
+        ]
+        rows.sort(key=lambda row: row[0])
+        if rows:
+            self.recording = rows[-1][2]
+        kept = [one for _, one, recording in rows if not recording]
+        self.recorded += len(rows) - len(kept)
+        return kept
 
 
 def _readings(run: Run) -> Iterator[tuple[int, Reading]]:

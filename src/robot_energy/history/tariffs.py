@@ -180,7 +180,7 @@ class Tariff(Prices):
         odd = [clock for clock in self.clocks if minute_of(clock) % QUARTER]
         if odd:
             raise ValueError(
-                f"{odd[0]} is no quarter of an hour, and the history knows what was used in each "
+                f"{odd[0]} is not a quarter of an hour; the history knows what was used in each "
                 "quarter, not within it"
             )
         return self

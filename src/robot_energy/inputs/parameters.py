@@ -2,7 +2,7 @@
 
 `assemble` walks such a class and asks for every value by name. Nodes declare a ROS
 parameter for each; a replay reads the same names from the node's own parameter file. What
-no single value can tell (one setting that needs another) is checked by ``__post_init__``,
+no single value can determine (one setting that needs another) is checked by ``__post_init__``,
 which raises a `ParameterError` about its own field names; `assemble` adds whose they are.
 """
 

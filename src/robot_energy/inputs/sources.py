@@ -130,7 +130,7 @@ class TemperatureSource:
     )
     joints: tuple[str, ...] = parameter(
         "Joints of the model that the source is for. Float64MultiArray: in the order of its "
-        "data, - for a place that is no joint. Temperature: the one joint of the topic, or "
+        "data, - for a place that is not a joint. Temperature: the one joint of the topic, or "
         "those of names. Empty: as the messages name them.",
         (),
     )

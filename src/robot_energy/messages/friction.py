@@ -95,7 +95,7 @@ class FrictionReader(ModelMessageReader[FrictionBlock]):
         return self._taken(block[~dated], runs)
 
     def flush(self) -> FrictionBlock | None:
-        """Return what still waits and is no outlier, as at the end."""
+        """Return what still waits and is not an outlier, as at the end."""
         return self._taken(None, self._stream.flush())
 
     def _block(self, run: Run, arrays: dict[str, Any]) -> tuple[FrictionBlock, NDArray[np.bool_]]:

@@ -18,7 +18,11 @@ from robot_energy.timeline.stamps import BAD_STAMP
 from robot_energy.timeline.streams import StreamSplitter
 
 B = TypeVar("B", bound=Block)
-HEADER = ("header.stamp.sec", "header.stamp.nanosec", "model_id", "joint_names", "quality")
+FRAME = "header.frame_id"
+HEADER = (
+    *("header.stamp.sec", "header.stamp.nanosec", FRAME, "model_id", "joint_names", "quality"),
+)
+RECORDING = "recording"  # as a frame: of a recording that is played, not of a robot
 
 
 class ModelMessageReader(Generic[B]):
@@ -28,6 +32,9 @@ class ModelMessageReader(Generic[B]):
         joint_names: Joints in model order.
         model_id: Identity of the model file; messages of another model are rejected.
         arrays: Fields with one number per joint.
+
+    Attributes:
+        recording: Whether the newest batch has messages of a recording that is played.
     """
 
     def __init__(
@@ -40,6 +47,7 @@ class ModelMessageReader(Generic[B]):
         reach: Reach,
     ) -> None:
         self.rejections = RejectionLog()
+        self.recording = False
         self._stream = StreamSplitter[B](reach, self.rejections.reject)
         self.epochs = self._stream.epochs
         self._identity = (tuple(joint_names), model_id)
@@ -59,6 +67,7 @@ class ModelMessageReader(Generic[B]):
         self.rejections.received += len(batch)
         decoded = self._decoder.decode(batch)
         self.rejections.reject("malformed", len(decoded.malformed))
+        self.recording = any(run.columns[FRAME] == RECORDING for run in decoded.runs)
         blocks: list[B] = []
         rows: list[NDArray[np.int64]] = []
         for run in decoded.runs:

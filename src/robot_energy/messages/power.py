@@ -15,7 +15,7 @@ from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import MeterLocation, known_part, sum_over_joints
 
 POWER_STATE = "ros2_energy_msgs/msg/PowerState"
-LOAD_KINDS = {"state": np.int16, "remarks": np.uint8}  # of fields that are no float64
+LOAD_KINDS = {"state": np.int16, "remarks": np.uint8}  # of fields that are not float64
 
 
 class PowerStateWriter:

@@ -18,6 +18,7 @@ from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.foundation.units import MAX_COUNTER
+from robot_energy.messages.model_messages import FRAME, RECORDING
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, known_part
 
@@ -67,19 +68,23 @@ class RegistersWriter:
     ) -> None:
         self._unmodelled = unmodelled
         states = [(load.name, state) for load in loads for state in load.state_names]
-        self._encoder = Encoder(
-            ENERGY_REGISTERS,
-            {
-                "model_id": model_id,
-                "joints.name": tuple(joint_names),
-                "auxiliary.name": tuple(load.name for load in loads),
-                "auxiliary_states.load": tuple(load for load, _ in states),
-                "auxiliary_states.state": tuple(state for _, state in states),
-            },
-        )
+        constants = {
+            "model_id": model_id,
+            "joints.name": tuple(joint_names),
+            "auxiliary.name": tuple(load.name for load in loads),
+            "auxiliary_states.load": tuple(load for load, _ in states),
+            "auxiliary_states.state": tuple(state for _, state in states),
+        }
+        self._encoders = [
+            Encoder(ENERGY_REGISTERS, {FRAME: frame, **constants}) for frame in ("", RECORDING)
+        ]
 
     def encode(
-        self, account: EnergyAccount, persisted: bool = False, minute_ns: int = 0
+        self,
+        account: EnergyAccount,
+        persisted: bool = False,
+        minute_ns: int = 0,
+        recording: bool = False,
     ) -> NDArray[np.uint8] | None:
         """Return one serialised message, shape (1, size); None before the first sample.
 
@@ -87,13 +92,14 @@ class RegistersWriter:
             account: The energy account.
             persisted: Whether they are on disk as they stand.
             minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
+            recording: Whether they count a recording that is played.
         """
         registers, comparison = account.registers, account.comparison
         time, start_ns, end_ns = registers.time, account.start_ns, account.end_ns
         if start_ns is None or end_ns is None:
             return None
         compared, sure = comparison.compared_ns > 0, account.energy_band
-        return self._encoder.encode(
+        return self._encoders[recording].encode(
             {
                 **stamp_columns(np.array([end_ns])),
                 **stamp_columns(np.array([start_ns]), "energy_start"),

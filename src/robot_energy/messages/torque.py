@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
-from robot_energy.messages.model_messages import ModelMessageReader
+from robot_energy.messages.model_messages import FRAME, RECORDING, ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer
@@ -39,20 +39,24 @@ class TorqueWriter:
     """
 
     def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
-        self._encoder = Encoder(
-            JOINT_TORQUE,
-            {"model_id": model_id, "joint_names": tuple(joint_names)},
-            dict.fromkeys(ARRAYS, len(joint_names)),
-        )
+        self._encoders = [
+            Encoder(
+                JOINT_TORQUE,
+                {FRAME: frame, "model_id": model_id, "joint_names": tuple(joint_names)},
+                dict.fromkeys(ARRAYS, len(joint_names)),
+            )
+            for frame in ("", RECORDING)
+        ]
 
-    def encode(self, block: TorqueBlock) -> NDArray[np.uint8]:
+    def encode(self, block: TorqueBlock, recording: bool = False) -> NDArray[np.uint8]:
         """Return one serialised message per sample, shape (N, size).
 
         Args:
             block: N samples of torque, in model order.
+            recording: Whether they are of a recording that is played.
         """
         columns = {name: getattr(block, name) for name in ARRAYS}
-        return self._encoder.encode(
+        return self._encoders[recording].encode(
             {
                 **stamp_columns(block.stamp_ns),
                 "quality": block.quality,
@@ -103,7 +107,7 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
         return None if block is None else self._taken(self._stream.step(block))
 
     def flush(self) -> TorqueBlock | None:
-        """Return what still waits and is no outlier, as at the end."""
+        """Return what still waits and is not an outlier, as at the end."""
         return self._taken(self._stream.flush())
 
     def restart(self) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, model_validator
@@ -67,6 +68,47 @@ class EfficiencyMap(ModelEntry):
             raise ValueError("motor_velocity, motor_torque and efficiency differ in length")
         if any(abs(value) < 1e-3 for value in self.efficiency):
             raise ValueError("an efficiency of 0 gives no finite electrical power")
+        return self
+
+
+class LossMap(ModelEntry):
+    """P_el = P_mech + L(|w|, |tau| sqrt(1 + alpha (T - 20))), L bilinear between knots, motor side.
+
+    Beyond the last knots L continues along its last slopes, flagged as extrapolated.
+
+    Attributes:
+        motor_velocity: Knots of the speed, from 0, rising. [rad/s]
+        motor_torque: Knots of the torque that heats windings at 20 degC alike, from 0, rising.
+            [N m]
+        loss: L, one row per speed, >= 0 and nowhere falling along either axis. [W]
+        copper_temperature_coefficient: alpha. [1/K]
+        tag: How the losses are known.
+        source: Where they come from.
+    """
+
+    motor_velocity: Annotated[list[Number], Field(min_length=2)]
+    motor_torque: Annotated[list[Number], Field(min_length=2)]
+    loss: list[list[Annotated[Number, Field(ge=0)]]]
+    copper_temperature_coefficient: PositiveFigure = PositiveFigure(
+        value=0.0039, tag="assumed", source="copper, usual textbook figure"
+    )
+    tag: Tag
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _check(self) -> LossMap:
+        for name in ("motor_velocity", "motor_torque"):
+            knots: list[float] = getattr(self, name)
+            if knots[0] != 0.0 or any(b <= a for a, b in pairwise(knots)):
+                raise ValueError(f"{name} must rise from 0, found {knots}")
+        lengths = {len(row) for row in self.loss}
+        if len(self.loss) != len(self.motor_velocity) or lengths != {len(self.motor_torque)}:
+            raise ValueError(
+                f"loss must have {len(self.motor_velocity)} rows of {len(self.motor_torque)}"
+            )
+        for line in (*self.loss, *zip(*self.loss, strict=True)):
+            if any(b < a for a, b in pairwise(line)):
+                raise ValueError("loss falls with speed or torque")
         return self
 
 
@@ -130,7 +172,7 @@ DRIVE_MODELS = Kinds(
         key="efficiency_map",
         entry=EfficiencyMap,
         physics=Part("robot_energy.physics.drive:EfficiencyMaps"),
-        fitted=Part("robot_energy_identify.drives.drives:fitted_map"),
+        fitted=Part("robot_energy_identify.drives.efficiency:fitted_map"),
         way="map",
         in_identity=True,
     ),
@@ -143,7 +185,7 @@ DRIVE_MODELS = Kinds(
         physics=Part("robot_energy.physics.drive:LossModel"),
         deviation=Part("robot_energy.certainty.deviation:loss_model_deviation"),
         loss_deviations=Part("robot_energy.certainty.deviation:loss_model_deviations"),
-        fitted=Part("robot_energy_identify.drives.drives:fitted_losses"),
+        fitted=Part("robot_energy_identify.drives.losses:fitted_losses"),
         way="losses",
         in_identity=True,
         constant_loss=lambda entry: entry.constant.value,
@@ -153,6 +195,16 @@ DRIVE_MODELS = Kinds(
             ("linear", "linear loss", "W s/rad"),
             ("quadratic", "quadratic loss", "W s2/rad2"),
         ),
+    ),
+    DriveModel(
+        name="loss_map",
+        label="loss map",
+        line="shaft power plus losses over speed and torque, without an assumed form",
+        key="loss_map",
+        entry=LossMap,
+        physics=Part("robot_energy.physics.drive:LossMaps"),
+        fitted=Part("robot_energy_identify.drives.loss_map:fitted_loss_map"),
+        constant_loss=lambda entry: entry.loss[0][0],
     ),
 )
 

@@ -11,7 +11,8 @@ from pydantic import (
     model_validator,
 )
 
-from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
+from robot_energy.model.counterbalance import Counterbalance
+from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
 from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, without_absent
 from robot_energy.model.friction_laws import LawEntry
 
@@ -39,6 +40,7 @@ class JointFriction(ModelEntry):
         smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; absent: the plain sign. [rad/s]
         stribeck: Optional Stribeck term.
         load_coulomb: Optional Coulomb torque per rigid motor torque. [-]
+        load_saturation: Rigid motor torque beyond which that rises no further; absent: none. [N m]
     """
 
     coulomb: PositiveFigure
@@ -46,6 +48,12 @@ class JointFriction(ModelEntry):
     smooth_velocity: PositiveFigure | None = None
     stribeck: Stribeck | None = None
     load_coulomb: PositiveFigure | None = None
+    load_saturation: PositiveFigure | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a key that came later, as `Joint` does."""
+        return without_absent(dump(self), "load_saturation")
 
 
 class JointThermal(ModelEntry):
@@ -134,11 +142,13 @@ class Joint(ModelEntry):
         standstill_velocity: Joint speed below which the joint counts as standing.
             [rad/s] or [m/s]
         friction: Friction of this axis.
-        thermal: Thermal network of the motor, for its temperature where no sensor tells it.
+        counterbalance: Spring or gas spring that carries part of the weight at this joint.
+        thermal: Thermal network of the motor, for its temperature where no sensor measures it.
         gear: Temperature of the gear; absent: friction follows the motor temperature.
         losses: For the drive model ``loss_model``.
-        efficiency_map: For the drive model ``efficiency_map``. Drive models that are
-            registered add their keys, see `robot_energy.model.open_schema`.
+        efficiency_map: For the drive model ``efficiency_map``.
+        loss_map: For the drive model ``loss_map``. Drive models that are registered add their
+            keys, see `robot_energy.model.open_schema`.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -147,10 +157,12 @@ class Joint(ModelEntry):
     torque_constant: Figure | None = None
     standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
     friction: JointFriction
+    counterbalance: Counterbalance | None = None
     thermal: JointThermal | None = None
     gear: JointGear | None = None
     losses: LossDrive | None = None
     efficiency_map: EfficiencyMap | None = None
+    loss_map: LossMap | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Joint:
@@ -164,4 +176,5 @@ class Joint(ModelEntry):
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out absent keys that came later: a model without them keeps its identity."""
         late = [kind.key for kind in DRIVE_MODELS.values() if not kind.in_identity]
-        return without_absent(dump(self), "torque_constant", "thermal", "gear", *late)
+        optional = ("torque_constant", "counterbalance", "thermal", "gear")
+        return without_absent(dump(self), *optional, *late)

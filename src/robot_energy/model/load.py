@@ -87,6 +87,20 @@ def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
     return validate(parse_yaml(text, str(path)), str(path), urdf_xml)
 
 
+class _Row(list[float]):
+    """Numbers that stand side by side."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """As `yaml.SafeDumper`, with rows in one line."""
+
+
+_Dumper.add_representer(
+    _Row,
+    lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True),
+)
+
+
 def save(model: RobotModel, path: str | Path) -> None:
     """Write a model file that `load` reads back equal, with its URDF embedded.
 
@@ -102,6 +116,8 @@ def save(model: RobotModel, path: str | Path) -> None:
         **model.urdf.model_dump(exclude={"path", "xml", "topic"}),
         "xml": model.urdf_xml,
     }
-    text = COMMENT + yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    if "covariance" in data:  # a row of many numbers is a line
+        data["covariance"]["matrix"] = [_Row(row) for row in data["covariance"]["matrix"]]
+    text = COMMENT + yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
     encoded = text.encode("utf-8", "backslashreplace")
     write_file(path, encoded, TEXT, "the model file", ModelFileError)

@@ -36,6 +36,7 @@ from robot_energy.model.payload import Payload
 from robot_energy.timeline.blocks import MeterLocation
 
 SCHEMA_VERSION = 1
+LATE = ("auxiliary", "meter", "hold", "covariance")  # keys that count in an identity where present
 
 
 class Coupling(ModelEntry):
@@ -136,6 +137,45 @@ class Hold(ModelEntry):
             value = getattr(self, key).value
             if not abs(value) <= 1.0:
                 raise ValueError(f"{key} must lie between -1 and 1, found {value}")
+        return self
+
+
+LOSS_TERMS = ("copper", "linear", "quadratic")  # of the losses of one drive
+
+
+class Covariance(ModelEntry):
+    """Errors of losses that were identified together: sums known better than their parts.
+
+    Bands take the deviations of these figures from here, and not from the figures' own ``std``.
+
+    Attributes:
+        figures: ``loss_dc``, ``loss_grid``, or a term and its joint, such as ``copper of
+            joint_1``; motor side.
+        matrix: Products of their errors, one row for each figure, in the units of both figures.
+        source: Where they come from.
+    """
+
+    figures: Annotated[tuple[str, ...], Field(min_length=1)]
+    matrix: tuple[tuple[Number, ...], ...]
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _check(self) -> Covariance:
+        size = len(self.figures)
+        if len(set(self.figures)) < size:
+            raise ValueError("each figure once")
+        if [len(row) for row in self.matrix] != [size] * size:
+            raise ValueError(f"matrix must have {size} rows of {size} numbers")
+        for place, row in enumerate(self.matrix):
+            for other, value in enumerate(row[:place]):
+                limit = math.sqrt(max(row[place], 0.0) * max(self.matrix[other][other], 0.0))
+                if value != self.matrix[other][place] or not abs(value) <= limit * (1.0 + 1e-6):
+                    raise ValueError(
+                        f"matrix is no covariance of {self.figures[other]} and "
+                        f"{self.figures[place]}"
+                    )
+            if row[place] < 0.0:
+                raise ValueError(f"the variance of {self.figures[place]} is negative")
         return self
 
 
@@ -240,6 +280,7 @@ class RobotModel(ModelEntry, Shown):
             prediction count them.
         meter: How late the power meter shows what is drawn; absent: the monitor finds it.
         hold: What the motors hold at rest in addition to the load; absent: the load alone.
+        covariance: Of losses that were identified together; absent: each errs for itself.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
         gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
@@ -260,6 +301,7 @@ class RobotModel(ModelEntry, Shown):
     auxiliary: Annotated[tuple[AuxiliaryLoad, ...], Field(max_length=MAX_LOADS)] | None = None
     meter: Meter | None = None
     hold: Hold | None = None
+    covariance: Covariance | None = None
 
     _urdf_xml: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="<memory>")
@@ -281,6 +323,11 @@ class RobotModel(ModelEntry, Shown):
         loads = [load.name for load in self.auxiliary or ()]
         if repeated := dict.fromkeys(name for name in loads if loads.count(name) > 1):
             raise ValueError(f"names of auxiliary loads repeat: {', '.join(repeated)}")
+        if self.covariance is not None:
+            known = {"loss_dc", "loss_grid"}
+            known |= {f"{term} of {name}" for term in LOSS_TERMS for name in names}
+            if unknown := [name for name in self.covariance.figures if name not in known]:
+                raise ValueError(f"covariance names the unknown figure '{unknown[0]}'")
         kind = DRIVE_MODELS[self.drive]
         for joint in self.joints:
             if kind.entry is not None and kind.of(joint) is None:
@@ -309,7 +356,7 @@ class RobotModel(ModelEntry, Shown):
     @property
     def model_id(self) -> str:
         """Short hash over every figure and the URDF: equal ids give equal watts."""
-        late = {name for name in ("auxiliary", "meter", "hold") if getattr(self, name) is None}
+        late = {name for name in LATE if getattr(self, name) is None}
         digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"} | late).encode())
         digest.update(self._urdf_xml.encode())
         return digest.hexdigest()[:12]
@@ -322,10 +369,21 @@ class RobotModel(ModelEntry, Shown):
     def changed(self, **entries: Any) -> RobotModel:
         """Return a copy with other entries and the same URDF.
 
+        A covariance holds for the losses that it came with: with other ones it is left out.
+
         Args:
             entries: Values by the name of the entry, already validated.
         """
+        if self.covariance is not None and "covariance" not in entries:
+            after = self.model_copy(update=entries)
+            if after.losses_of_covariance() != self.losses_of_covariance():
+                entries["covariance"] = None
         return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
+
+    def losses_of_covariance(self) -> tuple[object, ...]:
+        """Return the figures that a covariance may hold."""
+        constants = (self.cabinet.loss_dc, self.cabinet.loss_grid)
+        return (*constants, *(joint.losses for joint in self.joints))
 
     def with_urdf(self, xml: str, source: str) -> RobotModel:
         """Return this model with the URDF text attached.

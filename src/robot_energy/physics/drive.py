@@ -1,9 +1,9 @@
 """Electrical input of the drives from shaft power, motor side.
 
-Three models: `Ideal` (paper A: the drive loses nothing), `EfficiencyMaps` (paper B,
-section 6: measured efficiencies, looked up at the nearest torque and speed) and
-`LossModel` (shaft power plus losses: single-valued and safe near zero speed, where an
-efficiency is not).
+Four models: `Ideal` (paper A: the drive loses nothing), `EfficiencyMaps` (paper B,
+section 6: measured efficiencies, looked up at the nearest torque and speed), `LossModel`
+(shaft power plus losses: single-valued and safe near zero speed, where an efficiency is
+not) and `LossMaps` (the same with losses of any form that rise with speed and torque).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import KindError, ModelFileError
-from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
+from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
 from robot_energy.model.schema import RobotModel
-from robot_energy.physics.equations import loss_model_power
-from robot_energy.timeline.blocks import Float
+from robot_energy.physics.equations import REFERENCE_DEGC, loss_model_power
+from robot_energy.timeline.blocks import Float, Int
 
 
 class Drive(Protocol):
@@ -143,6 +143,75 @@ class EfficiencyMaps:
             power[finite, joint] = shaft_power[finite, joint] / eta
             extrapolated[finite, joint] = np.asarray(distance) > self._reach[joint]
         return power, extrapolated
+
+
+class LossMaps:
+    """P_el = P_mech + L(|w|, |tau| sqrt(1 + alpha (T - 20))), L bilinear between knots.
+
+    Args:
+        entries: One per joint, in model order.
+    """
+
+    def __init__(self, entries: list[LossMap]) -> None:
+        self._maps = [
+            tuple(np.asarray(part) for part in (one.motor_velocity, one.motor_torque, one.loss))
+            for one in entries
+        ]
+        self._alpha = [entry.copper_temperature_coefficient.value for entry in entries]
+
+    def input_power(
+        self,
+        shaft_power: Float,
+        motor_velocity: Float,
+        motor_torque: Float,
+        motor_temperature_degc: Float,
+    ) -> tuple[Float, NDArray[np.bool_] | None]:
+        """Return shaft power plus losses, which are never negative.
+
+        Arguments and result as in `Drive.input_power`.
+        """
+        power, extrapolated = shaft_power.copy(), np.zeros(shaft_power.shape, dtype=np.bool_)
+        for joint, (speeds, loads, loss) in enumerate(self._maps):
+            speed = np.abs(motor_velocity[:, joint])
+            degc = motor_temperature_degc[:, joint]
+            load = equal_heat_torque(motor_torque[:, joint], degc, self._alpha[joint])
+            (i, x), (j, y) = knot_cells(speeds, speed), knot_cells(loads, load)
+            outside = (x > 1.0) | (y > 1.0)
+            low, high = loss[i, j], loss[i + 1, j]
+            inside_x, inside_y = np.minimum(x, 1.0), np.minimum(y, 1.0)
+            by_speed = high - low + inside_y * (loss[i + 1, j + 1] - high - loss[i, j + 1] + low)
+            by_load = loss[i, j + 1] - low
+            by_load += inside_x * (loss[i + 1, j + 1] - high - by_load)
+            # where both are inside, x by_speed + y (L01 - L00) is the bilinear form
+            power[:, joint] += low + x * by_speed + inside_y * (loss[i, j + 1] - low)
+            power[:, joint] += (y - inside_y) * by_load
+            extrapolated[:, joint] = outside
+        return power, extrapolated
+
+
+def equal_heat_torque(torque: Float, degc: Float, alpha: float) -> Float:
+    """Return the torque that heats windings at 20 degC as a torque at T does, >= 0. [N m]
+
+    ``|tau| sqrt(1 + alpha (T - 20))``: the copper loss is ``k (1 + alpha (T - 20)) tau^2``.
+
+    Args:
+        torque: Any shape. [N m]
+        degc: T, same shape. [degC]
+        alpha: Of the resistance. [1/K]
+    """
+    rise = 1.0 + alpha * (degc - REFERENCE_DEGC)
+    return np.abs(torque) * np.sqrt(np.maximum(rise, 0.0))
+
+
+def knot_cells(knots: Float, values: Float) -> tuple[Int, Float]:
+    """Return the cell of each value and its place in it: 0 to 1, above 1 beyond the last knot.
+
+    Args:
+        knots: From 0, rising, shape (K,). [any unit]
+        values: Not negative; NaN gives the last cell and NaN, shape (N,). [any unit]
+    """
+    cell = np.clip(np.searchsorted(knots, values, side="right") - 1, 0, len(knots) - 2)
+    return cell, (values - knots[cell]) / np.diff(knots)[cell]
 
 
 def ideal(entries: list[object]) -> Ideal:

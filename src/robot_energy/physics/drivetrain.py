@@ -2,7 +2,7 @@
 
 ``motor_velocity = C joint_velocity`` (paper A, eq. 4) with ``C`` the transmission
 matrix: gear ratios on the diagonal, wrist coupling off it. Power is the same on both
-sides, ``motor_torque . motor_velocity = joint_torque . joint_velocity``, hence
+sides, ``motor_torque . motor_velocity = joint_torque . joint_velocity``, so
 ``motor_torque = C^-T joint_torque``.
 """
 

@@ -138,6 +138,7 @@ def friction_torque(
     *,
     motor_torque_rigid: ArrayLike = 0.0,
     load_coulomb: ArrayLike = 0.0,
+    load_saturation: ArrayLike = np.inf,
     stribeck_torque: ArrayLike = 0.0,
     stribeck_velocity: ArrayLike = 1.0,
     stribeck_exponent: ArrayLike = 1.0,
@@ -146,8 +147,8 @@ def friction_torque(
 ) -> Float:
     """Return the torque that the drive must add against friction.
 
-    ``(fc + load |tau| + fs exp(-(|w| / ws)^p)) sgn(w) + fv w`` (paper A, eq. 3); with a smooth
-    velocity ``w0 > 0`` the sign is ``tanh(w / w0)``. The optional terms are off by default.
+    ``(fc + load min(|tau|, taus) + fs exp(-(|w| / ws)^p)) sgn(w) + fv w`` (paper A, eq. 3); with
+    a smooth velocity ``w0 > 0`` the sign is ``tanh(w / w0)``. Optional terms are off by default.
 
     Args:
         motor_velocity: w, shape (..., n). [rad/s]
@@ -155,6 +156,7 @@ def friction_torque(
         viscous: fv at the present temperature, shape (..., n). [N m s/rad]
         motor_torque_rigid: tau, for load-dependent friction, shape (..., n). [N m]
         load_coulomb: Friction per load torque, shape (n,). [-]
+        load_saturation: taus, beyond which that rises no further, shape (n,). [N m]
         stribeck_torque: fs, shape (n,). [N m]
         stribeck_velocity: ws, shape (n,). [rad/s]
         stribeck_exponent: p, shape (n,). [-]
@@ -167,7 +169,9 @@ def friction_torque(
     speed = _float(motor_velocity)
     constant = _float(coulomb)
     if _given(load_coulomb):
-        constant = constant + _float(load_coulomb) * np.abs(_float(motor_torque_rigid))
+        constant = constant + _float(load_coulomb) * np.minimum(
+            np.abs(_float(motor_torque_rigid)), _float(load_saturation)
+        )
     if _given(stribeck_torque):
         ratio = np.abs(speed) / _float(stribeck_velocity)
         constant = constant + _float(stribeck_torque) * np.exp(

@@ -5,7 +5,7 @@ does not depend on temperature, viscous friction does. Friction torque is what t
 drive must add, so it has the sign of the velocity and its power is never negative.
 
 Optional terms, off unless the model file has them: the smooth sign ``tanh(w/w0)``,
-a Stribeck term and Coulomb friction that grows with the load.
+a Stribeck term and Coulomb friction that grows with the load, up to a saturation or without.
 """
 
 from __future__ import annotations
@@ -249,6 +249,11 @@ class FrictionModel:
             "stribeck_torque": _values([s.torque if s else None for s in stribeck]),
         }
         self._terms = {name: values for name, values in terms.items() if values.any()}
+        limits = [entry.load_saturation for entry in entries]
+        if any(limits) and "load_coulomb" in self._terms:
+            self._terms["load_saturation"] = np.asarray(
+                [one.value if one else np.inf for one in limits]
+            )
         self._stribeck_velocity = np.asarray([s.velocity.value if s else 1.0 for s in stribeck])
         self._stribeck_exponent = np.asarray([s.exponent if s else 1.0 for s in stribeck])
 

@@ -1,7 +1,7 @@
 """What a motor holds at rest, where friction may carry a part of the load or add to it.
 
 ``tau = tau_r - carried sgn(tau_r) min(fc, |tau_r|) + kept fc d`` with the rigid motor torque tau_r,
-the Coulomb torque fc and the direction d of the last motion: ours, beside paper A, eq. 3. A joint
+the Coulomb torque fc and the direction d of the last motion: ours, next to paper A, eq. 3. A joint
 that was stopped by its controller keeps some of the torque that moved it, as friction is a spring
 before it slides (P. Dahl, A solid friction model, 1968); where it creeps back, friction carries
 part of the load.

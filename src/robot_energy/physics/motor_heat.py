@@ -49,7 +49,7 @@ class MotorHeat:
         """Return the networks that a model file describes.
 
         Args:
-            entries: One per motor; None for a motor that its sensor alone tells.
+            entries: One per motor; None for a motor that its sensor alone measures.
             cooling: Time constant towards the ambient of such a motor. [s]
         """
         rows: list[tuple[float, ...]] = []

@@ -17,6 +17,7 @@ from robot_energy.foundation.errors import RobotDescriptionError, check_shape
 from robot_energy.model.payload import Payload
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics import kernels
+from robot_energy.physics.counterbalance import AnySpring, add_counterbalance
 from robot_energy.physics.urdf.checks import (
     for_dynamics,
     joint_limits,
@@ -39,6 +40,7 @@ class Robot:
         gravity: In the base frame. [m/s^2]
         payload: Rigid bodies fixed to links.
         massless_links: Links that may move without inertia, on purpose.
+        counterbalance: Springs at the joints, one entry per joint; empty for none.
 
     Raises:
         RobotDescriptionError: If the URDF cannot be used.
@@ -52,7 +54,9 @@ class Robot:
         gravity: Sequence[float] = (0.0, 0.0, -9.80665),
         payload: Sequence[Payload] = (),
         massless_links: Sequence[str] = (),
+        counterbalance: Sequence[AnySpring | None] = (),
     ) -> None:
+        self.counterbalance = tuple(counterbalance)
         root = parse(urdf_xml)
         self._given = (urdf_xml, tuple(gravity), tuple(massless_links))
         self.joint_names = tuple(joint_names)
@@ -110,13 +114,17 @@ class Robot:
             model.urdf_xml, tuple(model.joint_names), tuple(model.gravity), tuple(model.payload),
             tuple(model.massless_links),
         )._copy()  # fmt: skip
+        robot.counterbalance = tuple(joint.counterbalance for joint in model.joints)
         robot._begin()
         return robot
 
     def __reduce__(self) -> tuple[type[Robot], tuple[Any, ...]]:
         """Pickle what it was built from: Pinocchio's own objects cannot be."""
         urdf_xml, gravity, massless_links = self._given
-        return Robot, (urdf_xml, self.joint_names, gravity, self.payload, massless_links)
+        springs = self.counterbalance
+        return Robot, (
+            urdf_xml, self.joint_names, gravity, self.payload, massless_links, springs,
+        )  # fmt: skip
 
     def with_payload(self, payload: Sequence[Payload]) -> Robot:
         """Return this robot with another payload instead of its own.
@@ -146,6 +154,8 @@ class Robot:
     ) -> Float:
         """Rigid-body joint torque ``M(q) qdd + c(q, qd) + g(q)`` (paper A, eq. 2).
 
+        Counterbalances are in it, ``+ dU/dq``: they carry weight and lose nothing.
+
         A sample that is not finite gives NaN; samples never influence each other, and
         the result of a sample does not depend on the block it came in.
 
@@ -165,7 +175,8 @@ class Robot:
             return np.empty(shape)
         if kernels.compiled is not None and self._table is not None:
             motion = joint_position, joint_velocity, joint_acceleration
-            return self._compiled_torque(kernels.compiled, self._table, *motion)
+            torque = self._compiled_torque(kernels.compiled, self._table, *motion)
+            return add_counterbalance(torque, joint_position, self.counterbalance)
         columns = [
             (values if self._same_order else values[:, self._to_model]).T
             for values in (joint_position, joint_velocity, joint_acceleration)
@@ -174,7 +185,8 @@ class Robot:
         torque = torque.reshape(self.n_joints, shape[0])  # one sample comes back flat
         if not self._same_order:
             torque = torque[self._from_model]
-        return np.ascontiguousarray(torque).T
+        torque = np.ascontiguousarray(torque).T
+        return add_counterbalance(torque, joint_position, self.counterbalance)
 
     def _compiled_torque(self, compiled: kernels.Compiled, table: Float, *motion: Float) -> Float:
         """Return the joint torque by the kernel, from position, velocity and acceleration."""

@@ -1,7 +1,7 @@
 """Motor side <-> joint side as functions: gear ratios and wrist coupling.
 
 ``motor_velocity = C joint_velocity`` (paper A, eq. 4) with ``C`` the transmission matrix: gear
-ratios on the diagonal, wrist coupling off it. The power is the same on both sides, hence
+ratios on the diagonal, wrist coupling off it. The power is the same on both sides, so
 ``motor_torque = C^-T joint_torque``.
 """
 
@@ -30,7 +30,7 @@ def motor_velocity(joint_velocity: ArrayLike, transmission: ArrayLike) -> Float:
         Shape (..., n). [rad/s]
 
     Raises:
-        ShapeError: If C is no square matrix of as many joints.
+        ShapeError: If C is not a square matrix of as many joints.
     """
     return mapped(*_matching(transmission, joint_velocity))
 
@@ -48,7 +48,7 @@ def motor_torque(joint_torque: ArrayLike, transmission: ArrayLike) -> Float:
         Shape (..., n). [N m]
 
     Raises:
-        ShapeError: If C is no square matrix of as many joints, or cannot be inverted.
+        ShapeError: If C is not a square matrix of as many joints, or cannot be inverted.
     """
     matrix, torque = _matching(transmission, joint_torque)
     return mapped(torque_map(matrix), torque)
@@ -70,7 +70,7 @@ def rotor_torque(
         Motor side, shape (..., n). [N m]
 
     Raises:
-        ShapeError: If C is no square matrix of as many joints.
+        ShapeError: If C is not a square matrix of as many joints.
     """
     return motor_velocity(joint_acceleration, transmission) * np.asarray(rotor_inertia)
 

@@ -122,7 +122,7 @@ class ReplayResult(Shown):
         bag: The bag.
         model: The model used.
         power: Power over time, one row per sample or averaging period: predicted grid power,
-            measured power, predicted power at the meter, residual (predicted less measured),
+            measured power, predicted power at the meter, residual (predicted minus measured),
             bus power, rigid, friction and drive loss of all joints, constant losses, brake,
             capacitor, phase (`Phase`), quality (bits of `Quality`); and per joint shaft, rigid
             and friction power, drive loss, motor velocity, torque and temperature.

@@ -65,7 +65,7 @@ class Replay:
         compared_curve: Energy at the meter over time, likewise: measured, predicted as the meter
             shows it, and drawn; the sums of the first and the last are those of the comparison.
         compared: What became comparable with the meter in each step, where that was asked for.
-        power_error: Predicted less measured power at the meter, from reading to reading.
+        power_error: Predicted minus measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
     """
@@ -163,8 +163,8 @@ def replay(
     loads = model.auxiliary or ()
     loaded, unread = find_auxiliary(bag, loads, inputs)
     others = {topic for load in loaded.values() for topic in load.topics}
-    told = inputs.meter if inputs is not None else None
-    source, more = find_meter(bag, used.meter, told, others, foreign)
+    stated = inputs.meter if inputs is not None else None
+    source, more = find_meter(bag, used.meter, stated, others, foreign)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:

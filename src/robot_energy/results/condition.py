@@ -31,7 +31,7 @@ class WearFinding(Result):
     change: Annotated[float, "Friction now over that of the first records, less 1. [-]"]
     change_std: Annotated[Number, "Its standard deviation. [-]"]
     since_ns: Annotated[int | None, "When the change began. [ns since 1970]"]
-    certainty: Annotated[float, "Probability that it is no chance. [-]"]
+    certainty: Annotated[float, "Probability that it is not chance. [-]"]
     sentence: Annotated[str, "The same in words."]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.certainty.band import energy_variances
+from robot_energy.certainty.band import Z90, energy_std, energy_variances
 from robot_energy.certainty.deviation import names_of
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
@@ -34,17 +34,17 @@ class EnergyBreakdown(Result):
     rigid: Annotated[float, "Moving the bodies, all joints."]
     friction: Annotated[float, "All joints."]
     drive_loss: Annotated[
-        Number, "Drive input less shaft energy, all joints; None if not modelled."
+        Number, "Drive input minus shaft energy, all joints; None if not modelled."
     ]
     sum_of_parts: Annotated[float, "Of all parts."]
     balance_residual: Annotated[
-        float, "What the grid gave less the sum of the parts; rounding only."
+        float, "What the grid gave minus the sum of the parts; rounding only."
     ]
     balanced: Annotated[bool, "Whether it is no more than rounding."]
 
     @property
     def net(self) -> float:
-        """Energy from the grid less what was returned. [J]"""
+        """Energy from the grid minus what was returned. [J]"""
         return self.grid_import - self.grid_return
 
 
@@ -56,10 +56,15 @@ class JointEnergy(Result):
     shaft_energy_negative: Annotated[float, "Taken back by the motor, >= 0."]
     rigid_energy: Annotated[float, "Moving the bodies."]
     friction_energy: Annotated[float, "Lost in friction."]
-    drive_loss_energy: Annotated[Number, "Drive input less shaft energy; None if not modelled."]
+    drive_loss_energy: Annotated[Number, "Drive input minus shaft energy; None if not modelled."]
     drive_input_energy: Annotated[float, "Sum of the three."]
     share_of_grid: Annotated[Number, "Of the energy from the grid. [-]"]
     last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
+    last_gear_temperature_degc: Annotated[
+        Number,
+        "Estimated temperature of the gear, which friction follows; None for a joint whose model "
+        "has no gear. [degC]",
+    ] = None
 
 
 class MeterComparison(Result):
@@ -86,10 +91,15 @@ class MeterComparison(Result):
         Number, "The error over the measured energy without them. [-]"
     ]
     power_error_rms: Annotated[
-        Number, "Predicted less measured mean power from reading to reading. [W]"
+        Number, "Predicted minus measured mean power from reading to reading. [W]"
     ] = None
     measured_power_rms: Annotated[
         Number, "Of the measured power: the error of a prediction of 0 W. [W]"
+    ] = None
+    half_relative: Annotated[
+        Number,
+        "Half width of the 90 % band of the predicted energy at the meter, over that energy, from "
+        "the figures of the model: nothing that the meter showed is in it. [-]",
     ] = None
 
 
@@ -156,9 +166,12 @@ def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> Energy
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     variances = energy_variances(registers.deviation)
     total = float(variances.sum())
+    by_name: dict[str, float] = {}
+    for name, variance in zip(names_of(joint_names), variances.tolist(), strict=True):
+        by_name[name] = by_name.get(name, 0.0) + variance
     found = [
         Contribution(name, variance**0.5, variance / total if total else None)
-        for name, variance in zip(names_of(joint_names), variances.tolist(), strict=True)
+        for name, variance in by_name.items()
         if variance > 0
     ]
     count = calibration.readings
@@ -197,13 +210,18 @@ class EnergyReport(Result):
 
 
 def common_figures(
-    account: EnergyAccount, model: RobotModel, temperature_degc: Sequence[float], change: str | None
+    account: EnergyAccount,
+    model: RobotModel,
+    temperature_degc: Sequence[float],
+    change: str | None,
+    gear_degc: Sequence[float] | None = None,
 ) -> dict[str, Any]:
     """Return the fields of an `EnergyReport` but for the sentences.
 
     Args:
         temperature_degc: Of the motors; NaN where unknown, shape (n,). [degC]
         change: What was changed about the model.
+        gear_degc: Of the gears; NaN for a joint without one, shape (n,); None: no gear. [degC]
     """
     registers, counts = account.registers, account.counts
     seconds = registers.time.observed_ns * NANOSECOND
@@ -216,7 +234,9 @@ def common_figures(
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
-        "joints": _joints_of(registers, model, temperature_degc),
+        "joints": _joints_of(
+            registers, model, temperature_degc, gear_degc or [math.nan] * len(model.joints)
+        ),
         "quality": SampleQuality(
             counts.samples,
             {str(Quality(b).name).lower(): counts.quality[b] for b in sorted(counts.quality)},
@@ -254,19 +274,23 @@ def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakd
 
 
 def _joints_of(
-    registers: Registers, model: RobotModel, temperature_degc: Sequence[float]
+    registers: Registers,
+    model: RobotModel,
+    temperature_degc: Sequence[float],
+    gear_degc: Sequence[float],
 ) -> tuple[JointEnergy, ...]:
     """Return where each joint's energy went."""
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
     rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)
     found: list[JointEnergy] = []
-    for name, row, degc in zip(model.joint_names, rows, temperature_degc, strict=True):
+    degrees = zip(temperature_degc, gear_degc, strict=True)
+    for name, row, of_joint in zip(model.joint_names, rows, degrees, strict=True):
         out, back, rigid, friction, loss = row
         drawn = rigid + friction + loss
         shown = float(known_part("drive_loss", loss, model.unmodelled))
         share = drawn / net if net > 0 else None
-        found.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, degc))
+        found.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, *of_joint))
     return tuple(found)
 
 
@@ -317,7 +341,17 @@ def comparison_of(
         beyond_constant_relative=_ratio(predicted - measured, abs(beyond)),
         power_error_rms=power_error.rms,
         measured_power_rms=power_error.measured_rms,
+        half_relative=_half_at_meter(account) if compared_ns else math.nan,
     )
+
+
+def _half_at_meter(account: EnergyAccount) -> float:
+    """Half width of the 90 % band of the energy at the meter, over that energy. [-]"""
+    registers = account.registers
+    at_bus = account.comparison.location is MeterLocation.DC_BUS
+    energy = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    energy -= registers.cabinet("loss_grid") if at_bus else 0.0
+    return _ratio(Z90 * energy_std(registers.deviation, at_bus), abs(energy))
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
+
 from robot_energy.messages import interval_fields
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
@@ -137,7 +139,9 @@ def replay_report(
     account, topics = result.account, result.topics
     learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
-    common = common_figures(account, result.model, temperature, change)
+    thermal = result.pipeline.power.thermal
+    gears = np.where(thermal.gears, thermal.friction_degc, np.nan).tolist()
+    common = common_figures(account, result.model, temperature, change, gears)
     inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
     return ReplayReport(
         **common,
@@ -296,7 +300,7 @@ def _notes(result: Replay) -> list[str]:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
     foreign = result.temperatures.ignored_joints - ignored
     if foreign:
-        notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
+        notes.append(f"temperatures of unknown joints: {', '.join(sorted(foreign))}")
     notes += mimic_remarks(parse(result.model.urdf_xml))
     notes += [finding.sentence for finding in result.joint_states.findings()]
     covered = account.registers.time.coverage

@@ -108,12 +108,30 @@ class AccountStore(SlotStore[AccountRecord]):
         self.adopted = ""
         self._identity = identity
         self.sequence = 0
+        self._aside: AccountRecord | None = None  # the robot's, while the account counts another's
         self._attempted = 0  # `sequence`, or that of a write that failed and may yet be on disk
 
     @property
     def keeps(self) -> bool:
         """Whether there is a folder to keep the account in."""
         return self._slots is not None
+
+    @property
+    def is_aside(self) -> bool:
+        """Whether the account counts what is not the robot's, such as a recording."""
+        return self._aside is not None
+
+    def set_aside(self) -> None:
+        """Keep the robot's account as it stands; the account counts from zero, and is not kept."""
+        if self._aside is None:
+            self._aside = self.account.state(self._identity)
+        self.account.begin()
+
+    def take_back(self) -> None:
+        """Go on with the robot's account; what was counted meanwhile is dropped."""
+        if self._aside is not None:
+            record, self._aside = self._aside, None
+            self.account.resume(record)
 
     @property
     def busy(self) -> bool:
@@ -175,7 +193,8 @@ class AccountStore(SlotStore[AccountRecord]):
     def _payload(self) -> bytes:
         assert self._slots is not None
         self._attempted = follows(self._slots.sequence)
-        return self.account.state(self._identity).to_json()
+        record = self.account.state(self._identity) if self._aside is None else self._aside
+        return record.to_json()
 
     def _finish(self, patience: float | None) -> bool | None:
         outcome = super()._finish(patience)
@@ -186,7 +205,19 @@ class AccountStore(SlotStore[AccountRecord]):
         return False
 
     def _adopt(self, stored: Stored[AccountRecord]) -> None:
-        """Continue from what is on disk, unless this account is its continuation."""
+        """Continue from what is on disk, unless the robot's account is its continuation."""
+        if self._aside is None:
+            self._continue(stored)
+            return
+        other = self.account.state(self._identity)
+        self.take_back()
+        try:
+            self._continue(stored)
+        finally:
+            self._aside = self.account.state(self._identity)
+            self.account.resume(other)
+
+    def _continue(self, stored: Stored[AccountRecord]) -> None:
         for notice in stored.notices:
             self._note("file_lost", notice)
         if self.loaded and not is_newer(stored.sequence, self._attempted):

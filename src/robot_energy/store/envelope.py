@@ -12,7 +12,7 @@ import zlib
 from robot_energy.foundation.errors import StateFileError
 
 MAGIC = "robot-energy-registers"
-MAX_BYTES = 16 * 1024 * 1024  # written at most; 49 tallies of a thousand joints
+MAX_BYTES = 16 * 1024 * 1024  # written at most; 49 totals of a thousand joints
 MAX_READ_BYTES = 64 * 1024 * 1024  # earlier releases bounded no text
 MAX_SEQUENCE = 10**18 - 1  # the number after it is 1
 MAX_LINE = 200

@@ -1,6 +1,6 @@
 """How much of the time was integrated: ``span = observed + gap``, exact in ns.
 
-A step of the stamps that is longer than ``MAX_GAP_NS`` is no gap: the clock was set, as
+A step of the stamps that is longer than ``MAX_GAP_NS`` is not a gap: the clock was set, as
 after a start in 1970, and how much time has passed is unknown. It is a jump, forward instead
 of backward, and no time passes across it.
 """

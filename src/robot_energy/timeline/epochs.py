@@ -21,7 +21,7 @@ SLOW_CONFIRMATIONS = 2  # the same of a state that is held, where a false jump c
 MAX_CONFIRMATIONS = 8  # the same while two clocks take turns
 MAX_PAUSE_NS = 60 * SECOND_NS  # between the first message of all and the second
 FIRST_PIECE = 16  # messages that are looked at one by one before all others at once
-RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is no reset but another clock
+RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is not a reset but another clock
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ class StampOrder:
     where they step by more than ``max_gap``.
 
     Args:
-        max_gap: Longest step that is no gap; 0: five median periods, but at least 0.1 s and at
+        max_gap: Longest step that is not a gap; 0: five median periods, but at least 0.1 s and at
             most 1 s. [s]
 
     Raises:

@@ -160,7 +160,7 @@ class StreamSplitter(Generic[B]):
         return self._taken(block, found)
 
     def flush(self) -> list[StreamRun[B]]:
-        """Return what still waits and is no outlier."""
+        """Return what still waits and is not an outlier."""
         held, found = self.held, self.epochs.flush()
         self.held = self.refused = None
         runs = [] if held is None else self._taken(held, found)
@@ -243,7 +243,7 @@ def apart_sentence(
 ) -> str:
     """Return that a stream of states is of another time than the joint states; empty if not.
 
-    A stream that has stopped is no clock: its stamps were right when they arrived.
+    A stream that has stopped is not a clock: its stamps were right when they arrived.
 
     Args:
         newest_ns: Newest stamp of the joint states; None before the first. [ns]

@@ -128,7 +128,7 @@ class EvidenceSums:
     """Gathers the evidence of one recording.
 
     A robot rests while its motors are slower than motion that says something of friction, so that
-    noise of a reported velocity is no motion.
+    noise of a reported velocity is not motion.
 
     Args:
         model: With which the bag is replayed.

@@ -35,7 +35,6 @@ from robot_energy_report.formats import percent
 from robot_energy_report.repeats import given_once, overlaps
 
 MIN_SAVING = 5e-4  # of the energy from the grid; what is less is not listed [-]
-WORKING_DAYS = 250.0  # a year, assumed where the recordings do not say
 LABELS = {
     "standby": "standby instead of drives that hold, in breaks and at night",
     "regenerative": "a regenerative supply or a common DC bus",
@@ -94,8 +93,8 @@ def advise(
         currency: Of the price.
         co2: Emission factor; None for no emission. [kg/kWh]
         hours_per_day: Of such work in a day by all robots together; None: as recorded where the
-            recordings span a day, else round the clock. [h]
-        days_per_year: With such work; None: all where the recordings span a week, else 250. [1]
+            recordings span a day, else nothing is said of a year. [h]
+        days_per_year: With such work; None: all where the recordings span a week, likewise. [1]
         look_at_speeds: Whether other speeds are looked for, which takes longest.
         **options: How bags are read: see `ReplayOptions`.
 
@@ -160,6 +159,9 @@ def advise(
     for one in claimed:
         if not set(one.overlaps) & {other.name for other in counted}:
             counted.append(one)
+    year = _year(basis)
+    hourly = sum(one.energy_per_hour for one in counted)
+    half = sum(one.half_per_hour for one in counted)
     return AdviceResult(
         AdviceReport(
             source=tuple(map(str, paths)),
@@ -168,7 +170,10 @@ def advise(
             advice=tuple(claimed),
             unproven=tuple(one for one in found if not one.claimed),
             without=tuple(without),
-            energy_per_year=sum(one.energy_per_year for one in counted),
+            energy_per_hour=hourly,
+            half_per_hour=half,
+            energy_per_year=None if year is None else hourly * year,
+            half_per_year=None if year is None else half * year,
             counted=tuple(one.name for one in counted),
             notes=(*notes, *evidence.notes),
             problems=tuple(problems),
@@ -282,8 +287,7 @@ def _basis(
         hours = recorded / span * 24.0
         parts.append(f"{hours:.3g} h a day, as recorded over {span / DAY:.3g} days")
     else:
-        hours = 24.0
-        parts.append("24 h of such work a day, assumed: give --hours-per-day")
+        parts.append("hours of such work a day: not known, give --hours-per-day")
     days = days_per_year
     if days is not None:
         parts.append(f"{days:g} days a year, as given")
@@ -291,8 +295,7 @@ def _basis(
         days = 365.0
         parts.append("365 days a year: the recordings span a week, its days off included")
     else:
-        days = WORKING_DAYS
-        parts.append(f"{days:g} days a year, assumed: give --days-per-year")
+        parts.append("days of such work a year: not known, give --days-per-year")
     parts.append("bands say how sure the model is, not how typical the recordings are")
     duty = 1.0 - evidence.rest_time / recorded if recorded > 0 else math.nan
     return AdviceBasis(
@@ -301,12 +304,20 @@ def _basis(
     )  # fmt: skip
 
 
+def _year(basis: AdviceBasis) -> float | None:
+    """Hours of such work in a year; None where that is not known. [h]"""
+    hours, days = basis.hours_per_day, basis.days_per_year
+    return None if hours is None or days is None else hours * days
+
+
 def _advice(claim: Claim, basis: AdviceBasis) -> Advice:
     per_hour = 3600.0 / basis.recorded_time if basis.recorded_time > 0 else 0.0
-    per_day = per_hour * basis.hours_per_day
-    per_year = per_day * basis.days_per_year
-    year = claim.energy * per_year
-    kwh = year / JOULE_PER_KWH
+    hours = _year(basis)
+    year = None if hours is None else claim.energy * per_hour * hours
+
+    def of_a_year(factor: float | None) -> float | None:
+        return None if year is None or factor is None else year / JOULE_PER_KWH * factor
+
     pairs = [pair for pair in OVERLAPS if claim.name in pair]
     return Advice(
         name=claim.name,
@@ -316,11 +327,11 @@ def _advice(claim: Claim, basis: AdviceBasis) -> Advice:
         relative=claim.energy / basis.recorded_energy if basis.recorded_energy > 0 else None,
         claimed=claim.energy > claim.half > 0,
         energy_per_hour=claim.energy * per_hour,
-        energy_per_day=claim.energy * per_day,
+        half_per_hour=claim.half * per_hour,
         energy_per_year=year,
-        half_per_year=claim.half * per_year,
-        cost_per_year=None if basis.price_per_kwh is None else kwh * basis.price_per_kwh,
-        co2_per_year=None if basis.co2_kg_per_kwh is None else kwh * basis.co2_kg_per_kwh,
+        half_per_year=None if hours is None else claim.half * per_hour * hours,
+        cost_per_year=of_a_year(basis.price_per_kwh),
+        co2_per_year=of_a_year(basis.co2_kg_per_kwh),
         sure=claim.sure,
         found=claim.found,
         change=claim.change,

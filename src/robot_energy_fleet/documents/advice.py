@@ -6,15 +6,26 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.foundation.units import JOULE_PER_KWH
-from robot_energy_fleet.results.advice import Advice, AdviceReport
+from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
+from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy_report.canvas import SERIES, Target, canvas, named_ticks
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import energy_text, fixed, percent, significant
+from robot_energy_report.headline import duration
+
+TITLES = (
+    "Seen in the recordings: what would save how much",
+    "Seen in the recordings, but not proven by them",
+)
+KINDS = {
+    "measured": "measured: from the meter alone",
+    "predicted": "predicted: by the model from the recordings",
+    "assumed": "assumed: with a figure that nobody has measured on this robot",
+}
 
 
 def advice_document(report: AdviceReport, page: Document) -> None:
-    """Add all that was found.
+    """Add what was seen, what follows in a year, and how to try each.
 
     Args:
         page: Where to.
@@ -37,68 +48,105 @@ def advice_document(report: AdviceReport, page: Document) -> None:
     both = (*report.advice, *report.unproven)
     if both:
         page.figure(
-            lambda path: _savings(both, path),
-            "Savings in a year with their 90 % bands; grey: not proven by these recordings.",
+            lambda path: _savings(both, report.basis, path),
+            "Savings with their 90 % bands; grey: not proven by these recordings.",
         )
-    _table(page, "What would save how much", report.advice, report)
-    _table(page, "Not proven by these recordings", report.unproven, report)
+    for title, rows in zip(TITLES, (report.advice, report.unproven), strict=True):
+        _seen(page, title, rows)
     if len(report.advice) > len(report.counted):
         page.paragraph(
             "Some of these save the same energy; the sum has only: " + ", ".join(report.counted)
         )
+    _year(page, report)
     for number, one in enumerate(both, 1):
         page.heading(f"{number}. {one.label}", 3)
         page.paragraph(f"Found: {one.found}.")
         page.paragraph(f"To try: {one.change}.")
         if one.command:
             page.paragraph(f"Next: {one.command}")
+        if shared := [other for other in one.overlaps if other in {each.name for each in both}]:
+            page.paragraph(
+                f"Overlaps with: {', '.join(shared)}. They save a part of the same energy, so do "
+                "not add them."
+            )
+        page.paragraph(f"Rests on: {KINDS.get(one.sure, one.sure)}.")
     for sentence in report.without:
         page.note(sentence)
 
 
 def _verdict(report: AdviceReport) -> str:
+    seen = f"Seen: {energy_text(report.basis.recorded_energy)} from the grid"
+    seen += f" in {duration(report.basis.recorded_time)}."
     if not report.advice:
-        return "No saving is claimed: what was found is smaller than its own uncertainty"
-    saved = significant(3)(report.energy_per_year / JOULE_PER_KWH)
+        return f"{seen} No saving is claimed: what was found is smaller than its own uncertainty"
+    share = report.energy_per_hour * report.basis.recorded_time / 3600.0
+    half = report.half_per_hour * report.basis.recorded_time / 3600.0
+    whole = report.basis.recorded_energy
     return (
-        f"{saved} kWh a year can be saved, without what overlaps; predicted from recordings, "
-        "nothing was tried"
+        f"{seen} {percent(share / whole)} +- {percent(half / whole)} of it can be saved, without "
+        "what overlaps; predicted from recordings, nothing was tried"
     )
 
 
-def _table(page: Document, title: str, rows: tuple[Advice, ...], report: AdviceReport) -> None:
-    if not rows:
+def _seen(page: Document, title: str, rows: tuple[Advice, ...]) -> None:
+    if rows:
+        columns = [
+            Column("change", "label"),
+            Column("of the\nenergy", "relative", percent),
+            Column(
+                "in an hour", lambda one: one.energy_per_hour / JOULE_PER_WH, significant(3), "Wh"
+            ),
+            Column(
+                "90 %\nband", lambda one: one.half_per_hour / JOULE_PER_WH, significant(2), "+- Wh"
+            ),
+            Column("rests on", "sure"),
+        ]
+        page.rows(title, columns, rows)
+
+
+def _year(page: Document, report: AdviceReport) -> None:
+    """Add what follows for a year, if it is known how much such work there is."""
+    basis, kwh = report.basis, JOULE_PER_KWH
+    if report.energy_per_year is None or report.half_per_year is None:
+        page.paragraph(
+            "What this is in a year depends on how much such work there is: give --hours-per-day "
+            "and --days-per-year, and for money --price."
+        )
+        return
+    if not report.advice:
         return
     columns = [
         Column("change", "label"),
-        Column("of the\nenergy", "relative", percent),
-        Column("an hour", lambda one: one.energy_per_hour / JOULE_PER_KWH, significant(3), "kWh"),
-        Column("a day", lambda one: one.energy_per_day / JOULE_PER_KWH, significant(3), "kWh"),
-        Column("a year", lambda one: one.energy_per_year / JOULE_PER_KWH, significant(3), "kWh"),
-        Column(
-            "90 %\nband", lambda one: one.half_per_year / JOULE_PER_KWH, significant(2), "+- kWh"
-        ),
-        Column("rests on", "sure"),
+        Column("saved", lambda one: one.energy_per_year / kwh, significant(3), "kWh"),
+        Column("90 %\nband", lambda one: one.half_per_year / kwh, significant(2), "+- kWh"),
     ]
-    if report.basis.price_per_kwh is not None:
-        columns.insert(6, Column("cost", "cost_per_year", fixed(0), report.basis.currency))
-    if report.basis.co2_kg_per_kwh is not None:
-        columns.insert(-1, Column("CO2", "co2_per_year", fixed(0), "kg"))
-    if any(one.overlaps for one in rows):
-        columns.append(Column("overlaps", lambda one: ", ".join(one.overlaps) or None))
-    page.rows(title, columns, rows)
+    if basis.price_per_kwh is not None:
+        columns.append(Column("saved", "cost_per_year", fixed(0), basis.currency))
+    if basis.co2_kg_per_kwh is not None:
+        columns.append(Column("saved", "co2_per_year", fixed(0), "kg CO2"))
+    page.rows(
+        f"In a year of {basis.hours_per_day:.3g} h a day on {basis.days_per_year:g} days",
+        columns,
+        report.advice,
+    )
+    page.paragraph(
+        f"Together, without what overlaps: {significant(3)(report.energy_per_year / kwh)} "
+        f"+- {significant(2)(report.half_per_year / kwh)} kWh a year, if all work is like that of "
+        "the recordings; the band does not say how typical they are."
+    )
 
 
-def _savings(rows: tuple[Advice, ...], path: Target) -> None:
-    with canvas(path, (8.0, 1.2 + 0.45 * len(rows)), "savings in a year") as figure:
+def _savings(rows: tuple[Advice, ...], basis: AdviceBasis, path: Target) -> None:
+    with canvas(path, (8.0, 1.2 + 0.45 * len(rows)), "savings") as figure:
         axes: Any = figure.subplots()
         place = np.arange(len(rows))[::-1]
-        energy = np.array([one.energy_per_year for one in rows]) / JOULE_PER_KWH
-        half = np.array([one.half_per_year for one in rows]) / JOULE_PER_KWH
+        share = 100.0 / basis.recorded_energy if basis.recorded_energy > 0 else np.nan
+        energy = np.array([one.energy for one in rows]) * share
+        half = np.array([one.half for one in rows]) * share
         colours = [SERIES[2] if one.claimed else SERIES[6] for one in rows]
         axes.barh(place, energy, 0.6, color=colours)
         axes.errorbar(energy, place, xerr=half, fmt="none", ecolor="#16202b", capsize=3)
         named_ticks(axes.yaxis, place, [one.name.replace("_", " ") for one in rows])
         axes.axvline(0.0, color="#51606f", linewidth=0.8)
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("saving in a year [kWh]")
+        axes.set_xlabel("saving, share of the energy from the grid [%]")

@@ -364,7 +364,7 @@ def _method(report: FleetReport, page: Document) -> None:
             "and energy of a job, in the last quarter of the time and with temperature and speed "
             "taken off. One differs where chance would set it so far apart in fewer than one of "
             "a hundred reports, all comparisons together. A load that the model lacks keeps its "
-            "sign where a joint turns back, friction changes it: so a wrong payload is no wear. "
+            "sign where a joint turns back, friction changes it: so a wrong payload is not wear. "
             "A change of friction is found by the test of the live monitor, over all bags."
         )
 

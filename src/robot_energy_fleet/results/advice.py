@@ -12,15 +12,17 @@ class AdviceBasis(Result):
     recordings: Annotated[int, "How many."]
     recorded_time: Annotated[float, "Predicted, of all robots together. [s]"]
     recorded_energy: Annotated[float, "From the grid in that time. [J]"]
-    hours_per_day: Annotated[float, "Of such work by all robots together. [h]"]
-    days_per_year: Annotated[float, "With such work. [1]"]
+    hours_per_day: Annotated[
+        Number, "Of such work by all robots together; None if neither given nor recorded. [h]"
+    ]
+    days_per_year: Annotated[Number, "With such work; None if neither given nor recorded. [1]"]
     duty: Annotated[
         Number, "Share of the recorded time outside of rests; in bags these last 1 s or more. [-]"
     ]
     price_per_kwh: Annotated[Number, "None without one. [currency/kWh]"]
     currency: Annotated[str, "Of the price."]
     co2_kg_per_kwh: Annotated[Number, "None without one. [kg/kWh]"]
-    sentence: Annotated[str, "What the figures rest on."]
+    sentence: Annotated[str, "What the recordings are, and how they stand for a year."]
 
 
 class Advice(Result):
@@ -35,11 +37,11 @@ class Advice(Result):
     relative: Annotated[Number, "Over the energy of the recordings. [-]"]
     claimed: Annotated[bool, "Whether it is larger than its band."]
     energy_per_hour: Annotated[float, "Saved in an hour of such work. [J]"]
-    energy_per_day: Annotated[float, "[J]"]
-    energy_per_year: Annotated[float, "[J]"]
-    half_per_year: Annotated[float, "Half width of the 90 % band of that. [J]"]
-    cost_per_year: Annotated[Number, "At the price; None without one. [currency]"]
-    co2_per_year: Annotated[Number, "None without a factor. [kg]"]
+    half_per_hour: Annotated[float, "Half width of the 90 % band of that. [J]"]
+    energy_per_year: Annotated[Number, "None where hours or days are not known. [J]"]
+    half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
+    cost_per_year: Annotated[Number, "Saved, at the price; None without one. [currency]"]
+    co2_per_year: Annotated[Number, "Saved; None without a factor. [kg]"]
     sure: Annotated[
         str,
         "``measured``: from the meter alone; ``predicted``: by the model; ``assumed``: with a "
@@ -62,7 +64,10 @@ class AdviceReport(Result, name="advice"):
         tuple[Advice, ...], "What was looked at and is smaller than its own uncertainty."
     ]
     without: Annotated[Texts, "What these recordings say nothing of, and why, one sentence each."]
-    energy_per_year: Annotated[float, "Of all that is claimed and does not overlap. [J]"]
+    energy_per_hour: Annotated[float, "Of all that is claimed and does not overlap. [J]"]
+    half_per_hour: Annotated[float, "Of its 90 % band: the sum, as all rest on one model. [J]"]
+    energy_per_year: Annotated[Number, "The same in a year; None where that is not known. [J]"]
+    half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     counted: Annotated[Texts, "Names of the advice in that sum."]
     notes: Annotated[Texts, "What a reader should know."]
     problems: Annotated[Texts, "What was wrong with the recordings."]

@@ -48,7 +48,7 @@ class RobotEnergy(Result):
     measured_energy: Annotated[
         Number, "By the meter, over the compared time; None without one. [J]"
     ]
-    error: Annotated[Number, "Predicted over measured energy less 1, over the compared time. [-]"]
+    error: Annotated[Number, "Predicted over measured energy minus 1, over the compared time. [-]"]
     jobs: Annotated[int, "How many."]
     standby_time: Annotated[float, "At rest with drives on, a minute or more at a time. [s]"]
     standby_energy: Annotated[float, "From the grid meanwhile. [J]"]
@@ -65,7 +65,7 @@ class ProgrammeEnergy(Result):
     mean_energy: Annotated[float, "Of a job, from the grid, predicted. [J]"]
     lowest: Annotated[float, "The mean of the robot that needs least. [J]"]
     highest: Annotated[float, "The mean of the robot that needs most. [J]"]
-    error: Annotated[Number, "Predicted over measured energy less 1, over the compared time. [-]"]
+    error: Annotated[Number, "Predicted over measured energy minus 1, over the compared time. [-]"]
 
 
 class ShiftEnergy(Result):
@@ -86,7 +86,7 @@ class ModelError(Result):
     low_degc: Annotated[float, "Mean motor temperature of the bags, from here. [degC]"]
     high_degc: Annotated[float, "To here. [degC]"]
     bags: Annotated[int, "With a meter, how many."]
-    error: Annotated[float, "Predicted over measured energy less 1, all together. [-]"]
+    error: Annotated[float, "Predicted over measured energy minus 1, all together. [-]"]
     low: Annotated[float, "A tenth of the bags lie below. [-]"]
     high: Annotated[float, "A tenth of the bags lie above. [-]"]
 
@@ -106,7 +106,7 @@ class FleetFinding(Result):
         float, "Change or difference: relative; of a payload [kg], of standby [h] a day."
     ]
     std: Annotated[Number, "Its standard deviation, in the same unit."]
-    certainty: Annotated[float, "Probability that it is no chance, all comparisons considered. [-]"]
+    certainty: Annotated[float, "Probability that it is not chance, of all comparisons. [-]"]
     since_ns: Annotated[
         int | None, "When a change began; None where nothing is known of it. [ns since 1970]"
     ]
@@ -180,7 +180,7 @@ class FleetTorqueScore(Result):
     rms_before: Annotated[
         float, "With the friction of the model that the bags were run with. [N m]"
     ]
-    energy_error: Annotated[Number, "Predicted over measured friction energy less 1. [-]"]
+    energy_error: Annotated[Number, "Predicted over measured friction energy minus 1. [-]"]
     energy_error_before: Annotated[Number, "The same with that model. [-]"]
 
 

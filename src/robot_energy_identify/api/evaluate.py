@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from robot_energy.certainty.prediction_errors import TorqueErrorSums
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.signature import lists
 from robot_energy.model import RobotModel
-from robot_energy.pipeline import Output
+from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.api import FALLBACK, ReplayOptions, fixed_friction, run_replay
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.results.model import model_used
@@ -29,6 +29,10 @@ from robot_energy_identify.results.evaluation import (
     ScoreSums,
     seen_in_fit,
 )
+from robot_energy_identify.stats.low_pass_error import LowPassTorqueError
+
+WIDER = 5.0  # window of accelerations that is tried, over that of the monitor [-]
+BETTER = 0.9  # torque error with it over that without, from which on it is worth a sentence [-]
 
 
 @lists(ReplayOptions)
@@ -64,6 +68,7 @@ def evaluate(
     if not paths:
         raise BagError("no recording", "one or more")
     variants = ((MODEL, used, None), (FIXED, fixed, change))
+    windows = _windows(options)
     done, progress = 0, options.get("progress")
     together: dict[str, ScoreSums] = {}
     recordings: list[RecordingScore] = []
@@ -71,7 +76,7 @@ def evaluate(
 
     def show(share: float) -> None:
         if progress is not None:
-            progress((done + share) / (len(paths) * len(variants)))
+            progress((done + share) / (len(paths) * (len(variants) + len(windows))))
 
     for path in paths:
         sums: dict[str, ScoreSums] = {}
@@ -84,6 +89,12 @@ def evaluate(
                 recordings.append(_recording(path, used, report, degc))
         scores = (*(one.score(name) for name, one in sums.items()), sums[MODEL].zero())
         recordings[-1] = replace(recordings[-1], scores=scores)
+        for window in windows:
+            wider = {**options, "derivative_window": window, "progress": show}
+            found = _run(path, used, None, wider)[1]
+            done += 1
+            notes = (*recordings[-1].notes, *_of_window(sums[MODEL], found, window))
+            recordings[-1] = replace(recordings[-1], notes=notes)
         for name, found in sums.items():
             together[name] = together[name].plus(found) if name in together else found
     if all(one.measured_energy is None and one.scores[0].all_joints is None for one in recordings):
@@ -104,20 +115,43 @@ def _run(
     path: str | Path, model: RobotModel, change: str | None, options: ReplayOptions
 ) -> tuple[ReplayReport, ScoreSums, tuple[float, float]]:
     """Replay a bag; return the report, the sums of its errors, and the range of temperatures."""
-    torque, degc = TorqueErrorSums(model), [math.inf, -math.inf]
+    torque, low_pass = TorqueErrorSums(model), LowPassTorqueError(model)
+    degc = [math.inf, -math.inf]
 
     def take(output: Output) -> None:
         if output.power is None:
             return
         torque.step(output.power)
+        low_pass.step(output.power)
         warm = output.power.motor_temperature_degc
         warm = warm[np.isfinite(warm)]
         if len(warm):
             degc[:] = min(degc[0], float(warm.min())), max(degc[1], float(warm.max()))
 
     result = run_replay(path, model, on_output=take, **options)
+    low_pass.finish()
     report = replay_report(result, change)
-    return report, ScoreSums.of(report, torque, result.power_error), (degc[0], degc[1])
+    sums = ScoreSums.of(report, torque, result.power_error, low_pass)
+    return report, sums, (degc[0], degc[1])
+
+
+def _windows(options: Mapping[str, Any]) -> list[float]:
+    """Windows of accelerations to try as well; none where one was asked for."""
+    if options.get("derivative_window") is not None or options.get("out") is not None:
+        return []
+    return [] if options.get("inputs") is not None else [WIDER * Settings.derivative_window]
+
+
+def _of_window(given: ScoreSums, wider: ScoreSums, window: float) -> list[str]:
+    """Say by how much a longer window lowers the torque error, if it does."""
+    before, after = (float(one.torque.relative_of_all[1]) for one in (given, wider))
+    if not after < BETTER * before:
+        return []
+    return [
+        f"accelerations from {window:g} s in place of {Settings.derivative_window:g} s would lower "
+        f"the error of the motor torque from {100 * before:.1f} to {100 * after:.1f} %: set "
+        f"derivative_window to {window:g} (--derivative-window; the parameter of the node)"
+    ]
 
 
 def _recording(
@@ -131,6 +165,6 @@ def _recording(
     return RecordingScore(
         bag.name, sha256, seen, reason, report.origin, report.time.observed_time, *degc,
         place, meter.compared_time, meter.measured_energy,
-        report.uncertainty.half_relative, report.uncertainty.inside, (), report.problems,
+        meter.half_relative, report.uncertainty.inside, (), report.problems,
         report.notes,
     )  # fmt: skip

@@ -58,7 +58,7 @@ class HeldOutStates:
         what: What that was: ``recordings`` or ``end of the recording``.
         readings: How many.
         energy: Measured. [J]
-        energy_error: Predicted less measured, over measured. [-]
+        energy_error: Predicted minus measured, over measured. [-]
         energy_error_before: The same with the given model. [-]
         rms: Error of the power. [W]
         rms_before: The same with the given model. [W]
@@ -83,7 +83,7 @@ class LoadsFit:
         states: What was found; states without enough readings are left out.
         held_out: None where too little was left to try it.
         used: Whether the model takes it: held-out readings are predicted better.
-        notes: What the readings do not tell, one sentence each.
+        notes: What the readings do not determine, one sentence each.
     """
 
     loads: tuple[str, ...]

@@ -2,7 +2,7 @@
 
 While nothing moves (HOLD) the grid delivers ``P_l,grid + P_l,DC`` and what the drives
 take at rest. While the drives feed back more than the DC side uses (GENERATING) it
-delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first tells
+delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first determines
 the sum and the second splits it. Rest is found from the noise of the velocities
 (`robot_energy_identify.data.recordings`), braking through the model, and only readings that lie
 inside one whole phase count.
@@ -119,7 +119,7 @@ class CabinetFit:
         hold: ``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if too few
             readings lie inside rest.
         generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
-        loss_grid: P_l,grid, None where the data do not tell it. [W]
+        loss_grid: P_l,grid, None where the data do not determine it. [W]
         loss_grid_std: None too where only the sum of both losses is identifiable. [W]
         loss_dc: P_l,DC. [W]
         loss_dc_std: [W]
@@ -138,16 +138,16 @@ class CabinetFit:
     parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
 
 
-Beside = tuple[Level, tuple[str, ...]]
-"""What the meter shows beside drives whose power is measured, and what that rests on."""
+Rest = tuple[Level, tuple[str, ...]]
+"""What the meter shows next to drives whose power is measured, and what that rests on."""
 
 
-def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -> CabinetFit:
+def fit_cabinet(recordings: Sequence[Recording], rest: Rest | None = None) -> CabinetFit:
     """Return the constant losses and what they rest on.
 
     Args:
-        beside: Power of the meter less the measured power of all drives, from
-            `beside_drives`; where there is such, it is taken instead of HOLD.
+        rest: Power of the meter minus the measured power of all drives, from
+            `rest_of_drives`; where there is such, it is taken instead of HOLD.
 
     Raises:
         NotIdentifiableError: If there is no meter, or the robot neither stands still nor
@@ -170,8 +170,8 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         f"fewer than {MIN_READINGS} readings lie inside rest, from {SETTLED * NANOSECOND:g} s "
         f"after a motion to {BEFORE_MOTION * NANOSECOND:g} s before the next ({seen})"
     )
-    if beside is not None:
-        hold: Level | None = beside[0]
+    if rest is not None:
+        hold: Level | None = rest[0]
     else:
         rested = [_at_rest(*entry) for entry in zip(metered, resting, strict=True)]
         hold = _level(rested, metered[0].sensors.std.meter)
@@ -186,11 +186,11 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
             "record at least ten seconds of rest with active drives, and fast motions",
         )
     fit = _split(location, hold, generating, metered[0].model, why)
-    return fit if beside is None else replace(fit, notes=(*beside[1], *fit.notes))
+    return fit if rest is None else replace(fit, notes=(*rest[1], *fit.notes))
 
 
-def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
-    """What the meter shows beside the drives, where the power of every drive is measured.
+def rest_of_drives(data: DriveData, model: RobotModel) -> Rest | None:
+    """What the meter shows next to the drives, where the power of every drive is measured.
 
     Returns:
         Median of the readings with its deviation over blocks, and the greatest difference
@@ -209,13 +209,13 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
     runs = [float(np.median(rest[pieces.recording == k])) for k in np.unique(pieces.recording)]
     std = _of_mean(np.asarray(blocks)) if len(blocks) > 1 else np.inf
     power, spread = float(np.median(rest)), float(np.ptp(runs))
-    notes = ["HOLD is here the meter less the measured power of all drives, in motion as well"]
+    notes = ["HOLD is here the meter minus the measured power of all drives, in motion as well"]
     missing = power - float(np.average(rest, weights=pieces.duration))
     if missing > STORED * power:
         notes.append(
             f"on the average the meter shows {missing:.0f} W less than drives and constant losses "
             "together: after braking the DC link feeds the drives, which a model file without "
-            "cabinet.capacitor cannot tell"
+            "cabinet.capacitor cannot determine"
         )
     sensors, drawn = data.sensors.std, np.nan_to_num(np.nanmean(data.drive_power, axis=0))
     # of independent gains: the norm of what the drives draw instead of the sum
@@ -248,7 +248,7 @@ def _split(
             parts["loss_dc"] = parts.pop("sum")
     elif generating is None:
         notes.append(
-            "no reading lies inside a phase in which the drives feed back, so HOLD tells the "
+            "no reading lies inside a phase in which the drives feed back, so HOLD determines the "
             f"sum of both losses only; the DC side keeps its {before.loss_dc.value:g} W and the "
             "grid side takes the rest; to separate them, record hard braking with a fast meter"
         )
@@ -289,7 +289,7 @@ def _split(
 
 
 def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
-    """Return a model with the identified losses; what the data do not tell stays.
+    """Return a model with the identified losses; what the data do not determine stays.
 
     Args:
         model: Any model of the same robot.
@@ -354,7 +354,7 @@ def readings_inside(
 
 
 def _at_rest(recording: Recording, rest: NDArray[np.bool_]) -> tuple[CoveredPieces, Float]:
-    """Pieces inside rest, and their power less what the model says the drives take. [W]"""
+    """Pieces inside rest, and their power minus what the model says the drives take. [W]"""
     pieces = readings_inside(recording, rest, SETTLED, BEFORE_MOTION)
     middle = (pieces.start_ns + pieces.end_ns) // 2
     row = np.searchsorted(recording.power.stamp_ns, middle)

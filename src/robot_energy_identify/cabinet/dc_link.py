@@ -51,7 +51,7 @@ CHOPPER_VOLTAGE = 700.0  # V: the same
 MIN_EVENTS = 5  # times that the link must have been full
 SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
-MAX_HALF_WIDTH = 0.5  # of the energy: half width of a 95 % interval that still counts as told
+MAX_HALF_WIDTH = 0.5  # of the energy: half width of a 95 % interval that still counts as determined
 Voltages = tuple[float, float]
 
 
@@ -171,7 +171,7 @@ def fit_link(
     spacing = float(np.median(data.duration))
     events, emptying = _use_of(metered, best)
     braking = _braking_time(metered, cabinet.loss_dc.value)
-    _require_told(energy, half, events, top, spacing, braking)
+    _require_determined(energy, half, events, top, spacing, braking)
     kind, fold = recordings_or_blocks(data.recording, data.block)
     scores = _scores(metered, cabinet, given, energies, squares, data, fold)
     error = squared_error(squares.sum(axis=0))
@@ -252,10 +252,10 @@ def _deviations(energies: Float, squares: Float) -> tuple[float, float]:
     return std, shift_std
 
 
-def _require_told(
+def _require_determined(
     energy: float, half: float, events: int, top: float, spacing: float, braking: float
 ) -> None:
-    """Refuse an energy that the readings do not tell."""
+    """Refuse an energy that the readings do not determine."""
     known = half <= MAX_HALF_WIDTH * energy
     found = f"the energy of the DC link is known only as {energy:.3g} +- {half:.2g} J"
     if not known and spacing > braking:

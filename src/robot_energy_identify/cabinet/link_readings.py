@@ -1,4 +1,4 @@
-"""A meter at the grid beside a cabinet that runs with one DC link after the other."""
+"""A meter at the grid next to a cabinet that runs with one DC link after the other."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Cabinet and DC link together, each found again with what the other says.
 
-Rest tells the constants only once the DC link has given what it holds, and the constants say
+Rest determines the constants only once the DC link has given what it holds, and the constants say
 when that is. So the constants come first, then the link, then both once more. A third round
-changes nothing that matters: rest is told by readings half a second and more after motion.
+changes nothing that matters: rest is determined by readings half a second and more after motion.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from robot_energy_identify.stats.lag import Delay, applied
 
 @dataclass(frozen=True)
 class SupplyFound:
-    """What a meter tells of everything behind the drives.
+    """What a meter says of everything behind the drives.
 
     Attributes:
-        link: Energy of the DC link; None if it was not told.
+        link: Energy of the DC link; None if it was not stated.
         reason: Why the link is not in the model; empty if it is.
         note: What was taken for its voltages; empty if it is not in the model.
         delay: Of the meter behind the joint states; undone where it is sure.
@@ -58,7 +58,7 @@ def fit_supply(
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
 
     Raises:
-        NotIdentifiableError: If not even the constants are told.
+        NotIdentifiableError: If not even the constants are determined.
     """
 
     def read(constant: float) -> DriveData:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -88,6 +89,7 @@ def check(
     model: RobotModel,
     effort: EffortMeaning = EffortMeaning.NONE,
     inputs: Inputs | None = None,
+    time_range: TimeRange | None = None,
 ) -> CheckResult:
     """Return whether a recording fits a model, and what is wrong if not, errors first.
 
@@ -98,11 +100,12 @@ def check(
         model: The model.
         effort: What the effort in the joint states means.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
+        time_range: The part of the recording to check; None: all.
 
     Raises:
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
-    return check_together([path], model, effort, inputs)[0]
+    return check_together([path], model, effort, inputs, time_range)[0]
 
 
 def check_together(
@@ -110,6 +113,7 @@ def check_together(
     model: RobotModel,
     effort: EffortMeaning = EffortMeaning.NONE,
     inputs: Inputs | None = None,
+    time_range: TimeRange | None = None,
 ) -> tuple[CheckResult, ...]:
     """Return whether recordings of one robot fit a model; their torque is judged together.
 
@@ -118,6 +122,7 @@ def check_together(
         model: The model.
         effort: What the effort in the joint states means.
         inputs: As in `check`.
+        time_range: As in `check`.
 
     Raises:
         RobotEnergyError: As in `check`.
@@ -125,7 +130,7 @@ def check_together(
     checks: list[Checks] = []
     parts: dict[int, Evidence] = {}
     for place, path in enumerate(paths):
-        evidence = _evidence(path, model, effort, inputs)
+        evidence = _evidence(path, model, effort, inputs, time_range)
         checks.append(checks_of(evidence))
         if TORQUE not in checks[-1].skipped:
             parts[place] = evidence.thinned(without_power=True)
@@ -158,7 +163,11 @@ def _contradicted(own: list[Finding], together: list[Finding], count: int) -> li
 
 
 def _evidence(
-    path: str | Path, model: RobotModel, effort: EffortMeaning, inputs: Inputs | None
+    path: str | Path,
+    model: RobotModel,
+    effort: EffortMeaning,
+    inputs: Inputs | None,
+    time_range: TimeRange | None,
 ) -> Evidence:
     """What the checks need of a recording, in bounded memory."""
     # Without a stated meaning the effort is read as well, to say which meaning would fit.
@@ -167,7 +176,9 @@ def _evidence(
     if inputs is not None:
         settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
     windows = Windows(model)
-    result = replay(path, model, None, settings, inputs=inputs, on_output=windows.take)
+    result = replay(
+        path, model, None, settings, inputs=inputs, on_output=windows.take, time_range=time_range
+    )
     torque, power, meter = windows.blocks()
     carried = result.pipeline.torque.robot.payload
     return evidence_of(
@@ -269,7 +280,7 @@ def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
 
 
 def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
-    """What cannot be identified from the recording, as notes: that is no mistake."""
+    """What cannot be identified from the recording, as notes: that is not a mistake."""
     if len(evidence.stamp_ns) < 2:
         return [], "too few samples"
     period = float(np.median(np.diff(evidence.stamp_ns))) * 1e-9

@@ -45,13 +45,13 @@ class Found:
     Attributes:
         cause: The likeliest.
         links: Whose bodies explain it as well, if they are further off than their priors.
-        rivals: Other causes that do.
+        alternatives: Other causes that do.
         fit: Of the recording with it.
     """
 
     cause: Cause
     links: tuple[int, ...]
-    rivals: tuple[Cause, ...]
+    alternatives: tuple[Cause, ...]
     fit: TorqueFit
 
 
@@ -91,14 +91,14 @@ def search(fit: TorqueFit) -> SearchResult:
         if not costs or fit.cost - costs[place] < NEEDED or len(found) == MAX_CAUSES:
             break
         cause, corrected = tried[place]
-        rivals = [
+        alternatives = [
             other
             for (other, _), cost in zip(tried, costs, strict=True)
             if cost - costs[place] < ALIKE and not _same(other, cause)
         ]
         links = _links_alike(fit, costs[place] + ALIKE)
-        found.append(Found(cause, links, tuple(rivals), fit))
-        if rivals or links:
+        found.append(Found(cause, links, tuple(alternatives), fit))
+        if alternatives or links:
             break
         fit = corrected
     return SearchResult(tuple(found), fit, tuple(_unseen_causes(fit, tried)), _least_payload(fit))

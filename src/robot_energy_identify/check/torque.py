@@ -104,15 +104,15 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
     cause, joints = found.cause, found.cause.joints
     names = tuple(evidence.names[j] for j in joints) or (cause.name,)
     sentence = _words(evidence, cause)
-    if found.rivals or found.links:
-        others = [_words(evidence, one) for one in found.rivals]
+    if found.alternatives or found.links:
+        others = [_words(evidence, one) for one in found.alternatives]
         if found.links:
             which = ", ".join(evidence.names[link] for link in found.links)
             others.append(f"the bodies behind {which} are further off than their priors say")
         alike = tuple(
-            dict.fromkeys([one.name for one in found.rivals] + ["bodies"] * bool(found.links))
+            dict.fromkeys([one.name for one in found.alternatives] + ["bodies"] * bool(found.links))
         )
-        also = {evidence.names[j] for one in found.rivals for j in one.joints} - {*names}
+        also = {evidence.names[j] for one in found.alternatives for j in one.joints} - {*names}
         return Finding(
             cause.name, WARNING, (*names, *sorted(also)),
             f"this recording does not distinguish: {'; or '.join([sentence, *others])}",
@@ -161,7 +161,7 @@ def _words(evidence: Evidence, cause: Cause) -> str:
             f"the motor torque of {which} is that of a gear ratio {1 / value:.3g} times the model's"
         ),
         "effort_meaning": lambda: (
-            f"the effort is no {evidence.effort} but {cause.choice}: taken for the former it "
+            f"the effort is not {evidence.effort} but {cause.choice}: taken for the former it "
             f"is {value:.2g} times the torque that the bodies need, taken for {cause.choice} "
             f"{factors[EffortMeaning(cause.choice)][0]:.2g} times"
         ),

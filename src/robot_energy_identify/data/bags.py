@@ -30,8 +30,8 @@ Span = tuple[int, int]  # [ns), from and to
 EVER: Span = (-(2**62), 2**62)
 HeldOutKind = Literal["test", "recordings", "blocks"]
 GUARD = 0.5  # s left out of the fit on both sides of a block
-VIRTUAL = "virtual rig"  # whose stamps are no dates
-YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are no dates
+VIRTUAL = "virtual rig"  # whose stamps are not dates
+YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
 
 
 @dataclass(frozen=True)
@@ -117,11 +117,11 @@ class BagFacts:
         name: Of the bag.
         sha256: First digits of its hash.
         origin: Where it comes from, as its writer said; may be empty.
-        date: Of its first sample, empty where stamps are no dates.
+        date: Of its first sample, empty where stamps are not dates.
         duration: From first to last sample. [s]
         rate: Median of the samples. [Hz]
         range_degc: Of all motor temperatures; None if there is none. [degC]
-        effort: What the effort is; NONE if it was not told, or no sample has one.
+        effort: What the effort is; NONE if it was not stated, or no sample has one.
         meter: Where the meter sits; None without one.
         readings: Of the meter.
         drives: Whether the power of the drives is measured.

@@ -78,7 +78,7 @@ def read_channels(
 
     Raises:
         LogFormatError: If a file cannot be read, a row cannot be used, or the effort is no
-            torque of a side that is told.
+            torque of a side that is stated.
         NotIdentifiableError: If no stretch is long enough.
     """
     names = tuple(mapping.joints.names)

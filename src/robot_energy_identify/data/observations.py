@@ -139,7 +139,7 @@ def _observe(
     flat[:, active] = low_pass(flat[:, active], rate, filters.cutoff)
     payload = low_pass(payload, rate, filters.cutoff)
     torque = low_pass(torque[::step], rate, filters.cutoff) - payload
-    used, compared = _usable(motion.joint_velocity, rate, transmission, filters)
+    used, compared = usable(motion.joint_velocity, rate, transmission, filters)
     step = max(1, int(rate / (ROWS_PER_RATE * filters.cutoff)))
     rows = slice(None, None, step)
     return Observations(
@@ -155,13 +155,18 @@ def _observe(
     )
 
 
-def _usable(
+def usable(
     joint_velocity: Float, rate: float, transmission: Float, filters: Filters
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Rows to fit, per joint, and rows to compare.
+    """Return rows to fit, of each joint, shape (N, n), and rows to compare, shape (N,).
 
     A joint's row is out while a motor that acts on the joint stands: its friction is then
     unknown. The ends are out for the reach of the filter.
+
+    Args:
+        joint_velocity: Shape (N, n). [rad/s] or [m/s]
+        rate: Of the rows. [Hz]
+        transmission: Motor turns per joint turn, shape (n, n). [-]
     """
     reach = max(1, round(0.5 * rate / filters.cutoff))
     share = transmission / np.diagonal(transmission)[:, None]

@@ -212,7 +212,7 @@ def read_recording(
 
     Args:
         path: MCAP file or rosbag2 folder.
-        topics: Topics to use where they cannot be told by type.
+        topics: Topics to use where they cannot be determined by type.
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
 

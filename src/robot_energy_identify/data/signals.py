@@ -81,7 +81,7 @@ def standing(speed: Float, threshold: float, window: int) -> NDArray[np.bool_]:
         speed: Shape (N, n), any sign. [rad/s] or [m/s]
         threshold: Below it nothing moves; same unit. [rad/s] or [m/s]
         window: Samples around each one that must stand too, so that the instant of a
-            reversal is no standstill.
+            reversal is not a standstill.
     """
     from scipy.ndimage import maximum_filter1d
 

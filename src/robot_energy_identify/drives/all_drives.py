@@ -1,4 +1,4 @@
-"""All that recordings tell of the drives: from their own power, and from one meter for all."""
+"""All that recordings say of the drives: from their own power, and from one meter for all."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from robot_energy_identify.drives.delays import (
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy_identify.drives.efficiency import CUTOFF
+from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
 from robot_energy_identify.drives.total_sums import Sums, sums
 from robot_energy_identify.stats.cross_validation import EnergyScore
@@ -26,13 +27,13 @@ from robot_energy_identify.stats.lag import Delay, applied
 
 @dataclass(frozen=True)
 class TotalFound:
-    """What one meter for all drives tells.
+    """What one meter for all drives determines.
 
     Attributes:
         held_out: ``recordings`` or ``blocks``.
         scores: On held-out data, by way.
         delay: Of the meter behind the joint states; undone where it is sure. None where it
-            cannot be told.
+            cannot be determined.
         low_pass: Time constant of a low pass in the meter; likewise.
     """
 
@@ -46,7 +47,7 @@ class TotalFound:
 
 @dataclass(frozen=True)
 class DrivesFound:
-    """What recordings tell of the drives.
+    """What recordings say of the drives.
 
     Attributes:
         drives: From the power of each drive; None without.
@@ -81,6 +82,8 @@ class DrivesFound:
                 source,
                 self.total.data.sensors.std.meter,
             )
+            known = total_covariance(self.total.data, self.total.fit, changed, source)
+            changed = changed.changed(covariance=known)
             return changed, [*_unfitted(model, changed.drive), *notes]
         return model, []
 
@@ -88,7 +91,7 @@ class DrivesFound:
 def find_drives(
     data: DriveData, model: RobotModel | None, source: str = "", cutoff: float = CUTOFF
 ) -> DrivesFound:
-    """Return what the power of each drive and the meter tell of the drives.
+    """Return what the power of each drive and the meter say of the drives.
 
     Args:
         model: Of the robot; None for a log.
@@ -96,7 +99,7 @@ def find_drives(
         cutoff: Of the low-pass of the maps. [Hz]
 
     Raises:
-        NotIdentifiableError: If neither power of drives nor a meter tells anything.
+        NotIdentifiableError: If neither power of drives nor a meter determines anything.
     """
     drives = delay = None
     if data.usable.any():

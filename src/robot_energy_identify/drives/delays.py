@@ -49,7 +49,7 @@ MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
 
 def estimate_meter_delay(data: DriveData) -> Delay | None:
-    """Return one delay for all recordings; None where the readings are too few to tell."""
+    """Return one delay for all recordings; None where the readings are too few to decide."""
     if not np.isfinite(data.period) or data.period <= 0.0:
         return None
     span = min(SPAN, SHARE * len(data) * data.period)
@@ -71,7 +71,7 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     """Return the time constant of a low pass in the meters of all recordings.
 
     It is applied only where no delay alone explains the readings as well. None where the readings
-    are too few to tell, or are those of a counter.
+    are too few to decide, or are those of a counter.
     """
     counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
     if counted or not np.isfinite(data.period) or data.period <= 0.0:
@@ -109,7 +109,7 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
 
 
 def meter_lags(read: Callable[[float], DriveData]) -> tuple[Delay | None, Delay | None]:
-    """Return low pass and delay of meters, None where not told; the delay without the low pass.
+    """Return low pass and delay of meters, None if unknown; the delay without the low pass.
 
     Args:
         read: Gives the samples of all drives with a low pass [s] of the meters undone.
@@ -127,7 +127,7 @@ def with_response(
     """Return a model with what is sure of the response of its meter.
 
     Args:
-        low_pass: Time constant of a low pass; None where it cannot be told.
+        low_pass: Time constant of a low pass; None where it cannot be determined.
         delay: Of the readings; a negative one is a clock and not a meter.
         source: Where the data come from.
 
@@ -209,7 +209,7 @@ def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | No
 
 
 def estimate_power_delay(data: DriveData) -> Delay | None:
-    """Return one delay for all drives; None where the samples are too few to tell."""
+    """Return one delay for all drives; None where the samples are too few to decide."""
     period = data.period
     if not np.isfinite(period) or period <= 0.0:
         return None
@@ -249,7 +249,7 @@ def with_delay_undone(data: DriveData, delay: float) -> DriveData:
         origin = data.stamp_ns[rows[0]]
         time, later = data.stamp_ns[rows] - origin, wanted[rows] - origin
         for joint in range(power.shape[1]):
-            # NaN beside an instant makes its interpolation NaN: nothing is bridged.
+            # NaN next to an instant makes its interpolation NaN: nothing is bridged.
             power[rows, joint] = np.interp(
                 later, time, data.drive_power[rows, joint], left=np.nan, right=np.nan
             )

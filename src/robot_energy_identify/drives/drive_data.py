@@ -278,7 +278,7 @@ def drive_data_of_logs(
             than five seconds apart.
 
     Raises:
-        LogFormatError: If the effort is no torque, speeds are missing, or joints differ.
+        LogFormatError: If the effort is not a torque, speeds are missing, or joints differ.
     """
     contents = logs[0][0]
     if unit != "newton_metre" or not contents.effort or not contents.velocity:

@@ -29,7 +29,7 @@ from robot_energy_identify.drives.efficiency import (
     reduced_map,
 )
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
-from robot_energy_identify.stats.cross_validation import averaged, contiguous_folds, rms_of
+from robot_energy_identify.stats.cross_validation import GAIN, averaged, contiguous_folds, rms_of
 from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.stats.systematic import (
     DRIVE_POWER,
@@ -60,12 +60,14 @@ class AxisSamples:
         motor_torque: Shape (N,). [N m]
         motor_temperature_degc: Of the winding, shape (N,). [degC]
         drive_power: Electrical input, shape (N,). [W]
+        window: Number of the 0.1 s that each lies in, over which noise is averaged, shape (N,).
     """
 
     motor_velocity: Float
     motor_torque: Float
     motor_temperature_degc: Float
     drive_power: Float
+    window: Int
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,9 @@ class AxisFit:
 
     Attributes:
         name: Of the joint.
-        losses: The loss model; None where the data do not tell it.
-        map: The reduced efficiency map; None where the data do not tell it.
-        notes: What the data do not tell, one sentence each.
+        losses: The loss model; None where the data do not determine it.
+        map: The reduced efficiency map; None where the data do not determine it.
+        notes: What the data do not determine, one sentence each.
         samples: Behind the fit, for drive models of users; None if they are not known.
     """
 
@@ -180,7 +182,7 @@ def _fitted_kinds() -> Iterator[tuple[DriveModel, Way, Fitted]]:
 
 
 def _entry(fitted: Fitted, axis: AxisFit, source: str = "") -> Any:
-    """Entry of one drive by one kind; None where the data do not tell it."""
+    """Entry of one drive by one kind; None where the data do not determine it."""
     try:
         return fitted(axis, source)
     except NotIdentifiableError:
@@ -188,10 +190,15 @@ def _entry(fitted: Fitted, axis: AxisFit, source: str = "") -> Any:
 
 
 def _choose(axes: Sequence[AxisFit], comparisons: Sequence[DriveComparison]) -> str:
-    """By the RMS error on whole recordings held out, on blocks where there is one only."""
+    """By the RMS error on whole recordings held out, on blocks where there is one only.
+
+    What replaces the loss model, whose figures have deviations, must be better by `GAIN`.
+    """
     by_split = {comparison.split: comparison for comparison in comparisons}
     comparison = by_split.get("recordings") or by_split.get("blocks")
-    chosen, least = DEFAULT, np.inf if comparison is None else comparison.scores["losses"].rms
+    chosen, least = DEFAULT, np.inf
+    if comparison is not None:
+        least = GAIN * comparison.scores["losses"].rms
     for kind, way, fitted in _fitted_kinds():
         score = None if comparison is None else comparison.scores.get(way)
         if score is None or not score.rms < least:
@@ -251,16 +258,16 @@ class _Fitter:
         )
 
     def axis(self, joint: int, rows: NDArray[np.bool_], source: str = "") -> AxisFit:
-        """Identify one drive; what the data do not tell becomes a note."""
+        """Identify one drive; what the data do not determine becomes a note."""
         data, name = self.data, self.data.names[joint]
         notes: list[str] = []
         losses = reduced = None
         try:
             losses = self.losses(joint, rows)
-            if losses.untold:
+            if losses.undetermined:
                 notes.append(
-                    f"{name}: {', '.join(losses.untold)} cannot be told apart from the other "
-                    "losses and is taken as 0; record motion at several speeds and loads"
+                    f"{name}: {', '.join(losses.undetermined)} are not separated from the other "
+                    "losses and taken as 0; record motion at several speeds and loads"
                 )
             if losses.negative:
                 notes.append(
@@ -285,6 +292,7 @@ class _Fitter:
             data.motor_torque[rows, joint],
             data.motor_temperature_degc[rows, joint],
             data.drive_power[rows, joint],
+            data.window[rows],
         )
         return AxisFit(name, losses, reduced, tuple(notes), samples)
 
@@ -377,21 +385,3 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
                 axis.notes[0],
             )
     return model.changed(joints=joints, drive=fit.chosen)
-
-
-def fitted_losses(axis: AxisFit, source: str) -> object:
-    """Return the entry of the loss model; None where the data do not tell it.
-
-    Args:
-        source: Where the data come from.
-    """
-    return None if axis.losses is None else axis.losses.entry(source)
-
-
-def fitted_map(axis: AxisFit, source: str) -> object:
-    """Return the entry of the efficiency map; None where the data do not tell it.
-
-    Args:
-        source: Where the data come from.
-    """
-    return None if axis.map is None else axis.map.entry

@@ -14,6 +14,7 @@ mostly waits would be an efficiency of 0, and all motion an outlier.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from numpy.typing import NDArray
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap
 from robot_energy.timeline.blocks import Float, Int
+
+if TYPE_CHECKING:
+    from robot_energy_identify.drives.drives import AxisFit
 
 DEVIATIONS = 3.0  # scaled median absolute deviations
 ORDER = 4  # of the Butterworth low-pass, before it runs the second time
@@ -226,3 +230,12 @@ def fitted_efficiency(shaft: Float, power: Float) -> float:
         return float(np.sum((at_efficiency(shaft, efficiency) - power) ** 2))
 
     return float(minimize_scalar(cost, bounds=(MIN_EFFICIENCY, 1.0), method="bounded").x)
+
+
+def fitted_map(axis: AxisFit, source: str) -> object:
+    """Return the entry of the efficiency map; None where the data do not tell it.
+
+    Args:
+        source: Where the data come from.
+    """
+    return None if axis.map is None else axis.map.entry

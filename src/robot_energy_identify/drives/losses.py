@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
 from robot_energy_identify.stats.regression import Fit, independent, regress
 from robot_energy_identify.stats.systematic import Changes, with_systematic
+
+if TYPE_CHECKING:
+    from robot_energy_identify.drives.drives import AxisFit
 
 REFERENCE_DEGC = 20.0
 COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
@@ -32,11 +36,11 @@ class Losses:
     """Coefficients that are not negative.
 
     Attributes:
-        values: By name; 0 where negative or not told.
+        values: By name; 0 where negative or not determined.
         std: By name; 0 where the value was set to 0, which a model file does not repeat. NaN
-            where not told.
+            where not determined.
         negative: Names of those that came out negative, and are at the bound 0.
-        untold: Names of those that the data do not tell apart from the ones before.
+        undetermined: Names of those that the data do not distinguish from the ones before.
         samples: Number of samples.
         rms: What remains, in sample. [W]
         confidence: Half widths of the 95 % intervals, by name.
@@ -47,7 +51,7 @@ class Losses:
     values: dict[str, float]
     std: dict[str, float]
     negative: tuple[str, ...]
-    untold: tuple[str, ...]
+    undetermined: tuple[str, ...]
     samples: int
     rms: float
     confidence: dict[str, float]
@@ -62,7 +66,7 @@ class Losses:
             source: Where the data come from.
             scale: By which it is multiplied. [-]
         """
-        if name in self.untold:
+        if name in self.undetermined:
             return PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
         return identified(self.values[name] * scale, self.std[name] * scale, source)
 
@@ -114,11 +118,11 @@ def fit_losses(
             f"at least {max(MIN_SAMPLES, 2 * columns.shape[1])}",
             "record longer, with power and joint states",
         )
-    told = np.zeros(columns.shape[1], dtype=np.bool_)
-    told[independent(columns, MIN_SHARE * _size(columns))] = True
-    if not told.any():
+    found = np.zeros(columns.shape[1], dtype=np.bool_)
+    found[independent(columns, MIN_SHARE * _size(columns))] = True
+    if not found.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
-    used: list[int] = np.flatnonzero(told).tolist()
+    used: list[int] = np.flatnonzero(found).tolist()
     negative: list[int] = []
     while True:
         fit = regress(columns[:, used], target, block, [names[k] for k in used], what=what)
@@ -131,7 +135,7 @@ def fit_losses(
         fit = with_systematic(fit, columns[:, used], changes(known))
     width = fit.interval()
     values = dict.fromkeys(names, 0.0)
-    std = {name: 0.0 if known else float("nan") for name, known in zip(names, told, strict=True)}
+    std = {name: 0.0 if known else float("nan") for name, known in zip(names, found, strict=True)}
     confidence = dict(std)
     for place, k in enumerate(used):
         values[names[k]] = max(float(fit.values[place]), 0.0)
@@ -142,7 +146,7 @@ def fit_losses(
         values,
         std,
         tuple(names[k] for k in below),
-        tuple(name for name, known in zip(names, told, strict=True) if not known),
+        tuple(name for name, known in zip(names, found, strict=True) if not known),
         len(fit.residual),
         rms_of(fit.residual),
         confidence,
@@ -153,3 +157,12 @@ def fit_losses(
 
 def _size(columns: Float) -> Float:
     return np.linalg.norm(columns, axis=0)
+
+
+def fitted_losses(axis: AxisFit, source: str) -> object:
+    """Return the entry of the loss model; None where the data do not tell it.
+
+    Args:
+        source: Where the data come from.
+    """
+    return None if axis.losses is None else axis.losses.entry(source)

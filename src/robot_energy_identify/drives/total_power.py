@@ -2,7 +2,7 @@
 
 ``P = C + sum_i (P_mech + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2)_i`` over the same
 time as each reading. The constants of drives, DC side and, for a meter at the grid, grid
-side show as one sum. How much of the rest can be told apart is tried from little to much;
+side show as one sum. How much of the rest can be distinguished is tried from little to much;
 the simplest structure that no other beats on blocks it has not seen is taken.
 """
 
@@ -59,7 +59,7 @@ class TotalFit:
         constant_std: [W]
         losses: The regression behind it; its columns are named by joint and term.
         coefficients: Copper, linear and quadratic coefficient of every joint, shape (3, n).
-        deviations: Standard deviations of them; NaN where not told, shape (3, n).
+        deviations: Standard deviations of them; NaN where not determined, shape (3, n).
         errors: RMS on blocks not seen, of every structure that was tried. [W]
         spread: Coefficients per parameter of the regression, shape (3, n, P).
     """
@@ -263,7 +263,7 @@ def with_total(
 
 
 def _less_grid(fit: TotalFit, side: PositiveFigure, meter: float) -> float:
-    """Deviation of the constant less the grid side: both have the gain of one meter. [W]"""
+    """Deviation of the constant minus the grid side: both have the gain of one meter. [W]"""
     of_grid = meter * side.value
     parts = dict(fit.losses.parts.get("constant", {}))
     parts[METER] = abs(parts.get(METER, 0.0) - of_grid)
@@ -274,7 +274,7 @@ def _less_grid(fit: TotalFit, side: PositiveFigure, meter: float) -> float:
 def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
     entries = {
         "constant": PositiveFigure(
-            value=0.0, tag="assumed", source="in the constant of the DC side, not told apart"
+            value=0.0, tag="assumed", source="in the constant of the DC side, not distinguished"
         )
     }
     for row, name in enumerate(COEFFICIENTS):

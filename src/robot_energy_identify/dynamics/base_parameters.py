@@ -1,4 +1,4 @@
-"""Which parameters a robot's torque can tell, alone or in groups (base parameters).
+"""Which parameters a robot's torque can determine, alone or in groups (base parameters).
 
 Columns of the regressor that others explain belong to parameters that are only known
 together. A rank-revealing QR decomposition of the columns finds them (paper B, 4.3.1).
@@ -103,7 +103,7 @@ def numerical_rank(pivots: Float) -> int:
 def base_parameters(
     columns: Float, names: Sequence[str], order: Sequence[int] | None = None
 ) -> BaseParameters:
-    """Return the groups of parameters that columns tell apart.
+    """Return the groups of parameters that columns distinguish.
 
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
@@ -129,7 +129,7 @@ def base_parameters(
 
 
 def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the groups that a recording cannot tell, by name.
+    """Return the groups that a recording cannot determine, by name.
 
     Args:
         columns: Of independent parameters, on the recorded motion, shape (M, B). [N m/parameter]

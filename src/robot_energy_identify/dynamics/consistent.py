@@ -3,7 +3,7 @@
 A link's pseudo-inertia ``J = [[S, m c], [m c', m]]``, S the second moments of its mass,
 must be positive definite: mass above 0, inertias that obey the triangle inequality
 (Wensing, Kim and Slotine, Linear matrix inequalities for physically consistent inertial
-parameter identification, 2018). What the data cannot tell follows the prior, here the URDF.
+parameter identification, 2018). What the data cannot determine follows the prior, here the URDF.
 
 The rows enter as a triangle (R, b), so the size of the problem does not grow with the
 recording. The cone program goes to Clarabel as it is; it is small enough to be written

@@ -21,6 +21,12 @@ from robot_energy_identify.data.observations import Filters, Observations, obser
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
+from robot_energy_identify.dynamics.springs import (
+    check_springs,
+    open_springs,
+    spring_columns,
+    without_springs,
+)
 from robot_energy_identify.dynamics.sufficiency import (
     check_channels,
     check_length,
@@ -70,7 +76,7 @@ class DynamicsSettings:
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
-            by. Gravity that little motion does not tell from an offset stays gravity. [-]
+            by. Gravity that little motion does not distinguish from an offset stays gravity. [-]
     """
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
@@ -83,15 +89,15 @@ class DynamicsSettings:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What a recording tells about a robot's dynamics.
+    """What a recording says about a robot's dynamics.
 
     Attributes:
-        base: Groups of parameters that torque tells.
+        base: Groups of parameters that torque determines.
         in_sample: Torque error on the data of the fit; no measure of accuracy.
         columns: Those that a model file can hold, and offsets.
         standard: Physically consistent parameters of links and ``columns``.
         exported: Least-squares fit of ``columns``, for the standard deviations.
-        poorly_known: Groups of which the recording tells less than the prior: their 95 %
+        poorly_known: Groups of which the recording determines less well than the prior: their 95 %
             interval is wider than a body of that size makes likely.
     """
 
@@ -207,18 +213,41 @@ class Dynamics:
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
-    """Return a robot's dynamics as recordings tell them.
+    """Return a robot's dynamics as recordings determine them.
 
     Args:
         channels: Stretches of recordings without gaps, one rate for all.
-        model: Kinematics, drivetrain, payload, and bodies as the prior.
+        model: Kinematics, drivetrain, payload, and bodies as the prior. A counterbalance whose
+            strength is assumed is identified, any other taken as known.
         settings: How; the defaults suit industrial arms.
 
     Raises:
-        NotIdentifiableError: If the recording does not tell the parameters; names them and
+        NotIdentifiableError: If the recording does not determine the parameters; names them and
             what to record instead.
     """
     settings = settings or DynamicsSettings()
+    springs = open_springs(model)
+    if springs:
+        model = without_springs(model, springs)
+        plain = identify_dynamics(channels, model, settings)
+        columns = (*settings.columns, *spring_columns(springs))
+        found = _identify(channels, model, replace(settings, columns=columns))
+        check_springs(
+            springs,
+            model.joint_names,
+            found.base.labels,
+            found.fit.values,
+            found.fit.covariance,
+            found.held_out_consistent().joint,
+            plain.held_out_consistent().joint,
+        )
+        return found
+    return _identify(channels, model, settings)
+
+
+def _identify(
+    channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings
+) -> Dynamics:
     check_channels(channels, model)
     whole = TorqueModel.from_model(model, settings.columns)
     rows = observe(channels, whole, settings.filters)

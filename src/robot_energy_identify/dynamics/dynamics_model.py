@@ -27,7 +27,7 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
     """Return the model, not yet saved, with identified bodies, rotors and friction.
 
     Bodies are those of the physically consistent fit: single figures of a body that torque
-    tells only in groups are the prior's share, so their tag is ``derived``; the torque of the
+    determines only in groups are the prior's share, so their tag is ``derived``; the torque of the
     whole is what was identified. Rotor inertia and friction carry standard deviations where
     they are identified on their own. Offsets of the torque sensor stay out.
 

@@ -1,10 +1,10 @@
 """Whole recordings held out: each one predicted from the others, and from itself.
 
 Blocks of one recording share its poses, its speeds and the warmth of its grease. Another
-recording shares none of them, so this is the stricter test, and the one that tells how good
+recording shares none of them, so this is the stricter test, and the one that shows how good
 a model file is on the next motion.
 
-Beside the torque stands the work of the motors, ``P_i = t_i w_i`` of every motor (paper A, eq. 1;
+Next to the torque stands the work of the motors, ``P_i = t_i w_i`` of every motor (paper A, eq. 1;
 paper B, eq. 4), integrated over the rows: net work is what friction and payload keep, positive
 work what the motors gave, braking left out. An energy forgives torque errors that cancel, so it
 is never shown without them.
@@ -42,7 +42,7 @@ class Work:
 
 @dataclass(frozen=True)
 class HoldOutResult:
-    """A prediction of one recording beside what was measured in it.
+    """A prediction of one recording next to what was measured in it.
 
     Attributes:
         recording: The one that was predicted.
@@ -79,7 +79,7 @@ def across_recordings(
     model: RobotModel,
     settings: DynamicsSettings | None = None,
 ) -> LeaveOneOut:
-    """Return predictions of every recording, held out once, beside what was measured.
+    """Return predictions of every recording, held out once, next to what was measured.
 
     Args:
         recordings: Stretches of each recording by its name, two or more.

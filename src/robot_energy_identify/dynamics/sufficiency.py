@@ -1,6 +1,6 @@
 """Whether a recording suffices, and what the user should record instead.
 
-What makes a fit impossible is refused; what makes it doubtful is said beside the result.
+What makes a fit impossible is refused; what makes it doubtful is said next to the result.
 """
 
 from __future__ import annotations
@@ -172,14 +172,14 @@ def remarks(
         )
     if poor:
         found.append(
-            f"the recording tells less than the URDF about {', '.join(poor)}; record "
+            f"the recording determines less well than the URDF {', '.join(poor)}; record "
             "faster and wider motion of the joints from there to the base"
         )
     half = result.interval()
     unsure = int((np.abs(result.values) < half).sum())
     if unsure:
         found.append(
-            f"{unsure} of {len(half)} base parameters cannot be told from 0 at 95 %, because they "
+            f"{unsure} of {len(half)} base parameters may be 0 at 95 %, because they "
             "are small or the recording says little of them"
         )
     return found

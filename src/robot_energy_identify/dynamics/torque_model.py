@@ -68,7 +68,7 @@ def _itself(values: Float) -> Float:
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """One kind of column: one parameter per motor, coupled joint or torque sensor.
+    """One kind of column: one parameter per motor, coupled joint, torque sensor or counterbalance.
 
     A motor that another joint turns along (coupled wrist) has friction and inertia of its own
     speed; the last gear and the bearings behind it have those of the joint. Model files know
@@ -77,16 +77,18 @@ class ParameterColumn:
     Attributes:
         shape: Torque per unit of the parameter at these values, shape (N, K) to (N, K).
         owner: What each parameter belongs to.
+        at: Joints with a counterbalance, which own it.
         written: Puts a parameter into the entry of a model file: entry, gear ratio [-],
             estimate; None where such a file has no place for it.
     """
 
     kind: str
     unit: str
-    follows: Literal["joint_velocity", "joint_acceleration"] = "joint_velocity"
+    follows: Literal["joint_position", "joint_velocity", "joint_acceleration"] = "joint_velocity"
     shape: Callable[[Float], Float] = _itself
-    owner: Literal["motor", "coupled_joint", "sensor"] = "motor"
+    owner: Literal["motor", "coupled_joint", "sensor", "counterbalance"] = "motor"
     written: Callable[[Joint, float, Estimate], Joint] | None = None
+    at: tuple[int, ...] = ()
 
     @property
     def positive(self) -> bool:
@@ -107,6 +109,8 @@ class ParameterColumn:
         Args:
             transmission: Motor turns per joint turn, shape (n, n). [-]
         """
+        if self.owner == "counterbalance":
+            return list(self.at)
         if self.owner != "coupled_joint":
             return list(range(len(transmission)))
         others = transmission - np.diag(np.diagonal(transmission))
@@ -285,7 +289,7 @@ class TorqueModel:
         return whole - regressor[:, :, : self.n_links] @ self.robot.link_parameters
 
     def structure(self) -> BaseParameters:
-        """Return the groups of parameters that any motion can tell."""
+        """Return the groups of parameters that any motion can determine."""
         random = np.random.default_rng(0)
         lower = np.maximum(self.robot.limits.lower, -np.pi)
         upper = np.minimum(self.robot.limits.upper, np.pi)

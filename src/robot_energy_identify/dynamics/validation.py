@@ -104,7 +104,7 @@ def estimate_delay(
     Args:
         weight: Of each joint, shape (n,), one over the noise of an independent row. [1/(N m)]
         span: Delays from minus to plus this are tried. [s]
-        guard: Time left out beside each fold. [s]
+        guard: Time left out next to each fold. [s]
     """
     delays = np.linspace(-span, span, 2 * STEPS + 1)
     torque = np.stack([observations.advanced(float(d)).joint_torque for d in delays], axis=2)

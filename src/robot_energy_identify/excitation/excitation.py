@@ -42,13 +42,13 @@ PLATEAU = 1e-4  # change of the criterion's logarithm at which a start is done
 
 @dataclass(frozen=True)
 class ExcitationScore:
-    """How well a motion tells the base parameters.
+    """How well a motion determines the base parameters.
 
     Attributes:
         condition: Condition number of the scaled observation matrix.
         log_determinant: Of the scaled information matrix per row, over the number of base
             parameters: one more means deviations smaller by ``exp(0.5)`` on average.
-        not_excited: Base parameters that the motion does not tell.
+        not_excited: Base parameters that the motion does not determine.
     """
 
     condition: float
@@ -88,7 +88,7 @@ class ExcitationCriterion:
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
     def quality(self, motion: Trajectory) -> ExcitationScore:
-        """Return how well a motion tells the base parameters.
+        """Return how well a motion determines the base parameters.
 
         Argument as in `ExcitationCriterion.rows`.
         """
@@ -100,7 +100,7 @@ class ExcitationCriterion:
         return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
     def cost(self, motion: Trajectory, criterion: Criterion) -> float:
-        """Return the logarithm of the condition number, or less that of the determinant.
+        """Return the logarithm of the condition number, or minus that of the determinant.
 
         Args:
             criterion: Which of both.
@@ -169,8 +169,8 @@ class Excitation:
     """An optimised motion.
 
     Attributes:
-        base: Groups of parameters that any motion can tell.
-        use: Of each limit less its margin, by kind, shape (n,); at most 1.
+        base: Groups of parameters that any motion can determine.
+        use: Of each limit minus its margin, by kind, shape (n,); at most 1.
         height: Least height of the watched link, inf where none is. [m]
     """
 
@@ -191,7 +191,7 @@ def optimise_excitation(
     settings: ExcitationSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Excitation:
-    """Return the motion, best of all starts, that tells the base parameters, within limits.
+    """Return the motion, best of all starts, that determines the base parameters, within limits.
 
     Args:
         limits: What the motion keeps to, at 1 kHz in the end.

@@ -1,6 +1,6 @@
 """Limits of an excitation motion, and how much of them a motion uses.
 
-A use of 1 is the limit less its margin. The optimiser gets one smooth figure per joint and
+A use of 1 is the limit minus its margin. The optimiser gets one smooth figure per joint and
 kind, the logarithm of a sum of exponentials over all samples, which is never below the
 largest use, so that it errs to the safe side.
 """

@@ -10,7 +10,7 @@ compete on temperatures they have not seen.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction, Stribeck
 from robot_energy.physics.friction import viscous_law
@@ -32,7 +33,7 @@ from robot_energy_identify.friction.laws import (
     one_speed,
     stribeck,
 )
-from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import (
     HeldOut,
     Mask,
@@ -44,10 +45,10 @@ from robot_energy_identify.stats.cross_validation import (
 )
 from robot_energy_identify.stats.regression import Fit, one_thread
 
-MIN_SAMPLES = 200
 MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
 MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
-SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
+MIN_LOAD_STD = 3.0  # standard deviations of the share of the load above 0
+SATURATIONS = (0.75, 0.5)  # quantiles of the load that are tried
 HeldOutPart = Literal["temperatures", "blocks"]
 
 
@@ -81,7 +82,7 @@ class FrictionFit:
         samples: Number of samples used.
         range_degc: Of the motor temperature in them, NaN where it is not known. [degC]
         residual: Root mean square of what remains of the chosen law, in sample. [N m]
-        warnings: What the data cannot tell, one sentence each.
+        warnings: What the data cannot determine, one sentence each.
         viscous: fv of the constant law, also where it is negative. [N m s/rad]
         viscous_std: [N m s/rad]
         speed: Root mean square of the motor velocity. [rad/s]
@@ -90,6 +91,9 @@ class FrictionFit:
         held_out: What that was: ``temperatures``, or contiguous ``blocks`` in time at one
             temperature.
         stribeck: The term of friction that falls with speed, where it does.
+        load: Of friction by load, where held-out torque shows it: share and its deviation [-],
+            and saturation, infinite for none [N m].
+        load_seen: Whether the load was known, so that friction without it is the whole.
     """
 
     name: str
@@ -110,6 +114,8 @@ class FrictionFit:
     parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
     held_out: HeldOutPart = "temperatures"
     stribeck: Stribeck | None = None
+    load: tuple[float, float, float] | None = None
+    load_seen: bool = False
 
     @property
     def law(self) -> LawEntry:
@@ -127,6 +133,14 @@ class FrictionFit:
         found: dict[str, Any] = {"coulomb": coulomb, "viscous": self.law}
         if self.stribeck is not None:
             found["stribeck"] = self.stribeck
+        if self.load_seen:
+            found |= {"load_coulomb": None, "load_saturation": None}
+        if self.load is not None:
+            share, std, saturation = self.load
+            found["load_coulomb"] = identified(share, std, source)
+            if np.isfinite(saturation):
+                limit = PositiveFigure(value=saturation, tag="identified", source=source)
+                found["load_saturation"] = limit
         return before.model_copy(update=found)
 
 
@@ -142,6 +156,55 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
             speed.
     """
     moving = moving_samples(data)
+    plain = _fit(moving, source)
+    if plain.stribeck is not None or not (len(moving.load) and moving.load.any()):
+        return plain
+    saturation = _saturation(plain, moving)
+    if saturation is None:
+        return plain
+    loaded = _fit(moving.by_load(saturation), source)
+    if loaded.coulomb < 0.0 <= plain.coulomb:
+        return plain
+    errors = (fit.errors[fit.chosen].rms for fit in (loaded, plain))
+    note = "{}: with friction by load the held-out torque is off by {:.3g} instead of {:.3g} N m"
+    return replace(loaded, warnings=(*loaded.warnings, note.format(data.name, *errors)))
+
+
+def _saturation(plain: FrictionFit, data: FrictionData) -> float | None:
+    """Load at which friction by load saturates, infinite for never; None if it does not show.
+
+    It shows where its share is surely above 0 and torque that no fit has seen is predicted better
+    by `GAIN`, with temperatures or blocks held out as for the laws.
+    """
+    whole, fold = data.by_load(np.inf), folds_of_axis(data)[1]
+    try:
+        found = load_of(fit_law(plain.chosen, whole)[1], whole)
+        if found is None or not found[0] > MIN_LOAD_STD * found[1]:
+            return None
+        tried = (np.inf, *np.quantile(data.load, SATURATIONS).tolist())
+        errors = {
+            limit: held_out_law(partial(fit_law, plain.chosen), data.by_load(limit), fold).rms
+            for limit in tried
+        }
+    except NotIdentifiableError:
+        return None
+    names = {"none": plain.errors[plain.chosen].rms, **{str(k): v for k, v in errors.items()}}
+    chosen = simplest(names)
+    return None if chosen == "none" else float(chosen)
+
+
+def load_of(fit: Fit, data: FrictionData) -> tuple[float, float, float] | None:
+    """Return the share of the load in the friction, its deviation, and where it saturates.
+
+    None where it was not fitted.
+    """
+    if not data.loaded:
+        return None
+    place = -data.nuisance.shape[1]
+    return float(fit.values[place]), float(fit.std[place]), data.saturation
+
+
+def _fit(moving: FrictionData, source: str) -> FrictionFit:
     degc = moving.motor_temperature_degc
     span = (float(degc.min()), float(degc.max()))
     warnings: list[str] = []
@@ -214,6 +277,8 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         parts={"coulomb": regression.parts_of(0), "viscous": fits["constant"].parts_of(1)},
         held_out=part,
         stribeck=term,
+        load=load_of(regression, moving),
+        load_seen=len(moving.load) > 0,
     )
 
 
@@ -243,7 +308,7 @@ def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Return the friction of every axis that the data tell, and why the others are not told.
+    """Return the friction of every axis that the data determine, and why not of the others.
 
     Args:
         axes: Samples, one entry per axis.
@@ -262,43 +327,6 @@ def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[Frict
     if not fits:
         raise refused[0]
     return fits, [str(error) for error in refused]
-
-
-def moving_samples(data: FrictionData) -> FrictionData:
-    """Return the samples without rest, slow motion and those with something missing.
-
-    Raises:
-        NotIdentifiableError: If too little is left, or a channel is missing.
-    """
-    moving = data.rows(moving_rows(data))
-    if len(moving) < MIN_SAMPLES:
-        raise NotIdentifiableError(
-            f"{data.name} moves in {len(moving)} of {len(data)} samples",
-            f"at least {MIN_SAMPLES} in motion",
-            "record motions of this joint at several speeds and in both directions",
-        )
-    return moving
-
-
-def moving_rows(data: FrictionData) -> Mask:
-    """Return which samples are in motion and complete, shape (N,).
-
-    Raises:
-        NotIdentifiableError: If a channel is missing.
-    """
-    known = np.isfinite(data.friction_torque) & np.isfinite(data.motor_velocity)
-    if not known.any():
-        raise NotIdentifiableError(
-            f"{data.name} has no measured torque",
-            "effort in the joint states",
-            "say what it means with --effort",
-        )
-    warm = np.isfinite(data.motor_temperature_degc)
-    if not (known & warm).any():
-        warm = known  # without temperatures there is still a constant
-    speed = np.abs(data.motor_velocity)
-    fastest = float(np.quantile(speed[known], 0.999))
-    return known & warm & (speed > SPEED_SHARE * fastest) & (speed > 0)
 
 
 def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Point, ...]:

@@ -61,7 +61,7 @@ class HoldFit:
 
 @dataclass(frozen=True)
 class _Rests:
-    """Rests of joints, shape (K,) each: joint, direction, carried load, torque less the load."""
+    """Rests of joints, shape (K,) each: joint, direction, carried load, torque minus the load."""
 
     joint: Int
     direction: Float

@@ -29,7 +29,7 @@ from robot_energy_identify.stats.regression import Fit, regress
 from robot_energy_identify.stats.systematic import THERMOMETER, moved_by, with_systematic
 
 NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
-MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
+MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be distinguished from a constant
 MIN_SHARE = 0.02  # of the excitation w^2 that a node must see
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
 MIN_SPEED_RATIO = 1.5  # of fast to slow motion, that separates viscous from Coulomb friction
@@ -69,9 +69,11 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
         shape: Shape (N, K). [-]
 
     Raises:
-        NotIdentifiableError: If the motion does not tell them apart.
+        NotIdentifiableError: If the motion does not distinguish them.
     """
     extra = [f"gravity term {number + 1}" for number in range(data.nuisance.shape[1])]
+    if data.loaded:
+        extra[0] = "load"
     try:
         columns = _columns(data, shape)
         fit = regress(
@@ -118,7 +120,7 @@ def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, 
         source: Where they come from, for the model file.
 
     Raises:
-        NotIdentifiableError: If they do not tell its parameters or have another shape, or the
+        NotIdentifiableError: If they do not determine its parameters or have another shape, or the
             law has no fit.
     """
     fit = FRICTION_LAWS[name].fit
@@ -134,7 +136,7 @@ def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
         source: Where they come from, for the model file.
 
     Raises:
-        NotIdentifiableError: If the motion does not tell its parameters.
+        NotIdentifiableError: If the motion does not determine its parameters.
     """
     if one_speed(data):
         fit = _without_viscous(regress_friction(data, np.empty((len(data), 0)), []))
@@ -229,7 +231,7 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
         source: Where they come from, for the model file.
 
     Raises:
-        NotIdentifiableError: If the motion does not tell its parameters.
+        NotIdentifiableError: If the motion does not determine its parameters.
     """
     degc, nodes = data.motor_temperature_degc, _nodes(data)
     if len(nodes) < 2:
@@ -264,7 +266,7 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
         source: Where they come from, for the model file.
 
     Raises:
-        NotIdentifiableError: If the motion does not tell its parameters.
+        NotIdentifiableError: If the motion does not determine its parameters.
     """
     degc = data.motor_temperature_degc
     middle = float(degc.mean())

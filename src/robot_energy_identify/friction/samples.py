@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.data.recordings import Recording
@@ -21,12 +21,14 @@ from robot_energy_identify.stats.systematic import BODIES, TORQUE
 if TYPE_CHECKING:
     from robot_energy_logs.recording import LogBlock
 
+MIN_SAMPLES = 200
+SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
 AVERAGED = 0.04  # s: samples this close say the same of friction
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 LOG_BLOCK = 30.0  # s: the same for a slow log of one joint
 APART = 5.0  # s between rows of a log, beyond which another run begins
 BY_SAMPLE = ("motor_velocity", "friction_torque", "motor_temperature_degc")
-STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is no steady motion
+STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is not a steady motion
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,10 @@ class FrictionData:
         thermometer: Standard deviation of the offset of the motor temperature. [K]
         stamp_ns: Of each sample, shape (N,); empty for a log, whose gears are not identified.
             [ns]
+        load: Size of the rigid motor torque, shape (N,); empty where bodies are not modelled.
+            [N m]
+        saturation: Load beyond which friction by load, the first nuisance, rises no further; NaN
+            where it is none of them. [N m]
     """
 
     name: str
@@ -62,6 +68,8 @@ class FrictionData:
     thermometer: float = 0.0
     stamp_ns: Int = field(default_factory=partial(np.empty, 0, dtype=np.int64))
     method: Method = "irls"
+    load: Float = field(default_factory=partial(np.empty, 0))
+    saturation: float = float("nan")
 
     def __len__(self) -> int:
         return len(self.motor_velocity)
@@ -77,6 +85,8 @@ class FrictionData:
         }
         if len(self.stamp_ns):
             kept["stamp_ns"] = self.stamp_ns[mask]
+        if len(self.load):
+            kept["load"] = self.load[mask]
         changes = {cause: change[mask] for cause, change in self.changes.items()}
         return replace(self, **kept, changes=changes)
 
@@ -86,6 +96,22 @@ class FrictionData:
         if self.smooth_velocity > 0:
             return np.tanh(self.motor_velocity / self.smooth_velocity)
         return np.sign(self.motor_velocity)
+
+    @property
+    def loaded(self) -> bool:
+        """Whether friction by load is fitted."""
+        return not np.isnan(self.saturation)
+
+    def by_load(self, saturation: float) -> FrictionData:
+        """Return the samples with friction by load as their first nuisance.
+
+        Args:
+            saturation: Load beyond which it rises no further. [N m]
+        """
+        column = self.sign * np.minimum(self.load, saturation)
+        return replace(
+            self, nuisance=np.column_stack([column, self.nuisance]), saturation=saturation
+        )
 
 
 def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
@@ -117,6 +143,7 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
         },
         sensors.thermometer,
         np.concatenate([part.stamp_ns for part in parts]),
+        load=np.concatenate([part.load for part in parts]),
     )
 
 
@@ -148,7 +175,45 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
         np.empty((len(starts), 0)),
         changes=changes,
         stamp_ns=torque.stamp_ns[starts],
+        load=np.abs(rigid),
     )
+
+
+def moving_samples(data: FrictionData) -> FrictionData:
+    """Return the samples without rest, slow motion and those with something missing.
+
+    Raises:
+        NotIdentifiableError: If too little is left, or a channel is missing.
+    """
+    moving = data.rows(moving_rows(data))
+    if len(moving) < MIN_SAMPLES:
+        raise NotIdentifiableError(
+            f"{data.name} moves in {len(moving)} of {len(data)} samples",
+            f"at least {MIN_SAMPLES} in motion",
+            "record motions of this joint at several speeds and in both directions",
+        )
+    return moving
+
+
+def moving_rows(data: FrictionData) -> NDArray[np.bool_]:
+    """Return which samples are in motion and complete, shape (N,).
+
+    Raises:
+        NotIdentifiableError: If a channel is missing.
+    """
+    known = np.isfinite(data.friction_torque) & np.isfinite(data.motor_velocity)
+    if not known.any():
+        raise NotIdentifiableError(
+            f"{data.name} has no measured torque",
+            "effort in the joint states",
+            "say what it means with --effort",
+        )
+    warm = np.isfinite(data.motor_temperature_degc)
+    if not (known & warm).any():
+        warm = known  # without temperatures there is still a constant
+    speed = np.abs(data.motor_velocity)
+    fastest = float(np.quantile(speed[known], 0.999))
+    return known & warm & (speed > SPEED_SHARE * fastest) & (speed > 0)
 
 
 def bodies_identified(model: RobotModel) -> bool:

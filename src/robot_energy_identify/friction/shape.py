@@ -26,10 +26,10 @@ from robot_energy_identify.friction.friction import (
     FrictionFit,
     folds_of_axis,
     held_out_law,
-    moving_samples,
+    load_of,
 )
 from robot_energy_identify.friction.laws import MIN_RANGE, one_speed, regress_friction
-from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import GAIN, rms_of
 from robot_energy_identify.stats.regression import Fit
 
@@ -155,7 +155,7 @@ def fit_shared(
         source: Where the samples come from, for the model file.
 
     Raises:
-        NotIdentifiableError: If the samples do not tell the size, or it is not above 0.
+        NotIdentifiableError: If the samples do not determine the size, or it is not above 0.
     """
     degc = data.motor_temperature_degc
     fit = regress_friction(data, shape.at(degc)[:, None], ["viscous"])
@@ -199,7 +199,7 @@ def share_shape(
         data = moving_samples(samples[fit.name])
         degc = data.motor_temperature_degc
         if np.isfinite(degc).all() and (np.ptp(degc) < MIN_RANGE or one_speed(data)):
-            poor[fit.name] = data
+            poor[fit.name] = data if fit.load is None else data.by_load(fit.load[2])
     if not poor:
         return list(fits)
     try:
@@ -237,5 +237,6 @@ def _borrowed(
         errors={**fit.errors, "exponential": error},
         chosen="exponential",
         residual=rms_of(found.residual),
+        load=load_of(found, data),
         warnings=(f"{fit.name}: its own range is too small; its law has {shape}",),
     )

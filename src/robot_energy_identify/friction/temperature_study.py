@@ -15,9 +15,8 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.friction.friction import moving_samples
 from robot_energy_identify.friction.laws import fit_law, fitted_laws, nuisance
-from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import rms_of
 
 

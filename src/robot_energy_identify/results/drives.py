@@ -17,7 +17,7 @@ class LossTerm(Result):
     """One coefficient of the loss model."""
 
     value: Annotated[float, "In the unit of its term."]
-    std: Annotated[Number, "Standard deviation; None where it is not told."]
+    std: Annotated[Number, "Standard deviation; None where it is not determined."]
     at_bound: Annotated[bool, "Whether the value came out negative and stays at 0."]
 
 
@@ -37,7 +37,7 @@ class TotalPower(Result):
     readings: Annotated[int, "Of the meter."]
     duration: Annotated[float, "That they cover. [s]"]
     recordings: Annotated[int, "That they come from."]
-    structure: Annotated[str, "What the readings tell apart."]
+    structure: Annotated[str, "What the readings distinguish."]
     constant: Annotated[float, "Constant power. [W]"]
     constant_std: Annotated[Number, "[W]"]
     axes: Annotated[tuple[AxisLosses, ...], "One per joint."]
@@ -45,10 +45,10 @@ class TotalPower(Result):
     held_out: Annotated[str, "``recordings`` or ``blocks``."]
     ways: Annotated[dict[str, EnergyScore], "Predictions of held-out readings, by way."]
     meter_delay: Annotated[
-        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+        Delay | None, "Of the meter behind the joint states; None where it cannot be determined."
     ]
     meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
-    notes: Annotated[Texts, "What the readings do not tell, one sentence each."]
+    notes: Annotated[Texts, "What the readings do not determine, one sentence each."]
     parts: Annotated[
         dict[str, dict[str, float]], "Of the standard deviations, by column of the fit and cause."
     ]
@@ -60,7 +60,7 @@ class DrivesReport(Result, name="drives"):
     torque: Annotated[str, "Where the torque comes from; empty if that was not asked."]
     drives: Annotated[DrivesFit | None, "From the power of each drive; None without."]
     delay: Annotated[
-        Delay | None, "Of that power behind the joint states; None where it cannot be told."
+        Delay | None, "Of that power behind the joint states; None where it cannot be determined."
     ]
     total: Annotated[TotalPower | None, "From one meter for all drives; None without."]
     notes: Annotated[Texts, "What was decided for the model file without data, one sentence each."]
@@ -98,7 +98,7 @@ def total_power(found: TotalFound) -> TotalPower:
         ways=found.scores,
         meter_delay=found.delay,
         meter_time_constant=found.low_pass,
-        notes=tuple(_not_told(fit)),
+        notes=tuple(_not_determined(fit)),
         parts=fit.losses.parts,
     )
 
@@ -112,13 +112,13 @@ def _term(data: Sums, fit: TotalFit, joint: int, row: int) -> LossTerm:
     )
 
 
-def _not_told(fit: TotalFit) -> list[str]:
-    negative, untold = fit.losses.negative, fit.losses.untold
+def _not_determined(fit: TotalFit) -> list[str]:
+    negative, undetermined = fit.losses.negative, fit.losses.undetermined
     notes: list[str] = []
-    if untold:
-        notes.append(f"not told apart from the terms before, taken as 0: {', '.join(untold)}")
+    if undetermined:
+        notes.append(f"not distinguished from those before, taken as 0: {', '.join(undetermined)}")
     if negative:
         notes.append(f"at the bound 0, negative otherwise: {', '.join(negative)}")
     if fit.structure in ("shared", "axis_copper"):
-        notes.append("what axes share cannot be told apart per axis from one meter here")
+        notes.append("what axes share cannot be distinguished per axis from one meter here")
     return notes

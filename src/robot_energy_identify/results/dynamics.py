@@ -27,14 +27,14 @@ class BaseParameter(Result):
     std: Annotated[Number, "Standard deviation."]
     interval_95: Annotated[Number, "Half width of the 95 % interval."]
     weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
-    told_less_than_urdf: Annotated[bool, "Whether the recording tells less of it than the URDF."]
+    better_known_by_urdf: Annotated[bool, "Whether the URDF knows it better than they do."]
     parts: Annotated[dict[str, float], "Of the standard deviation, by cause."]
 
 
 class DynamicsReport(Result, name="dynamics"):
     """Bodies, rotors and friction."""
 
-    base_parameters: Annotated[tuple[BaseParameter, ...], "Groups of parameters that torque tells."]
+    base_parameters: Annotated[tuple[BaseParameter, ...], "Groups that torque determines."]
     torque_error: Annotated[
         dict[str, TorqueError],
         "By ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can exist); "
@@ -53,7 +53,7 @@ def dynamics_report(
     given: TorqueError | None = None,
     across: LeaveOneOut | None = None,
 ) -> DynamicsReport:
-    """Return what a recording tells of the dynamics.
+    """Return what a recording says of the dynamics.
 
     Args:
         consistent: Of the fit that the model file holds.
@@ -97,10 +97,10 @@ class ExcitationReport(Result, name="excitation"):
     """A motion for the identification of the dynamics."""
 
     settings: Annotated[ExcitationSettings, "Of the search."]
-    before: Annotated[ExcitationScore, "How well the best random start tells the base parameters."]
+    before: Annotated[ExcitationScore, "How well the best random start determines them."]
     after: Annotated[ExcitationScore, "How well the optimised motion does."]
     base_parameters: Annotated[
-        dict[str, str], "All that a motion can tell: sum of each group by its name."
+        dict[str, str], "All that a motion can determine: sum of each group by its name."
     ]
     without_effect: Annotated[Texts, "Parameters that no torque depends on."]
     margin: Annotated[float, "Share of every limit that was allowed. [-]"]
@@ -111,7 +111,7 @@ class ExcitationReport(Result, name="excitation"):
 
 
 def excitation_report(found: Excitation) -> ExcitationReport:
-    """Return what an excitation motion tells and uses."""
+    """Return what an excitation motion determines and uses."""
     limits = found.limits
     start = found.motion.sample(np.zeros(1)).joint_position[0].tolist()
     use = {kind: found.use[kind] * limits.margin for kind in KINDS}

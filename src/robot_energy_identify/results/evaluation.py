@@ -14,13 +14,14 @@ from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, tagged_entries
 from robot_energy.results.replay import JointShaft, ReplayReport
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.stats.low_pass_error import LowPassTorqueError
 
 Seen = Literal["held_out", "fitted", "unknown"]
 MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
 
 
 class JointScore(Result):
-    """Errors at one motor, predicted less measured; None where torque was not measured."""
+    """Errors at one motor, predicted minus measured; None where torque was not measured."""
 
     name: Annotated[str, "Of the joint; of the row of all joints, ``all joints``."]
     samples: Annotated[int, "That counted."]
@@ -29,6 +30,10 @@ class JointScore(Result):
     torque_rms_moving: Annotated[Number, "The same while the joint moved. [N m]"]
     torque_relative: Annotated[Number, "Norm of the error over that of the measured torque. [-]"]
     torque_relative_moving: Annotated[Number, "The same while the joint moved. [-]"]
+    torque_relative_low_pass: Annotated[
+        Number,
+        "The same of the joint torque, both sides below 10 Hz, as identification states it. [-]",
+    ]
     shaft_energy_error: Annotated[Number, "Error of the shaft energy. [J]"]
     shaft_energy_relative: Annotated[
         Number, "The same over the measured energy that went either way. [-]"
@@ -49,7 +54,7 @@ class ModelScore(Result):
         JointScore | None, "All of them together; None where no torque was measured."
     ]
     predicted_energy: Annotated[Number, "At the meter, over the compared time. [J]"]
-    energy_error: Annotated[Number, "Predicted less measured. [J]"]
+    energy_error: Annotated[Number, "Predicted minus measured. [J]"]
     energy_relative: Annotated[Number, "The same over the measured energy. [-]"]
     power_error_rms: Annotated[Number, "Of the mean power from reading to reading. [W]"]
 
@@ -73,7 +78,9 @@ class RecordingScore(Result):
     compared_time: Annotated[float, "Time that prediction and meter cover. [s]"]
     measured_energy: Annotated[Number, "At the meter, over that time. [J]"]
     band_relative: Annotated[
-        Number, "Half width of the 90 % band of the predicted energy, over the energy. [-]"
+        Number,
+        "Half width of the 90 % band of the predicted energy at the meter, over that energy, from "
+        "the figures of the model. [-]",
     ]
     band_inside: Annotated[
         Number, "Share of the readings of the meter within the band of power. [-]"
@@ -113,6 +120,7 @@ class ScoreSums:
         names: Of the joints.
         torque: Errors of the motor torque.
         power: Errors of the power at the meter.
+        low_pass: Errors of the torque below 10 Hz.
         change: What was changed about the model.
         shaft: Measured out, measured back, predicted out, predicted back, shape (4, n). [J]
         measured: Energy at the meter; NaN without one. [J]
@@ -122,6 +130,7 @@ class ScoreSums:
     names: Sequence[str]
     torque: TorqueErrorSums
     power: PowerErrorSums
+    low_pass: LowPassTorqueError
     change: str | None = None
     shaft: Float = field(default_factory=lambda: np.full((4, 0), np.nan))
     measured: float = float("nan")
@@ -129,7 +138,11 @@ class ScoreSums:
 
     @classmethod
     def of(
-        cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums
+        cls,
+        report: ReplayReport,
+        torque: TorqueErrorSums,
+        power: PowerErrorSums,
+        low_pass: LowPassTorqueError,
     ) -> "ScoreSums":
         """Return the sums of a replay."""
         joints = report.shaft.joints if report.shaft is not None else ()
@@ -139,6 +152,7 @@ class ScoreSums:
             [joint.name for joint in report.joints],
             torque,
             power,
+            low_pass,
             report.model.change,
             np.array(rows).T,
             _number(meter.measured_energy),
@@ -153,6 +167,7 @@ class ScoreSums:
         """
         self.torque.add(other.torque)
         self.power.add(other.power)
+        self.low_pass.add(other.low_pass)
         measured, predicted = (
             float(_sum(np.array([getattr(self, name), getattr(other, name)])))
             for name in ("measured", "predicted")
@@ -166,8 +181,11 @@ class ScoreSums:
         Args:
             name: ``model`` or ``fixed_friction``.
         """
-        torque = self.torque
-        return self._score(name, self.change, torque.rms, torque.relative, torque.relative_of_all)
+        torque, low = self.torque, self.low_pass
+        below = np.append(low.relative, low.relative_of_all)
+        return self._score(
+            name, self.change, torque.rms, torque.relative, torque.relative_of_all, below
+        )
 
     def zero(self) -> ModelScore:
         """Return the errors of a prediction of no torque and no power."""
@@ -180,11 +198,19 @@ class ScoreSums:
         )
         one = np.where(known, 1.0, np.nan)
         of_all = np.where(known.any(axis=1), 1.0, np.nan)
-        found = empty._score(ZERO, "no torque, no power", torque.measured_rms, one, of_all)
+        below = np.append(self.low_pass.relative, self.low_pass.relative_of_all)
+        below = np.where(np.isfinite(below), 1.0, np.nan)
+        found = empty._score(ZERO, "no torque, no power", torque.measured_rms, one, of_all, below)
         return replace(found, power_error_rms=self.power.measured_rms)
 
     def _score(
-        self, name: str, change: str | None, rms: Float, relative: Float, of_all: Float
+        self,
+        name: str,
+        change: str | None,
+        rms: Float,
+        relative: Float,
+        of_all: Float,
+        low_pass: Float,
     ) -> ModelScore:
         samples = self.torque.samples
         out, back, predicted_out, predicted_back = self.shaft
@@ -192,7 +218,8 @@ class ScoreSums:
         rows = [
             JointScore(
                 joint, int(samples[0, j]), int(samples[1, j]), float(rms[0, j]), float(rms[1, j]),
-                float(relative[0, j]), float(relative[1, j]), float(error[j]),
+                float(relative[0, j]), float(relative[1, j]),
+                float(low_pass[j]), float(error[j]),
                 _ratio(float(error[j]), float(turnover[j])),
             )
             for j, joint in enumerate(self.names)
@@ -200,7 +227,7 @@ class ScoreSums:
         total, counted = float(_sum(error)), samples.sum(axis=1)
         whole = JointScore(
             "all joints", int(counted[0]), int(counted[1]), None, None, float(of_all[0]),
-            float(of_all[1]), total, _ratio(total, float(_sum(turnover))),
+            float(of_all[1]), float(low_pass[-1]), total, _ratio(total, float(_sum(turnover))),
         )  # fmt: skip
         known = bool(counted[0])
         off = self.predicted - self.measured

@@ -136,17 +136,17 @@ class CabinetReport(Result, name="cabinet"):
 
     losses: Annotated[CabinetFit, "Constant losses."]
     meter_delay: Annotated[
-        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+        Delay | None, "Of the meter behind the joint states; None where it cannot be determined."
     ]
     meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
-    link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not told."]
+    link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not determined."]
     link_taken: Annotated[bool, "Whether the model has it."]
     link_reason: Annotated[str, "Why not; empty if it has."]
     link_note: Annotated[str, "What was taken for its voltages; empty if it has it not."]
 
 
 def cabinet_report(found: SupplyFound) -> CabinetReport:
-    """Return what a meter tells of everything behind the drives."""
+    """Return what a meter says of everything behind the drives."""
     taken = found.link is not None and not found.reason
     return CabinetReport(
         found.cabinet,
@@ -169,7 +169,7 @@ class StepReport(Result):
     taken: Annotated[bool, "Whether the model has what was found."]
     reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
     notes: Annotated[Texts, "What was decided without data, one sentence each."]
-    found: Annotated[StepFound | None, "What the recordings tell; None if the step was left out."]
+    found: Annotated[StepFound | None, "From the recordings; None if the step was left out."]
     step: Annotated[Step, "The step behind it."] = field(repr=False)
 
 
@@ -182,7 +182,7 @@ class IdentificationReport(Result, name="identification"):
     tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
     steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
     meter_delay: Annotated[
-        Delay | None, "Of the meter behind the joint states; None where it cannot be told."
+        Delay | None, "Of the meter behind the joint states; None where it cannot be determined."
     ]
     meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
     energy: Annotated[

@@ -76,7 +76,7 @@ def read_description(source: str | Path, arguments: Sequence[str] = ()) -> Robot
         return RobotText(xml, f"xacro file {path.name}")
     if arguments:
         raise RobotDescriptionError(
-            f"{path} is no xacro file, but xacro arguments are given: {' '.join(arguments)}",
+            f"{path} is not a xacro file, but xacro arguments are given: {' '.join(arguments)}",
             "a xacro file, or no arguments",
         )
     return RobotText(text, f"URDF {path.name}", path)
@@ -87,7 +87,7 @@ def _expanded(path: Path, arguments: Sequence[str]) -> str:
     wrong = [word for word in arguments if ":=" not in word]
     if wrong:
         raise RobotDescriptionError(
-            f"'{wrong[0]}' is no argument of xacro", "name:=value, such as ur_type:=ur5e"
+            f"'{wrong[0]}' is not an argument of xacro", "name:=value, such as ur_type:=ur5e"
         )
     program = which("xacro")
     if program is None and find_spec("xacro") is None:

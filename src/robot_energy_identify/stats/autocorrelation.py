@@ -72,7 +72,7 @@ def _autocorrelation(rest: Float, rows: NDArray[np.bool_], segment: Int) -> Floa
 def _correlated(columns: Float, shares: Float, segment: Int) -> Float:
     """``X' Omega X`` with Omega the autocorrelation within each segment, shape (P, P).
 
-    Where the estimate of Omega is no covariance, rows count for less by their number alone.
+    Where the estimate of Omega is not a covariance, rows count for less by their number alone.
     """
     from scipy.signal import oaconvolve
 

@@ -45,10 +45,10 @@ class EnergyScore:
     """A prediction of a meter, on held-out readings.
 
     Attributes:
-        rms: Of predicted less measured power. [W]
-        energy_error: Predicted over measured energy less 1, mean size over the folds. [-]
+        rms: Of predicted minus measured power. [W]
+        energy_error: Predicted over measured energy minus 1, mean size over the folds. [-]
         worst: The greatest of them in size. [-]
-        shares: Predicted over measured energy less 1 of each fold. [-]
+        shares: Predicted over measured energy minus 1 of each fold. [-]
     """
 
     rms: float
@@ -59,7 +59,7 @@ class EnergyScore:
     def beats(self, given: EnergyScore) -> bool:
         """Whether figures of this prediction may replace those of another one.
 
-        They must predict power better. Energy may be worse by what the folds cannot tell:
+        They must predict power better. Energy may be worse by what the folds cannot determine:
         one standard error of the difference, fold by fold, or `UNRESOLVED`.
 
         Args:

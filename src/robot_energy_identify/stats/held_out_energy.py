@@ -44,7 +44,7 @@ class HeldOutPrediction:
     Attributes:
         compared: Predicted and measured energy, in the order of time.
         energy: Predicted, where it was compared. [J]
-        rms: Of predicted less measured power, per reading. [W]
+        rms: Of predicted minus measured power, per reading. [W]
         shaft: Shaft energy of all axes from the model's torque. [J]
         torque_error: Norm of the error of the motor torque over the norm of the measured one,
             all axes together; NaN without measured torque. [-]
@@ -108,7 +108,7 @@ class Tested:
     outside: OutsideFit | None = None
 
     def error(self, stage: str) -> float:
-        """Return predicted over measured energy less 1; NaN without a meter.
+        """Return predicted over measured energy minus 1; NaN without a meter.
 
         Args:
             stage: ``given`` or a subject.

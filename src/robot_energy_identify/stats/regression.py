@@ -124,7 +124,7 @@ def fit(
         names: Of the parameters.
         covariance: From `jackknife` or `autocorrelated`.
         method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
-            beside that Huber weights against outliers.
+            with Huber weights against outliers as well.
         used: Rows of each target that count; None for all, shape of the target.
     """
     values, weight = estimate(columns, target, method, used)
@@ -292,7 +292,7 @@ def jackknife(block: Int) -> Covariance:
         for number in range(blocks):
             try:
                 change[number] = np.linalg.solve(whole - slope[number], pull[number])
-            except np.linalg.LinAlgError:  # this block alone tells some parameter
+            except np.linalg.LinAlgError:  # this block alone determines some parameter
                 change[number] = np.inf
         with np.errstate(invalid="ignore"):
             scatter = change.T @ change * (blocks - 1) / blocks
@@ -309,7 +309,7 @@ def regress(
     method: Method = "irls",
     what: str = "the data",
 ) -> Fit:
-    """Return the fit of one target with deviations from blocks; refuse columns not told apart.
+    """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
     Args:
         columns: Shape (N, P), finite. [target/parameter]
@@ -342,7 +342,7 @@ def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None
         ]
     if weak:
         raise NotIdentifiableError(
-            f"{what} do not tell apart {', '.join(weak)}",
+            f"{what} do not distinguish {', '.join(weak)}",
             "motion that changes each of them on its own",
             "record motions at several speeds and in both directions",
         )

@@ -23,8 +23,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.joint import JointGear
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.bounds import identified
-from robot_energy_identify.friction.friction import moving_rows
-from robot_energy_identify.friction.samples import AVERAGED, FrictionData
+from robot_energy_identify.friction.samples import AVERAGED, FrictionData, moving_rows
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
 from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.thermal.network import with_ambient

@@ -1,6 +1,6 @@
 """Temperatures of all gears of a robot by its power meter, where no torque is measured.
 
-One meter cannot tell six gears apart. Two figures hold for all of them: the time constant towards
+One meter cannot distinguish six gears. Two figures hold for all of them: the time constant towards
 the motors, ``tau dT_g/dt = T_m - T_g + R P_f / mean(P_f)``, and the rise R by the mean friction
 power of each gear. The law of friction stays as it is.
 """

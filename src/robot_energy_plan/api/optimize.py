@@ -182,7 +182,7 @@ def optimize(
     if place is not None or any_order:
         if not isinstance(form, PtpForm):
             raise MotionError(
-                f"'{program}' is no program of moves",
+                f"'{program}' is not a program of moves",
                 "point-to-point moves, whose place or order can change",
             )
         changed = form

@@ -63,7 +63,7 @@ def gcode_text(path: str | Path) -> str:
     """Return the text of a G-code file: UTF-8, UTF-16 with its mark, else Latin-1.
 
     Raises:
-        MotionError: If there is no such file, or it is no text.
+        MotionError: If there is no such file, or it is not a text.
     """
     try:
         data = read_regular(path, MAX_BYTES)

@@ -83,7 +83,7 @@ LEFT_OUT_BY_PRINTERS = {
     380: "moving to a stop",
     392: "detection of a clogged nozzle",
 }
-MOVES_THE_ORIGIN = {10, 28, 30, 53}  # on machines that are no printers
+MOVES_THE_ORIGIN = {10, 28, 30, 53}  # on machines that are not printers
 FRAMES = range(54, 60)  # G54 to G59: work offsets
 MOVING_M = {97, 98, 206, 218, 290, 428}  # programs called, origins moved
 VELOCITY_LIMIT = "SET_VELOCITY_LIMIT"

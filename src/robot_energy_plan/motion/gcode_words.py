@@ -4,7 +4,7 @@ A word is a letter and a number. Comments stand in ``( )`` or after ``;``; ``N``
 line; ``*`` ends it with the checksum of the bytes before it (exclusive or), which is
 verified. What is neither is refused: readers that skip unknown text turn
 ``X1.2.3`` into another number and move a robot somewhere else. What stands behind a command of
-the machine (``M84 X Y``, ``T0``) may be anything: it is no motion.
+the machine (``M84 X Y``, ``T0``) may be anything: it is not motion.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NAMED = re.compile(
 )
 HOST = re.compile(r"[ \t]*([$@]\w*)")
 TEXT_CODES = {20, 21, 23, 28, 29, 30, 32, 33, 36, 117, 118, 486, 928}  # M codes before free text
-MAX_DIGITS = 30  # of a number; more are no measure
+MAX_DIGITS = 30  # of a number; more are not a measure
 QUOTED = 24  # characters of bad text that a message repeats
 COMMENT_OR_FEED = re.compile(r"\([^)]*\)|;.*|[Ff]\s*([0-9]*\.?[0-9]+)")
 ANY_COMMENT = re.compile(r"\([^)]*\)|;.*")

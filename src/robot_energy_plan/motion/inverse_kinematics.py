@@ -28,7 +28,7 @@ SINGULAR = 1e-3  # least singular value of a Jacobian [m/rad], a turn counting a
 DAMPING = 1e-2  # below this singular value steps are damped
 MAX_STEP = 0.3  # rad
 MAX_STEPS = 100
-JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is no motion but another branch
+JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is not motion but another branch
 LIMIT_TOLERANCE = 1e-9  # rad or m
 SPATIAL_JOINTS = 6
 

@@ -110,7 +110,7 @@ def grid_steps(duration: float, step: float = STEP) -> int:
 def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Trajectory]]:
     """Yield the blocks of a motion that is made several times without a pause.
 
-    Times that fall on the same nanosecond, such as a point and a grid instant beside it, are
+    Times that fall on the same nanosecond, such as a point and a grid instant next to it, are
     one sample: nothing between them lasts.
 
     Args:

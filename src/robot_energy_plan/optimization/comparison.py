@@ -28,7 +28,7 @@ class ComparedMotion:
     Attributes:
         feasible: Whether it was predicted and keeps the limits.
         duration: With the wait up to the cycle time. [s]
-        energy: From the grid, import less return; NaN where not known. [J]
+        energy: From the grid, import minus return; NaN where not known. [J]
         half: Half width of its 90 % band. [J]
         peak: Greatest power from the grid. [W]
         columns: Change of the energy with the error of each figure, shape (K,). [J]

@@ -139,7 +139,7 @@ class _Search:
         )
 
     def _costs(self, places: Float) -> tuple[Float, Float, Float]:
-        """Energy less that of a wait as long, period, and use of the torque limits."""
+        """Energy minus that of a wait as long, period, and use of the torque limits."""
         count, moves, joints = places.shape
         start = places.reshape(-1, joints)
         goal = np.roll(places, -1, axis=1).reshape(-1, joints)

@@ -46,7 +46,7 @@ class JointLimitUse(Result):
 
 
 class FrictionReach(Result):
-    """Joints whose friction law does not tell the assumed temperature."""
+    """Joints whose friction law does not determine the assumed temperature."""
 
     extrapolated_joints: Annotated[Texts, "Their law was never fitted there."]
     one_temperature_joints: Annotated[Texts, "Their law is the same at every temperature."]
@@ -66,7 +66,7 @@ class PredictionReport(EnergyReport):
     tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]
     limits: Annotated[tuple[JointLimitUse, ...], "Use of the limits of the URDF, in model order."]
     friction: Annotated[
-        FrictionReach, "Joints whose friction law does not tell the assumed temperature."
+        FrictionReach, "Joints whose friction law does not determine the assumed temperature."
     ]
     auxiliary: Annotated[
         AuxiliaryReport | None,

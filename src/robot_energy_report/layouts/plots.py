@@ -88,7 +88,7 @@ OVERVIEW = (
             "brake_power", "capacitor_power",
         ),
     ),
-    ("Predicted less measured [W]", "/energy/power", ("residual_power",)),
+    ("Predicted minus measured [W]", "/energy/power", ("residual_power",)),
     (
         "Energy [J]",
         "/energy/registers",

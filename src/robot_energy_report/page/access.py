@@ -51,7 +51,7 @@ class PageAccess:
             )
         if self.allow_control:
             lines.append(
-                "with the token, job intervals can be opened and closed, registers reset, and "
+                "with the token, job intervals can be opened and closed, registers reset and "
                 "prices of the history set"
             )
         return lines

@@ -16,11 +16,11 @@ FRICTION, DRIVES, MOTION, CAPACITOR = "friction", "drives", "motion", "capacitor
 LABELS = {
     GRID: "Grid",
     BUS: "DC bus",
-    CABINET: "Cabinet",
+    CABINET: "Constant losses",
     BRAKE: "Brake resistor",
     FRICTION: "Friction",
     DRIVES: "Motors and drives",
-    MOTION: "Motion",
+    MOTION: "Lifting, accelerating",
     CAPACITOR: "Capacitor",
 }
 

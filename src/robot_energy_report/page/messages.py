@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_energy.bag.cdr import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.model_messages import FRAME, RECORDING
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS, JOINT_FIELDS
 from robot_energy.timeline.blocks import NANOSECOND
@@ -63,8 +64,9 @@ class PageReaders:
         self._registers = Decoder(
             ENERGY_REGISTERS,
             (
-                *identity, "energy_start.sec", "energy_start.nanosec", "persisted", *ENERGIES,
-                *TIMES, *OUTLET, "joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES),
+                *(*identity, FRAME, "energy_start.sec", "energy_start.nanosec", "persisted"),
+                *(*ENERGIES, *TIMES, *OUTLET),
+                *("joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES)),
                 "auxiliary.name", *(f"auxiliary.{name}" for name in LOAD_ENERGIES),
             ),
         )  # fmt: skip
@@ -96,6 +98,7 @@ class PageReaders:
             "start_ns": int(stamp_ns(run, "energy_start")[-1]),
             "persisted": bool(run.array("persisted")[-1]),
             "model_id": run.columns["model_id"],
+            "recording": run.columns[FRAME] == RECORDING,
             **{name: float(run.array(name)[-1]) for name in ENERGIES + TIMES + OUTLET},
             "joints": _newest_rows(run, "joints", JOINT_ENERGIES),
             "auxiliary": _newest_rows(run, "auxiliary", LOAD_ENERGIES),
@@ -132,7 +135,7 @@ class PageReaders:
 
 
 def net_energy(registers: dict[str, Any]) -> float:
-    """Return the energy from the grid less what was fed back. [J]
+    """Return the energy from the grid minus what was fed back. [J]
 
     Args:
         registers: As `PageReaders.registers` returns them.

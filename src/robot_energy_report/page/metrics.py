@@ -137,7 +137,7 @@ class _Robots(Collector):
                 known = math.nan if value is None else value
                 families[name].add_metric((robot["name"], *labels), known)
             registers = robot["registers"]
-            if registers is not None:
+            if registers is not None and not registers["recording"]:
                 counters = _counters(registers, robot["auxiliary"])
                 nothing = registers["observed_time"] == 0.0  # counted: where a counter begins
                 for name, labels, found in _first_of_each(counters):

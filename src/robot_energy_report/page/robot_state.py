@@ -355,6 +355,7 @@ class RobotState:
             "time": found["stamp_ns"] * NANOSECOND,
             "energy_start": found["start_ns"] * NANOSECOND,
             "persisted": found["persisted"],
+            "recording": found["recording"],
             **{name: json_number(found[name]) for name in ENERGIES + TIMES + OUTLET},
             "joints": [
                 {

@@ -27,7 +27,7 @@ def predict(comparison, stamp_s, power, segment=None):
 
 
 def test_both_are_integrated_over_what_both_cover():
-    # predicted 10 t on 0..4 s; meter 100 W on 1..3 s: 200 J beside 5 (9 - 1) = 40 J
+    # predicted 10 t on 0..4 s; meter 100 W on 1..3 s: 200 J next to 5 (9 - 1) = 40 J
     comparison = Comparison()
     comparison.measure(meter([1.0, 2.0, 3.0], [100.0] * 3))
     predict(comparison, np.arange(5.0), 10 * np.arange(5.0))

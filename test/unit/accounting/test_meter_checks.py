@@ -12,7 +12,7 @@ SECOND = 10**9
 
 
 class Bench:
-    """A meter at 1 Hz beside a prediction at 10 Hz, both of constant power."""
+    """A meter at 1 Hz next to a prediction at 10 Hz, both of constant power."""
 
     def __init__(self, unit="", meaning=MeterMeaning.INSTANTANEOUS, **options):
         self.comparison = Comparison(**options)
@@ -75,7 +75,7 @@ def test_the_residual_is_that_of_the_newest_minute():
         (100.0 * 3600, "Wh", MeterMeaning.CUMULATIVE, "is it in J?"),
         (0.1, "Wh", MeterMeaning.CUMULATIVE, "is it in kWh?"),
         (0.1, "J", MeterMeaning.CUMULATIVE, "is it in kJ?"),
-        (40.0, "", MeterMeaning.INSTANTANEOUS, ""),  # a bad model is no wrong unit
+        (40.0, "", MeterMeaning.INSTANTANEOUS, ""),  # a bad model is not a wrong unit
         (300.0, "", MeterMeaning.INSTANTANEOUS, ""),
         (-90.0, "", MeterMeaning.INSTANTANEOUS, "is its sign load_negative?"),
     ],

@@ -1,4 +1,4 @@
-"""Measured shaft energy beside the predicted one, joint by joint, worked out by hand."""
+"""Measured shaft energy next to the predicted one, joint by joint, worked out by hand."""
 
 import numpy as np
 import pytest
@@ -90,7 +90,7 @@ def test_effort_that_cannot_be_is_unknown(effort):
     assert account.registers.joints("friction")[0] == pytest.approx(PREDICTED)
 
 
-def test_effort_is_not_used_unless_its_meaning_is_told():
+def test_effort_is_not_used_unless_its_meaning_is_said():
     account, means = run(spin(), meaning=EffortMeaning.NONE)
     assert account.shaft.compared_ns.tolist() == [0]
     assert np.isnan(means.shaft_power_measured).all()

@@ -21,10 +21,12 @@ from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
 from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy_fleet.advice.run import _advice, _basis
 from robot_energy_fleet.dataset import read_tables
+from robot_energy_fleet.documents.advice import TITLES, advice_document
 from robot_energy_plan.motion.ptp import MotionLimits
 from robot_energy_plan.motion.ptp_file import program_for, read_program
 from robot_energy_plan.motion.ptp_loop import Program
 from robot_energy_plan.optimization.rest_states import RestState
+from robot_energy_report.document import Document, Table, Text
 from sound_recordings import write_states
 
 MODEL = load("kr16")
@@ -211,6 +213,21 @@ def test_a_recording_with_rests_gives_a_ranked_list(poses):
     assert report.energy_per_year == pytest.approx(
         sum(saved[name].energy_per_year for name in report.counted)
     )
+    assert report.half_per_year == pytest.approx(
+        sum(saved[name].half_per_year for name in report.counted)
+    )
+    page = Document()
+    advice_document(report, page)
+    lines = [part.text for _, part in page.parts if isinstance(part, Text)]
+    assert lines[0].startswith("Seen: ")
+    assert "a year" not in lines[0]
+    tables = [part.title for _, part in page.parts if isinstance(part, Table)]
+    assert tables[1:] == [
+        *TITLES[: 1 + bool(report.unproven)],
+        "In a year of 10 h a day on 200 days",
+    ]
+    assert sum(line.startswith("To try: ") for line in lines) == len(everything)
+    assert any(line.startswith("Overlaps with: ") for line in lines)
 
 
 def test_rests_are_those_of_the_program(bag):
@@ -235,8 +252,11 @@ def test_the_basis_of_a_year_is_that_of_the_recordings():
     assert basis.hours_per_day == pytest.approx(8.0)
     assert basis.days_per_year == 365.0
     short = _basis(RecordedEvidence(observed_time=60.0), None, "EUR", None, None, None)
-    assert (short.hours_per_day, short.days_per_year) == (24.0, 250.0)
-    assert short.sentence.count("assumed") == 2
+    assert (short.hours_per_day, short.days_per_year) == (None, None)
+    assert short.sentence.count("not known") == 2
+    claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
+    assert _advice(claim, short).energy_per_hour == pytest.approx(6000.0)
+    assert _advice(claim, short).energy_per_year is None
 
 
 def test_a_dataset_gives_standby_and_no_places(tmp_path):
@@ -362,7 +382,7 @@ def test_the_page_names_what_is_not_proven(tmp_path):
     bag = str(ROOT / "bags/kr16_all_topics")
     assert main(["advise", bag, "--model", "kr16", "--no-speeds", "--report", str(page)]) == 0
     said = page.read_text()
-    assert said.index("Not proven by these recordings") < said.rindex("a warmer start")
+    assert said.index("but not proven by them") < said.rindex("a warmer start")
 
 
 def test_what_saves_next_to_nothing_is_not_listed():

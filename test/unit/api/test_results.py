@@ -154,7 +154,7 @@ def test_predict_gives_the_json_of_the_command(tmp_path, capsys):
     runs = command_json(tmp_path, *words)
     assert [json.loads(json.dumps(result.to_dict()))] == runs["runs"]
     power = result.power["predicted_grid_power"]
-    known = np.isfinite(power)  # the first row is one sample: no time, hence no mean
+    known = np.isfinite(power)  # the first row is one sample: no time, so no mean
     assert not known[0]
     assert known[1:].all()
     total = re.physics.trapezoid_energy(result.power.time[known], power[known])

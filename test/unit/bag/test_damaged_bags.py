@@ -390,7 +390,7 @@ def sized(text):
     return struct.pack("<I", len(text)) + text
 
 
-def test_ten_thousand_damaged_chunks_are_told_in_a_hundred_sentences(tmp_path):
+def test_ten_thousand_damaged_chunks_are_said_in_a_hundred_sentences(tmp_path):
     path = tmp_path / "rubble.mcap"
     chunk_file(path, 10, b"abc")
     data = path.read_bytes()

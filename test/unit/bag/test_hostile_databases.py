@@ -54,17 +54,17 @@ def read(path):
         (TOPICS + "CREATE TABLE messages(a);", "no data, timestamp, topic_id"),
         (
             TOPICS + "CREATE VIEW messages AS " + COUNT.format("", "x AS topic_id"),
-            "messages is no plain table",
+            "messages is not a plain table",
         ),
         (
             TOPICS
             + "CREATE TABLE messages(topic_id INTEGER, timestamp INTEGER, "
             + "data BLOB AS (zeroblob(1000000000)) VIRTUAL);",
-            "messages is no plain table",
+            "messages is not a plain table",
         ),
         (
             TOPICS + "CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data);",
-            "messages is no plain table",
+            "messages is not a plain table",
         ),
     ],
 )

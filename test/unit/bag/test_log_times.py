@@ -1,4 +1,4 @@
-"""Log times that are no stamps: the order of the file counts, and nothing raises."""
+"""Log times that are not stamps: the order of the file counts, and nothing raises."""
 
 import numpy as np
 import pytest

@@ -183,7 +183,7 @@ def test_each_foreign_encoding_has_its_remedy(tmp_path, bags, encoding, remedy):
 
 
 def test_chunks_without_the_asked_topic_are_not_even_unpacked(tmp_path, bags):
-    """Camera images beside the joint states must not cost their unpacking."""
+    """Camera images next to the joint states must not cost their unpacking."""
     path = tmp_path / "mixed.mcap"
     rows = [row.tobytes() for row in bags.temperature_rows(np.arange(2))]
     with bags.foreign_mcap(path, chunk_size=1000) as writer:

@@ -11,9 +11,15 @@ import pytest
 import robots
 from robot_energy.certainty import deviation
 from robot_energy.certainty.band import Z90, energy_variances, half_width, scores
-from robot_energy.certainty.deviation import CABINET_DEVIATIONS, names_of, payload_shares
+from robot_energy.certainty.deviation import (
+    CABINET_DEVIATIONS,
+    TOGETHER_NAME,
+    names_of,
+    payload_shares,
+)
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.certainty.priors import SPREAD
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel, validate
 from robot_energy.model.payload import payload
 from robot_energy.physics.friction import FrictionModel
@@ -92,6 +98,7 @@ def stds(pipeline: EnergyPipeline) -> dict[str, float]:
     [
         ("joints.0.friction.coulomb", 1e-3, "friction of shoulder"),
         ("joints.1.friction.viscous.viscous", 1e-5, "friction of elbow"),
+        ("joints.0.friction.load_coulomb", 1e-3, "friction of shoulder"),
         ("joints.0.losses.constant", 0.05, "drive of shoulder"),
         ("joints.1.losses.linear", 1e-3, "drive of elbow"),
         ("joints.1.losses.quadratic", 1e-5, "drive of elbow"),
@@ -106,6 +113,7 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
     """Friction also changes the torque, and with it copper loss: second order, left out."""
     monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
     found = certain(data())
+    found["joints"][0]["friction"]["load_coulomb"] = {**robots.figure(0.02), "std": 0.0}
     place(found, path)["std"] = std
     if "friction" in path:
         for joint in found["joints"]:
@@ -118,6 +126,82 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
     assert stds(base)[name] == pytest.approx(expected, rel=0.02)
     others = {one: value for one, value in stds(base).items() if one.split(" ")[0] in name}
     assert sum(value > 0 for value in others.values()) == 1
+
+
+TOGETHER = {
+    "loss_dc": ("cabinet.loss_dc", 0.05),
+    "copper of shoulder": ("joints.0.losses.copper", 5e-3),
+    "linear of elbow": ("joints.1.losses.linear", 1e-3),
+    "quadratic of elbow": ("joints.1.losses.quadratic", 1e-5),
+    "loss_grid": ("cabinet.loss_grid", 0.05),
+}
+
+
+def test_the_deviation_of_losses_identified_together_is_that_of_their_covariance(monkeypatch):
+    """``d' C d`` with the changes d of the energy by each figure, from one run for each."""
+    monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
+    found = certain(data())
+    base = net(run(made(found)))
+    changes: list[float] = []
+    for path, size in TOGETHER.values():
+        other = copy.deepcopy(found)
+        place(other, path)["value"] += size
+        changes.append((net(run(made(other))) - base) / size)
+    scale = np.array([size for _, size in TOGETHER.values()])
+    root = np.random.default_rng(7).normal(size=(5, 5)) * scale[:, None]
+    matrix = root @ root.T
+    for name in TOGETHER.values():
+        place(found, name[0])["std"] = 1e3  # of a figure for itself: does not count
+    found["covariance"] = {"figures": list(TOGETHER), "matrix": matrix.tolist()}
+    registers = run(made(found)).account.registers
+    variances = energy_variances(registers.deviation)
+    shared = [name in (TOGETHER_NAME, "constant loss, grid side") for name in NAMES]
+    assert sum(variances[shared]) == pytest.approx(changes @ matrix @ changes, rel=0.02)
+
+
+def test_a_sum_that_is_known_has_no_deviation():
+    """A grid side that is not known takes from the DC side what it has more: the sum is known."""
+    found = certain(data())
+    found["covariance"] = {
+        "figures": ["loss_dc", "loss_grid"],
+        "matrix": [[400.0, -400.0], [-400.0, 400.0]],
+    }
+    registers = run(made(found)).account.registers
+    shared = np.array(NAMES) == TOGETHER_NAME
+    assert registers.cabinet("brake") == 0.0  # all of the DC side reaches the grid
+    assert energy_variances(registers.deviation)[shared].sum() < 1e-9
+    form = stds(run(made(found)))["constant loss, grid side"]
+    assert form == pytest.approx(0.1 * made(found).constant_power() * 3.996, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "why"),
+    [
+        ([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], "2 rows of 2"),
+        ([[1.0, 2.0], [2.0, 1.0]], "no covariance of loss_dc and linear of elbow"),
+        ([[1.0, 0.5], [0.4, 1.0]], "no covariance"),
+        ([[-1.0, 0.0], [0.0, 1.0]], "variance of loss_dc is negative"),
+    ],
+)
+def test_a_matrix_that_is_no_covariance_is_refused(matrix, why):
+    found = data()
+    found["covariance"] = {"figures": ["loss_dc", "linear of elbow"], "matrix": matrix}
+    with pytest.raises(ModelFileError, match=why):
+        made(found)
+
+
+def test_a_covariance_holds_for_the_losses_that_it_came_with():
+    found = data()
+    found["covariance"] = {"figures": ["loss_dc"], "matrix": [[4.0]]}
+    model = made(found)
+    assert model.changed(drive="loss_model").covariance is not None
+    cabinet = model.cabinet.model_copy(
+        update={"loss_dc": model.cabinet.loss_dc.model_copy(update={"value": 1.0})}
+    )
+    assert model.changed(cabinet=cabinet).covariance is None
+    found["covariance"]["figures"] = ["linear of wrist"]
+    with pytest.raises(ModelFileError, match="the unknown figure 'linear of wrist'"):
+        made(found)
 
 
 def test_certain_losses_at_rest_are_sure_but_for_what_their_form_leaves_out():

@@ -139,7 +139,7 @@ def test_motor_torque_stated_as_something_else_is_named(stated, tmp_path):
     assert hint.remedy == found.remedy
 
 
-def test_current_and_torque_of_a_cobot_are_told_apart(tmp_path):
+def test_current_and_torque_of_a_cobot_are_distinguished(tmp_path):
     """A driver that sends torque where the setting says current, and the reverse."""
     model = load("kr16")
     ratios = np.array([joint.gear_ratio.value for joint in model.joints])

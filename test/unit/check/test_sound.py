@@ -86,7 +86,7 @@ def test_a_cause_that_one_recording_shows_against_the_others_is_not_blamed(off):
     assert not found.remedy
 
 
-def test_two_causes_that_explain_the_same_are_told_and_none_is_blamed(tmp_path):
+def test_two_causes_that_explain_the_same_are_named_and_none_is_blamed(tmp_path):
     """Around a vertical axis alone, the sign of a torque and of the motion are one mistake."""
     time = np.arange(6000) / 200
     position = np.zeros((6000, 6))

@@ -15,7 +15,7 @@ from writing_commands import COMMANDS, FOLDERS, own_bag, refused
 
 
 def three_recordings(path: Path) -> None:
-    """A folder of recordings that is no bag."""
+    """A folder of recordings that is not a bag."""
     own_bag(path)
     for day in ("mon", "tue", "wed"):
         shutil.copy(path / f"{path.name}_0.mcap", path / f"{day}.mcap")

@@ -7,10 +7,12 @@ import os
 from pathlib import Path
 
 import pytest
+import yaml
 
 from command_line import refused
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
 from places import ROOT
+from robot_energy.model import load, save
 from robot_energy_cli import main
 from robot_energy_logs.log_import import import_log
 
@@ -51,7 +53,7 @@ def test_replay_prints_tables_and_writes_all_outputs(
     assert main([*args, "--overwrite"]) == 0
 
 
-def test_replay_bridges_as_far_as_the_parameter_file_says_unless_told_otherwise(
+def test_replay_bridges_as_far_as_the_parameter_file_says_unless_asked_otherwise(
     tmp_path: Path,
 ) -> None:
     """Readings 0.1 s apart, of which a file bridges 0.05 s."""
@@ -202,7 +204,7 @@ def test_a_recorded_ur3e_from_log_to_report(
     assert abs(summary["comparison"]["predicted_minus_measured_relative"]) < 0.15
 
 
-def test_effort_shows_measured_beside_predicted_shaft_energy(
+def test_effort_shows_measured_next_to_predicted_shaft_energy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Motor at 30 rad/s for 10 s: 1 N m measured is 300 J; the model says 330 J, +10 %."""
@@ -257,3 +259,40 @@ def test_a_bag_whose_own_definition_does_not_fit_is_refused(
 def test_joint_states_of_a_shipped_model_name_it(capsys):
     assert main(["replay", str(ROOT / "bags/kr16_cold"), "--model", "ur5e"]) == 2
     assert "kr16" in capsys.readouterr().err
+
+
+def test_a_replay_names_the_payload_that_explains_its_torque(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The model carries 7 kg more than the robot does; with the true payload nothing is said."""
+    heavier = load("kr16")
+    (body,) = heavier.payload
+    more = body.model_copy(update={"mass": body.mass + 7.0})
+    heavier = heavier.changed(payload=(more,))
+    path = tmp_path / "heavier.yaml"
+    save(heavier, path)
+    for model, named in (("kr16", False), (str(path), True)):
+        words = ["replay", str(ROOT / "bags/kr16_warm"), "--effort", "motor_torque"]
+        assert main([*words, "--model", model]) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        assert ("what check finds: the robot carries" in text) is named
+        assert ("remedy: payload:" in text) is named
+
+
+def test_a_replay_shows_the_temperature_of_a_gear_where_the_model_has_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "geared.yaml"
+    save(load("kr16"), path)
+    data = yaml.safe_load(path.read_text())
+    values = {"capacity": 5000.0, "motor_conductance": 5.0, "ambient_conductance": 5.0}
+    parts = {name: {"value": value, "tag": "assumed"} for name, value in values.items()}
+    data["joints"][1]["gear"] = {**parts, "std": 1.0}
+    path.write_text(yaml.safe_dump(data))
+    words = ["replay", str(ROOT / "bags/kr16_warm"), "--model", str(path), "--json"]
+    assert main([*words, str(tmp_path / "r.json")]) == 0
+    assert "gear" in capsys.readouterr().out
+    joints = json.loads((tmp_path / "r.json").read_text())["joints"]
+    gears = [joint["last_gear_temperature_degc"] for joint in joints]
+    assert [gear is not None for gear in gears] == [False, True, False, False, False, False]
+    assert 10.0 < gears[1] < 100.0

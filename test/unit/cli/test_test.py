@@ -4,7 +4,9 @@ Motor at 30 rad/s with 1.1 N m, by the model: 33 W at the shaft, 83 W at the gri
 """
 
 import json
+import math
 
+import numpy as np
 import pytest
 
 import robot_energy as re
@@ -29,6 +31,10 @@ EFFORT = {"columns": ["torque"], "unit": "newton_metre", "side": "motor"}
 
 def with_effort():
     return {**WHEEL_MAPPING, "joints": {**WHEEL_MAPPING["joints"], "effort": EFFORT}}
+
+
+def without_meter():
+    return {**with_effort(), "power": None}
 
 
 @pytest.fixture
@@ -65,6 +71,42 @@ def test_errors_of_model_and_zero(tmp_path, bag, capsys):
     assert fixed["change"] == "friction fixed at 25 degC"
     page = read(outputs[1].read_text())
     assert "+3.8 %" in " ".join(page.cells)
+
+
+def test_noise_above_10_hz_counts_in_the_error_of_the_monitor_alone(tmp_path):
+    # 1 N m with 0.5 N m of 40 Hz, model 1.1 N m: sqrt(0.1^2 + 0.5^2 / 2) over
+    # sqrt(1 + 0.5^2 / 2), and 0.1 below 10 Hz
+    rows = [
+        (f"{n / 500:.6f}", f"{3 * n / 500:.9f}", 3.0, 1.0 + 0.5 * math.sin(80 * math.pi * n / 500))
+        for n in range(5001)
+    ]
+    log = write_csv(tmp_path / "noisy.csv", "t,q_axle,w_axle,torque", rows)
+    import_log(log, mapping(**without_meter()), tmp_path / "bag")
+    report = re.evaluate(tmp_path / "bag", wheel_model(tmp_path), effort="motor_torque")
+    (joint,) = report.together[0].joints
+    assert joint.torque_relative_moving == pytest.approx((0.135 / 1.125) ** 0.5, rel=0.01)
+    assert joint.torque_relative_low_pass == pytest.approx(0.1, rel=0.01)
+    assert report.together[-1].joints[0].torque_relative_low_pass == 1.0
+
+
+def test_a_longer_window_of_accelerations_is_named_where_it_lowers_the_error(tmp_path):
+    # velocities with noise: over 20 ms it is an acceleration of many rad/s^2, over 0.1 s of few
+    noise = np.random.default_rng(5).normal(0.0, 0.05, 5001)
+    rows = [(f"{n / 500:.6f}", f"{3 * n / 500:.9f}", 3.0 + noise[n], 1.1) for n in range(5001)]
+    log = write_csv(tmp_path / "noisy.csv", "t,q_axle,w_axle,torque", rows)
+    import_log(log, mapping(**without_meter()), tmp_path / "bag")
+    model = wheel_model(tmp_path)
+
+    def tried(**options):
+        report = re.evaluate(tmp_path / "bag", model, effort="motor_torque", **options)
+        (recording,) = report.recordings
+        notes = [note for note in recording.notes if "derivative_window" in note]
+        return 100 * report.together[0].all_joints.torque_relative_moving, notes
+
+    error, (note,) = tried()
+    lower, none = tried(derivative_window=0.1)
+    assert f"from {error:.1f} to {lower:.1f} %: set derivative_window to 0.1" in note
+    assert not none
 
 
 def test_two_recordings_together_are_the_sums_of_both(tmp_path, bag):

@@ -77,9 +77,9 @@ def test_measured_torque_corrects_a_wrong_start():
     settings = Settings(effort=EffortMeaning.MOTOR_TORQUE)
     block = turning(1200.0, effort=torque_of(truth))
     blind = played(EnergyPipeline(wheel()), block, readings(1200))
-    told = played(EnergyPipeline(wheel(), settings), block, readings(1200))
+    determined = played(EnergyPipeline(wheel(), settings), block, readings(1200))
     true = viscous(truth)[: len(block)]
-    off = [abs(power.viscous[:, 0] / true - 1.0) for power in (blind, told)]
+    off = [abs(power.viscous[:, 0] / true - 1.0) for power in (blind, determined)]
     at = 2 * 300
     assert off[0][at] > 0.06
     assert off[1][at] < 0.5 * off[0][at]
@@ -99,9 +99,9 @@ def test_a_meter_corrects_where_no_torque_is_read():
         MeterMeaning.INSTANTANEOUS,
         MeterLocation.GRID,
     )
-    told = played(EnergyPipeline(wheel()), block, readings(1200, WORKED), meter=meter)
+    determined = played(EnergyPipeline(wheel()), block, readings(1200, WORKED), meter=meter)
     true = viscous(truth)[: len(block)]
-    off = [abs(one.viscous[1200, 0] / true[1200] - 1.0) for one in (power, told)]
+    off = [abs(one.viscous[1200, 0] / true[1200] - 1.0) for one in (power, determined)]
     assert off[1] < 0.7 * off[0]
 
 

@@ -233,7 +233,7 @@ def test_what_cannot_be_looked_into_is_named(hall, monkeypatch):
     monkeypatch.setattr(os, "scandir", refusing)
     problems = [str(one.problem) for one in find_bags(str(hall)) if one.problem]
     pipe, folder = sorted(problems)
-    assert "pipe.mcap is no file" in pipe
+    assert "pipe.mcap is not a file" in pipe
     assert "r2 cannot be read (Permission denied)" in folder
 
 

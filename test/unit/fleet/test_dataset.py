@@ -198,7 +198,7 @@ def test_other_folders_and_empty_ones_are_refused(tmp_path):
     (tmp_path / "mine.txt").write_text("x")
     with pytest.raises(DatasetError, match=r"holds 'mine.txt'"):
         Dataset(tmp_path)
-    with pytest.raises(DatasetError, match="is no folder"):
+    with pytest.raises(DatasetError, match="is not a folder"):
         Dataset(tmp_path / "mine.txt")
     with pytest.raises(DatasetError, match="holds no row"):
         scan(tmp_path / "none")
@@ -231,10 +231,10 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, damage):
 HOUR = {name: 1 for name in TABLES["hours"]}
 FOREIGN = {
     "'robot'": {"robot": None},
-    "'motor_temperature_degc' is no finite": {"motor_temperature_degc": float("nan")},
+    "'motor_temperature_degc' is not a finite": {"motor_temperature_degc": float("nan")},
     "'start_ns' is beyond": {"start_ns": 2**63 - 1},
     "in 'hours', a row without 'hour_ns'": {"hours": [HOUR | {"hour_ns": None}]},
-    "in 'hours', 'grid_energy' is no finite": {"hours": [HOUR | {"grid_energy": float("nan")}]},
+    "in 'hours', 'grid_energy' is not a finite": {"hours": [HOUR | {"grid_energy": float("nan")}]},
     "in 'hours', 'hour_ns' is beyond": {"hours": [HOUR | {"hour_ns": -(2**63)}]},
 }
 
@@ -253,7 +253,7 @@ def test_a_row_that_no_run_writes_is_named_with_its_file(tmp_path, why):
 def test_a_pipe_in_a_dataset_is_named(tmp_path):
     put(Dataset(tmp_path / "d"), "a-1-x")
     os.mkfifo(tmp_path / "d" / "robot=r1" / f"date={DAY}" / "pipe.parquet")
-    with pytest.raises(DatasetError, match=r"pipe\.parquet is no file"):
+    with pytest.raises(DatasetError, match=r"pipe\.parquet is not a file"):
         read_tables(tmp_path / "d")
 
 

@@ -123,7 +123,7 @@ def test_a_gap_carries_no_energy_and_none_is_spread_over_it(store):
     assert len(history(store.folder, START, START + 4 * HOUR, "quarter").not_resolved) == 0
 
 
-def test_a_reset_a_model_and_a_meter_begin_anew_and_lose_nothing(store):
+def test_a_reset_a_model_and_a_meter_begin_again_and_lose_nothing(store):
     robot, used = Robot(), 0
     readings = [robot.minute()]
     for change in ("reset", "model", "meter", "reset"):
@@ -177,7 +177,7 @@ def test_registers_that_go_back_are_not_counted_twice(store):
     assert check(store.folder) == []
 
 
-def test_a_single_late_reading_with_a_new_stamp_does_not_begin_anew(store):
+def test_a_single_late_reading_with_a_new_stamp_does_not_begin_again(store):
     robot = Robot()
     first = robot.minute()
     write(store, robot, [first, *(robot.minute() for _ in range(9))])

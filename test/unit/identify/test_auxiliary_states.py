@@ -163,7 +163,7 @@ def test_loads_that_switch_together_are_refused(tmp_path):
         update={"states": {k: model.auxiliary[0].states[k] for k in ("s0", "s1", "s2")}}
     )
     model = model.changed(auxiliary=(lamp, model.auxiliary[1]))
-    with pytest.raises(NotIdentifiableError, match="do not tell apart"):
+    with pytest.raises(NotIdentifiableError, match="do not distinguish"):
         identify_auxiliary(bag, model, outlet_meter=True)
 
 

@@ -193,7 +193,7 @@ def test_an_effort_without_a_meaning_or_a_constant_is_not_used(
     assert again.step("friction").reason == refused
 
 
-def test_without_temperatures_dynamics_tells_friction(folder: Path, model: RobotModel) -> None:
+def test_without_temperatures_dynamics_says_friction(folder: Path, model: RobotModel) -> None:
     result = identify_everything(
         bags_in(folder, "temperature"), model, ("cabinet", "drives", "capacitor")
     )
@@ -217,7 +217,7 @@ def test_an_axis_without_temperature_gets_a_constant_and_the_other_its_law(
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentification) -> None:
-    """The bodies of the first pass are those of the plant as well as these data tell."""
+    """The bodies of the first pass are those of the plant as well as these data determine."""
     again = identify_everything(
         bags_in(folder), whole.model, ("friction", "cabinet", "drives", "capacitor")
     )
@@ -228,10 +228,10 @@ def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentificat
     assert again.model is whole.model
 
 
-def test_bodies_are_told_at_one_temperature(
+def test_bodies_are_said_at_one_temperature(
     folder: Path, model: RobotModel, whole: FullIdentification
 ) -> None:
-    """What temperature does to friction is no error of the bodies, where temperatures are known."""
+    """Friction over temperature is not an error of the bodies where temperatures are known."""
     others = ("friction", "cabinet", "drives", "capacitor")
     blind = identify_everything(bags_in(folder, "temperature"), model, others).steps[0].found
     known = whole.step("dynamics").found
@@ -330,7 +330,7 @@ def test_the_model_says_what_it_was_made_from(
     written = with_provenance(whole, read)
     assert written.provenance.bags == tuple(f"{e.name} sha256:{e.sha256}" for e in read)
     assert "virtual rig" in written.provenance.notes
-    assert written.provenance.data_date == ""  # stamps of the rig are no dates
+    assert written.provenance.data_date == ""  # stamps of the rig are not dates
     other = folder / "at_25" / "metadata.yaml"
     other.write_text(other.read_text() + "\n")
     assert bags_in(folder)[0].sha256() == read[0].sha256  # of the messages, not of the index

@@ -36,7 +36,7 @@ def test_motor_temperatures_need_no_setting():
         ("arm/values", "keys", "keys"),
     ],
 )
-def test_keys_come_on_a_topic_beside_the_values(topic, names_topic, expected):
+def test_keys_come_on_a_topic_next_to_the_values(topic, names_topic, expected):
     source = TemperatureSource(topic=topic, names_topic=names_topic, type=INTERFACE_VALUES)
     assert source.topics == {expected: INTERFACE_NAMES, topic: INTERFACE_VALUES}
     assert list(source.topics) == [expected, topic]  # keys are drained first

@@ -51,6 +51,7 @@ def test_the_shipped_kinds_have_the_parts_that_they_need():
     assert [drive.name for drive in DRIVE_MODELS.values() if drive.fitted] == [
         "efficiency_map",
         "loss_model",
+        "loss_map",
     ]
 
 

@@ -23,6 +23,7 @@ OTHER_WORDS = {
     ("robot_energy_fleet/merged_friction.py", "constant"),  # the law that every joint must have
     ("robot_energy_identify/drives/total_power.py", "constant"),  # a structure of losses
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
+    ("robot_energy/model/open_schema.py", "loss_map"),
     ("robot_energy_studies/advice_study.py", "regenerative"),  # an advice
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for
 }

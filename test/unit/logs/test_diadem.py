@@ -48,14 +48,14 @@ def header(count: int, stored: list[dict[str, Any]], file: str = "x.r64") -> str
 
 def trace(folder: Path, name: str, rows: int = 50, **unit: str) -> np.ndarray[Any, Any]:
     """A trace of six axes: positions in millionths of a degree, by a factor of the header."""
-    told = {"position": "\N{DEGREE SIGN}", "torque": "Nm", "temperature": "K", **unit}
+    units = {"position": "\N{DEGREE SIGN}", "torque": "Nm", "temperature": "K", **unit}
     time = np.arange(rows) * STEP
     position = np.column_stack([10 * axis * np.sin(time) for axis in range(1, 7)])  # deg
     for axis in range(6):
         stored = [
-            {"_200": "Istposition", "_202": told["position"], "_241": 1e-6},
-            {"_200": "Istmoment", "_202": told["torque"]},
-            {"_200": "Motortemperatur", "_202": told["temperature"]},
+            {"_200": "Istposition", "_202": units["position"], "_241": 1e-6},
+            {"_200": "Istmoment", "_202": units["torque"]},
+            {"_200": "Motortemperatur", "_202": units["temperature"]},
         ]
         values = np.column_stack(
             [position[:, axis] * 1e6, np.full(rows, axis + 0.5), np.full(rows, 300.0 + axis)]

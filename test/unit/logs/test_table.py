@@ -32,7 +32,7 @@ def test_every_row_is_accounted_for_with_the_first_line_of_each_reason(tmp_path:
         ],
     )
     values, _, account = table_rows(log, ["a", "b"], last_ns=0)
-    assert account.received == 9  # the blank line is no row
+    assert account.received == 9  # the blank line is not a row
     assert dict(account.rejected) == {
         "not_numeric": 1,
         "wrong_length": 1,
@@ -72,13 +72,13 @@ def test_rows_without_time_are_counted_at_a_rate(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
-def test_the_delimiter_is_told_from_the_header(tmp_path: Path, delimiter: str) -> None:
+def test_the_delimiter_is_said_from_the_header(tmp_path: Path, delimiter: str) -> None:
     log = tmp_path / "log.csv"
     log.write_text(f"\ufefft{delimiter}a\n1{delimiter}2\n", encoding="utf-8")
     assert LogTable(log).columns == ("t", "a")
 
 
-def test_gzip_is_told_by_its_content(tmp_path: Path) -> None:
+def test_gzip_is_said_by_its_content(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_bytes(gzip.compress(b"t,a\n1,2\n"))
     assert table_rows(log, ["a"])[0].tolist() == [[2.0]]
@@ -102,7 +102,7 @@ def test_files_that_are_no_log_are_refused_in_one_sentence(tmp_path: Path) -> No
         list(LogTable(cut).rows(["a"]))
 
 
-def test_a_missing_column_is_named_beside_near_ones(tmp_path: Path) -> None:
+def test_a_missing_column_is_named_next_to_near_ones(tmp_path: Path) -> None:
     table = LogTable(write_csv(tmp_path / "log.csv", "t,position_a1,position_a2,x,x", ["1"]))
     with pytest.raises(LogFormatError, match=r"'position_a3' that joints.position names.*_a2"):
         table.require("position_a3", "joints.position")

@@ -185,11 +185,11 @@ def test_a_recording_appended_with_its_header_is_a_run_of_its_own(tmp_path):
     report = imported(tmp_path, lines(HEADER, *ROWS, HEADER, *ROWS))
     assert (report.joint_states, report.end_ns - report.start_ns) == (4, 12 * 10**9)
     assert "line 4 of log.csv repeats the header" in report.notes[-1]
-    assert "begins anew" in report.notes[-1]
+    assert "begins again" in report.notes[-1]
     later = ("2,1,0,50", "3,1,0,50")
     report = imported(tmp_path, lines(HEADER, *ROWS, HEADER, *later))
     assert report.end_ns - report.start_ns == 3 * 10**9
-    assert "begins anew" not in report.notes[-1]
+    assert "begins again" not in report.notes[-1]
 
 
 def test_dates_that_step_back_after_a_header_stay_where_they_are(tmp_path):

@@ -91,7 +91,7 @@ def test_decimal_commas_are_read_and_named(tmp_path: Path) -> None:
 
 
 def test_a_recording_appended_with_its_header_is_read(tmp_path: Path) -> None:
-    """The robot was started anew: its clock begins again."""
+    """The robot was started again: its clock begins again."""
     first, second = [row(1000.0), row(1000.04)], [row(3.0), row(3.04)]
     log = write_csv(tmp_path / "log.csv", HEADER, [*first, HEADER, *second])
     report = import_ur_rtde([log], tmp_path / "bag")

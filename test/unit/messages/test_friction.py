@@ -1,4 +1,4 @@
-"""Friction messages: what is sent beside the coefficients."""
+"""Friction messages: what is sent next to the coefficients."""
 
 from __future__ import annotations
 

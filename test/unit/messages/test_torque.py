@@ -80,7 +80,7 @@ def test_messages_lost_on_the_way_are_a_gap():
 def test_the_writer_s_own_segments_are_kept_and_counted_once():
     reader = TorqueReader(NAMES, "id")
     first, second = torques(0, 50, segment=3), torques(50, 50, segment=4)
-    third = torques(400, 50, segment=5)  # told by the writer and seen in the stamps
+    third = torques(400, 50, segment=5)  # determined by the writer and seen in the stamps
     found = read(reader, TorqueBlock.concatenate([first, second, third]))
     assert list(found.segment) == [0] * 50 + [1] * 50 + [2] * 50
 

@@ -37,7 +37,7 @@ JOINTS = {
     "ur10e": UR_JOINTS,
     "irb4600": tuple(f"joint_{axis}" for axis in range(1, 7)),
 }
-MODELS = tuple(JOINTS)  # six axes; the machines of paper B beside them are in test_printers.py
+MODELS = tuple(JOINTS)  # six axes; the machines of paper B next to them are in test_printers.py
 
 # base first [kg]; KR 16 class: profile of 235 kg; UR: page "DH Parameters ..."; IRB 4600 class:
 # KUKA KR 50 R2500 (111.02, 175.205, 131.16, 76.987, 36.937, 16.209, 3.62) times 0.8

@@ -249,7 +249,7 @@ def test_a_motion_behind_a_word_of_the_machine_is_not_lost(line):
         read_gcode(f";FLAVOR:Marlin\n{HEAD}{line}\nG1 X20 F60\n")
 
 
-def test_a_motion_beside_a_word_of_a_milling_machine_is_made():
+def test_a_motion_next_to_a_word_of_a_milling_machine_is_made():
     ends = [move.end[0] for move in moves(HEAD + "G1 X10 F600 M8\nX20 M9\nM3 S1000\nX30\n")]
     assert ends == pytest.approx([0.01, 0.02, 0.03])
 

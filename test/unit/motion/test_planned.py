@@ -76,7 +76,7 @@ def test_a_program_file_is_the_loop_it_says(tmp_path):
     assert (loaded.repeat, loaded.notes) == (3, ())
 
 
-def test_what_nobody_said_of_acceleration_is_told(tmp_path):
+def test_what_nobody_said_of_acceleration_is_said(tmp_path):
     loaded = program_for(read_program(written(tmp_path, acceleration="absent")), robot().limits)
     assert "assumed" in loaded.notes[0]
 
@@ -265,10 +265,10 @@ def test_samples_come_in_blocks_with_every_kink():
 
 
 def test_times_on_one_nanosecond_are_one_sample():
-    """A point 0.3 ns beside the grid, at its begin, within it, at a block's end and at its end."""
-    beside = [3e-10, 0.01 + 3e-10, 0.01 * BLOCK - 3e-10, 60.0 - 3e-10]
+    """A point 0.3 ns next to the grid, at its begin, within it, at a block's end and at its end."""
+    adjacent = [3e-10, 0.01 + 3e-10, 0.01 * BLOCK - 3e-10, 60.0 - 3e-10]
     path = JointTrajectory(("a",), np.array([0.0, 30.0, 60.0]), np.zeros((3, 1)))
-    sampled = SampledMotion(path, ("a",), 60.0, 0.01, beside)
+    sampled = SampledMotion(path, ("a",), 60.0, 0.01, adjacent)
     for times in (1, 2):
         time = np.concatenate([time for time, _ in repeated(sampled, times)])
         assert (np.diff(planned_ns(time)) > 0).all()

@@ -19,7 +19,7 @@ MODEL = load("irb4600")
 TOOL = ToolOptions(placement=ToolPlacement(-1.0, 0.15, 0.0))
 HARD = ToolLimits(acceleration=50.0)
 PROGRAM = """\
-G21 (F100 is no feed) ; F200 neither
+G21 (F100 is not a feed) ; F200 neither
 M203 F50
 G1 X0 Y0 Z0 F1000 ; first
 G0 X10
@@ -43,7 +43,7 @@ def test_every_feed_is_multiplied_and_nothing_else_changes():
     assert np.multiply(speeds(PROGRAM), 1e3) == pytest.approx(wanted)
     factors = np.divide(speeds(twice), speeds(PROGRAM))
     assert factors == pytest.approx([2.0, 2.0, 2.0, 2.0])
-    assert "(F100 is no feed) ; F200 neither" in twice
+    assert "(F100 is not a feed) ; F200 neither" in twice
     assert "M203 F50\n" in twice
     assert "G10 F300\n" in twice
     assert "G1 E-2 F4800\n" in twice

@@ -39,7 +39,7 @@ def test_energy_counts_braking_only_where_it_is_meant_to():
 
 @given(st.integers(0, 1000), st.floats(0.5, 1.5))
 def test_total_lies_between_the_joints_when_all_err_alike(seed, factor):
-    """So the paper's total below each of its joints is no sum of such energies."""
+    """So the paper's total below each of its joints is not a sum of such energies."""
     power = np.random.default_rng(seed).uniform(0.1, 5.0, (20, 3))
     scale = 1.0 + (factor - 1.0) * np.array([0.2, 0.6, 1.0])
     found = accuracies(power * scale, power, np.full(20, 0.1))

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import interp1d
+from scipy.signal import butter, filtfilt
 
 from robot_energy.model import load
 from robot_energy_cli.main import main
+from robot_energy_papers.drive_study import maps_as_written
 from robot_energy_papers.machines import MACHINES, MOTOR_DEGC, PARTS, layer, predicted, wall_motion
 from robot_energy_plan.prediction import predict
 
@@ -27,7 +31,7 @@ def test_everything_is_written_and_labelled(found, capsys):
     figures, folder = found
     page = (folder / "report.html").read_text()
     assert "virtual rig" in page
-    assert page.count("<img ") == 9
+    assert page.count("<img ") == 12
     assert "nothing was measured on a robot" in figures["about"]
     assert load(folder / "identified.yaml").joint_names == ("joint_1", "joint_2", "joint_3")
     assert (folder / "front.svg").stat().st_size > 1000
@@ -66,13 +70,51 @@ def test_losses_hold_off_the_map(found):
     assert beyond["ways"]["map"]["accuracy"] < 0.7
 
 
-def test_maps_and_losses_compete_on_drawn_plants(found):
-    """Both beat no efficiency on plants whose losses are not of the form of the loss model."""
-    data = found[0]
-    assert list(data["plants"]) == ["1"]
-    for test in data["plants"].values():
-        ways = test["ways"]
-        assert ways["map"]["accuracy"] > ways["none"]["accuracy"] + 0.1
+def test_ways_compete_on_drawn_plants_in_both_configurations(found):
+    """All beat no efficiency on plants whose losses are not of the form of the loss model."""
+    figures, folder = found
+    for run in (WALL, HELD):
+        assert list(figures["plants"][run]) == ["1"]
+        ways = figures["plants"][run]["1"]["ways"]
+        for way in ("written", "map", "losses", "loss_map"):
+            assert ways[way]["accuracy"] > ways["none"]["accuracy"] + 0.1
+            # of one plant: least, quartiles and greatest are the same
+            assert figures["distributions"][run][way]["accuracy"] == [ways[way]["accuracy"]] * 5
+    assert "maps as written in the paper" in (folder / "report.html").read_text()
+
+
+def test_maps_as_written_by_hand():
+    """Section 6 of paper B, step by step with other functions, on one short run of one drive."""
+    rng = np.random.default_rng(5)
+    time = np.arange(2000) / 500.0
+    speed, torque = 30.0 * np.sin(3.0 * time), np.sin(2.0 * time + 1.0)
+    electrical = torque * speed + 5.0 + 2.0 * torque**2 + rng.normal(scale=0.5, size=time.size)
+    shaft = (torque * speed)[:, None]
+    run = SimpleNamespace(
+        recording=SimpleNamespace(
+            torque=SimpleNamespace(motor_torque_measured=torque[:, None]),
+            power=SimpleNamespace(motor_velocity=speed[:, None]),
+        ),
+        rows=np.ones(time.size, dtype=bool),
+        shaft_measured=shaft,
+        electrical=electrical[:, None],
+        duration=np.full(time.size, 2e-3),
+    )
+    (entry,) = maps_as_written([run], 5.0)
+    eta = torque * speed / electrical
+    off = np.abs(eta - np.median(eta))
+    eta[off > 3.0 * 1.4826022185056 * np.median(off)] = np.nan
+    kept = np.isfinite(eta)
+    line = interp1d(
+        time[kept], eta[kept], bounds_error=False, fill_value=(eta[kept][0], eta[kept][-1])
+    )
+    b, a = butter(4, 5.0 / 250.0)
+    smooth = filtfilt(b, a, line(time))
+    near = np.abs(smooth) < 1e-3
+    assert near.mean() < 0.01
+    np.testing.assert_allclose(np.array(entry.efficiency)[~near], smooth[~near], rtol=1e-5)
+    assert len(entry.efficiency) == time.size  # every sample is a point
+    assert entry.motor_velocity == speed.tolist()
 
 
 def test_efficiency_while_printing(found):
@@ -85,13 +127,13 @@ def test_efficiency_while_printing(found):
 def test_three_machines_at_the_wall(found):
     """The sign of the paper's comparison depends on what is counted."""
     for stage in ("layer", "wall", "rig"):
-        beside = found[0]["relative_to_arm"][stage]
+        adjacent = found[0]["relative_to_arm"][stage]
         for key in ("mantis_held", "mantis_all"):
-            assert -0.96 < beside[key]["mechanical, magnitude"] < -0.88
-            assert -0.96 < beside[key]["electrical, drives"] < -0.88
-            assert beside[key]["mechanical, net"] > -0.85
-        assert -0.75 < beside["testbed"]["electrical, drives"] < -0.45
-        assert beside["testbed"]["mechanical, net"] > 0.2
+            assert -0.96 < adjacent[key]["mechanical, magnitude"] < -0.88
+            assert -0.96 < adjacent[key]["electrical, drives"] < -0.88
+            assert adjacent[key]["mechanical, net"] > -0.85
+        assert -0.75 < adjacent["testbed"]["electrical, drives"] < -0.45
+        assert adjacent["testbed"]["mechanical, net"] > 0.2
     arm = found[0]["machines"]["irb4600"]["layer"]
     assert arm["parts"]["holding"] > 0.5 * arm["electrical, drives"]
 
@@ -161,7 +203,7 @@ def test_open_figures_stand_in_json_and_on_the_page(found):
     assert gantry["nominal"] == pytest.approx(
         1 + figures["relative_to_arm"]["layer"]["testbed"]["electrical, drives"]
     )
-    maps = figures["sensitivity"]["map_accuracy"]["reduced maps"]
+    maps = figures["sensitivity"]["map_accuracy"]["our maps"]
     held = next(row for row in maps["rows"] if row["figure"]["key"] == "held")
     assert held["at_high"] > maps["nominal"] + 0.05  # joint 1 held suits the maps
     page = (folder / "report.html").read_text()

@@ -8,7 +8,7 @@ from robot_energy.model import load
 from robot_energy_papers.calibration import HOLDING_DEGC, Holding, holding_power, random_poses
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE, holding_table, rise_table
 from robot_energy_papers.machines import layer, predicted
-from robot_energy_papers.sensitivity import OpenFigure, sensitivity
+from robot_energy_papers.sensitivity import TOGETHER, OpenFigure, sensitivity
 from robot_energy_papers.wall import Wall
 from robot_energy_papers.wall_sensitivity import GANTRY, wall_tables
 from robot_energy_rig import load_profile
@@ -31,34 +31,43 @@ def test_one_figure_that_reproduces():
     assert second.elasticity == pytest.approx(4 / 16)
     assert first.reproduces == pytest.approx(3.0, rel=2e-3)
     assert second.reproduces is None
-    assert found.combination is None
+    assert found.spread is None
     assert found.alone == [first]
 
 
-def test_a_combination_moves_its_figures_the_same_share_of_the_way():
-    """y = a + b + c falls from 6; to 2.5 it needs a and b, 7/8 of the way, and c rests."""
-    found = sensitivity(
-        lambda x: {"y": x["a"] + x["b"] + x["c"]},
-        [figure("c", 1.5, 2, 3), figure("a", 0, 2, 3), figure("b", 0, 2, 3)],
-        {"y": 2.5},
-    )["y"]
-    assert found.alone == []
-    together = found.combination
-    assert together.values == pytest.approx({"a": 0.25, "b": 0.25}, abs=4e-3)
-    assert together.share == pytest.approx(0.875, abs=2e-3)
-    assert together.result == pytest.approx(2.5, abs=1e-2)
+def test_all_figures_are_drawn_at_once_from_their_ranges():
+    """y = a + b: a below 1 in half of the draws, b uniform from its end, s on in half of them."""
+    seen = []
+
+    def total(x):
+        seen.append(x)
+        return {"y": x["a"] + x["b"]}
+
+    figures = [figure("a", 0, 1, 4), figure("b", 0, 0, 1), figure("s", 0, 0, 1, switch=True)]
+    found = sensitivity(total, figures, {"y": 4.0}, draws=2000, seed=7, slow=["b"])["y"]
+    drawn = seen[-2000 - 1 : -1] if len(seen) > 2000 else []  # the last one has all helpful ends
+    a, b, s = ([x[key] for x in drawn] for key in "abs")
+    assert sum(value < 1 for value in a) / 2000 == pytest.approx(0.5, abs=0.04)
+    assert sum(value > 2.5 for value in a) / 2000 == pytest.approx(0.25, abs=0.03)
+    assert len(set(b)) == 2000 / TOGETHER
+    assert sum(value > 0.5 for value in b) / 2000 == pytest.approx(0.5, abs=0.15)
+    assert sum(s) / 2000 == pytest.approx(0.5, abs=0.04)
+    spread = found.spread
+    assert (spread.draws, spread.seed) == (2000, 7)
+    assert list(spread.quantiles) == sorted(spread.quantiles)
+    assert spread.quantiles[3] == pytest.approx(1.5, abs=0.15)
+    # P(a + b >= 4): over b, half times (a above 4 - b of the three units above 1), mean b / 6
+    assert spread.reaching == pytest.approx(0.5 / 6.0, abs=0.03)
+    assert found.reach == 5.0
 
 
 def test_none_reproduces_and_switches_have_nothing_between():
     figures = [figure("a", 0, 1, 2), figure("s", 0, 0, 1, switch=True)]
     found = sensitivity(lambda x: {"y": x["a"] + 3 * x["s"]}, figures, {"y": 9.0})["y"]
-    assert found.combination is None
     assert found.reach == 5.0
     assert found.rows[1].elasticity is None  # of a nominal figure of 0
     found = sensitivity(lambda x: {"y": x["a"] + 3 * x["s"]}, figures, {"y": 3.5})["y"]
     assert found.rows[1].reproduces == 1.0
-    found = sensitivity(lambda x: {"y": x["a"] + 3 * x["s"]}, figures, {"y": 4.5})["y"]
-    assert found.combination.values == pytest.approx({"s": 1.0, "a": 1.5}, abs=2e-3)
 
 
 def test_figures_must_rise():
@@ -94,12 +103,14 @@ def test_weight_of_the_ram_by_hand(walls):
     assert mechanical["ram"].elasticity == 0.0
 
 
-def test_combinations_of_the_wall_give_the_paper(walls):
+def test_a_share_of_all_draws_reaches_the_saving_of_the_paper(walls):
     for table in walls.values():
         assert table.published == pytest.approx(0.23)
         assert table.alone == []
-        assert table.combination.result == pytest.approx(0.23, abs=2e-3)
-        assert len(table.combination.values) == 2
+        assert table.reach < 0.23
+        spread = table.spread
+        assert 0.0 < spread.quantiles[0] < table.nominal < spread.quantiles[-1] < 1.5
+        assert spread.reaching < 0.5
 
 
 def test_infill_stays_inside_and_comes_back():
@@ -122,7 +133,8 @@ def test_constant_losses_at_rest_by_hand():
     assert row.at_high == pytest.approx(table.nominal * mean / (mean + more), rel=1e-9)
     resistance = next(row for row in table.rows if row.figure.key == "resistance")
     assert 0.10 < resistance.at_low < table.nominal
-    assert table.combination.result == pytest.approx(0.10, abs=1e-3)
+    assert table.reach < 0.10 < table.spread.quantiles[3]
+    assert 0.0 < table.spread.reaching < 0.5
 
 
 def test_rise_of_temperature_by_hand():

@@ -4,8 +4,8 @@ import pytest
 import robots
 from refusals import refused
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy.model.drive_models import EfficiencyMap, LossDrive
-from robot_energy.physics.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
+from robot_energy.model.drive_models import EfficiencyMap, LossDrive, LossMap
+from robot_energy.physics.drive import EfficiencyMaps, Ideal, LossMaps, LossModel, drive_from_model
 from robots import figure
 
 
@@ -75,6 +75,41 @@ def test_map_gives_nan_for_nan_and_does_not_raise():
     )
     assert np.isnan(power[0, 0])
     assert power[1, 0] == pytest.approx(8.0)
+
+
+SQUARE = {"motor_velocity": [0.0, 10.0, 40.0], "motor_torque": [0.0, 2.0]}
+
+
+def loss_map(loss=((3.0, 7.0), (5.0, 13.0), (8.0, 16.0))):
+    return LossMap(**SQUARE, loss=[list(row) for row in loss], tag="identified")
+
+
+def test_loss_map_by_hand():
+    """Inside, at rest under load, beyond each end, and with windings at 70 degC."""
+    speed = np.array([[-5.0], [0.0], [20.0], [60.0], [0.0], [np.nan]])
+    torque = np.array([[1.0], [-2.0], [3.0], [3.0], [1.0], [1.0]])
+    degc = np.array([[20.0]] * 4 + [[70.0]] + [[20.0]])
+    power, outside = LossMaps([loss_map()]).input_power(speed * torque, speed, torque, degc)
+    warm = 3.0 + 0.5 * np.sqrt(1.0 + 0.0039 * 50.0) * 4.0
+    # middle of (3, 7, 5, 13); corner; 14 + half of 14 - 6; 16 + 20/30 (16 - 13) + half of 8
+    by_hand = [7.0, 7.0, 14.0 + 0.5 * 8.0, 16.0 + 2.0 + 4.0, warm, np.nan]
+    np.testing.assert_allclose((power - speed * torque)[:, 0], by_hand, rtol=1e-12)
+    np.testing.assert_array_equal(outside[:, 0], [False, False, True, True, False, False])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"loss": [[3.0, 2.0]] * 3}, "falls"),
+        ({"loss": [[3.0, 4.0], [2.0, 5.0], [3.0, 6.0]]}, "falls"),
+        ({"loss": [[3.0, 4.0]] * 2}, "3 rows of 2"),
+        ({"motor_velocity": [1.0, 2.0, 3.0]}, "rise from 0"),
+    ],
+)
+def test_an_impossible_loss_map_is_refused(change, words):
+    given = loss_map().model_dump() | change
+    with pytest.raises(ValueError, match=words):
+        LossMap.model_validate(given)
 
 
 def test_drive_without_its_figures_is_refused_at_load():

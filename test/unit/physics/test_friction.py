@@ -165,6 +165,9 @@ def test_optional_terms_by_hand():
     )
     load = torque(friction(load_coulomb=figure(0.1)), [10.0, -10.0], rigid=-7.0)
     np.testing.assert_allclose(load, [0.5 + 0.7 + 0.2, -1.4])
+    limit = friction(load_coulomb=figure(0.1), load_saturation=figure(4.0))
+    np.testing.assert_allclose(torque(limit, [10.0, -10.0], rigid=-7.0), [0.5 + 0.4 + 0.2, -1.1])
+    np.testing.assert_allclose(torque(limit, [10.0, -10.0], rigid=-3.0), [0.5 + 0.3 + 0.2, -1.0])
 
 
 def test_standing_axis_has_no_friction_torque():

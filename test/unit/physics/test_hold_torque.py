@@ -77,7 +77,7 @@ def test_copper_at_rest_follows_measured_torque():
     model = arm(constant="identified")
     power = power_of(model, block, effort=EffortMeaning.MOTOR_TORQUE)
     assert power.drive_loss[-1] == pytest.approx([0.5 * 1.5**2] * 2)
-    # what the model says of the torque stays beside it
+    # what the model says of the torque stays next to it
     load = power_of(model, moved_and_stopped()).motor_torque[-1]
     assert power.motor_torque[-1] == pytest.approx(load)
     assert power.drive_loss[0] != pytest.approx([0.5 * 1.5**2] * 2)

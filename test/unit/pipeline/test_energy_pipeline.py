@@ -214,10 +214,10 @@ def test_means_carry_what_the_meter_measured_over_the_same_time():
     out = [pipeline.step(joints=spin(3.0, seconds=2.0), meter=meter), pipeline.flush()]
     means = [part.means for part in out if part.means is not None]
     shown = np.concatenate([mean.measured_power for mean in means])
-    beside = np.concatenate([mean.predicted_power_at_meter for mean in means])
+    adjacent = np.concatenate([mean.predicted_power_at_meter for mean in means])
     assert np.isnan(shown[0])
     np.testing.assert_allclose(shown[10:], 90.0)
-    np.testing.assert_allclose(beside[10:], 83.0)
+    np.testing.assert_allclose(adjacent[10:], 83.0)
     age = np.concatenate([mean.measurement_age for mean in means])[10:]
     assert ((age >= 0) & (age <= 0.1)).all()
 

@@ -49,7 +49,7 @@ def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None
     assert compared.predicted_minus_measured_energy == pytest.approx(-120.0)
     assert compared.predicted_minus_measured_relative == pytest.approx(-0.15)
     assert compared.compared_ns == report.time.observed_ns == 10_000_000_000
-    # Beyond the 50 W that flow in any case: 180 J beside 300 J.
+    # Beyond the 50 W that flow in any case: 180 J next to 300 J.
     assert compared.constant_power_at_meter == 50.0
     assert compared.beyond_constant_relative == pytest.approx(-0.4)
     joint = report.joints[0]
@@ -70,7 +70,7 @@ def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None
 
 
 def test_a_meter_on_the_dc_bus_is_compared_there(tmp_path: Path) -> None:
-    """38 W predicted on the bus beside 40 W measured: 380 J, 400 J, -5 %."""
+    """38 W predicted on the bus next to 40 W measured: 380 J, 400 J, -5 %."""
     compared = replay_report(run(tmp_path, power=40.0, location="dc_bus")).comparison
     assert compared.meter_location == "dc_bus"
     assert compared.predicted_energy_at_meter == pytest.approx(380.0)

@@ -34,7 +34,9 @@ def printed(report: ReplayReport) -> list[str]:
 def test_the_headline_comes_first_and_nothing_is_wider_than_the_page(tmp_path: Path) -> None:
     report = replay_report(replay(wheel_bag(tmp_path), one_wheel()))
     lines = printed(report)
-    assert lines[0].startswith("predicted 680 J, measured 800 J at the grid: -15.0 %")
+    assert lines[0].startswith("The model reads 15.0 % low; its energy is known within ")
+    assert "(90 % band); measure next: " in lines[0]
+    assert lines[1].startswith("predicted 680 J, measured 800 J at the grid: -15.0 %")
     assert max(len(line) for line in lines[4:]) <= 100
     assert not any("\x1b" in line for line in lines)
 
@@ -43,7 +45,7 @@ def test_the_printed_parts_sum_to_the_printed_total(tmp_path: Path) -> None:
     lines = printed(replay_report(replay(wheel_bag(tmp_path), one_wheel())))
     start = next(i for i, line in enumerate(lines) if line.startswith("Where the energy went"))
     end = next(i for i, line in enumerate(lines) if line.startswith(" from the grid"))
-    rows = [line.split("  ") for line in lines[start + 4 : end + 1] if " Wh " in line]
+    rows = [line.split("  ") for line in lines[start + 4 : end + 1] if " % " in line]
     values = [float([cell for cell in row if cell.strip()][1]) for row in rows]
     assert values[-1] == pytest.approx(680.0)
     assert sum(values[:-1]) == pytest.approx(values[-1])
@@ -61,7 +63,8 @@ def test_meter_readings_are_counted_by_band_before_calibration_too(tmp_path: Pat
 
 def test_without_a_meter_there_is_no_comparison_and_no_zero(tmp_path: Path) -> None:
     lines = printed(replay_report(replay(wheel_bag(tmp_path, power=None), one_wheel())))
-    assert "nothing measured (no meter)" in lines[0]
+    assert lines[0].startswith("Nothing was measured: this is a prediction alone")
+    assert "nothing measured (no meter)" in lines[1]
     assert not any("Predicted and measured" in line for line in lines)
 
 
@@ -85,8 +88,8 @@ def test_energies_in_words(joule: float, text: str) -> None:
 def test_one_unit_and_precision_for_a_whole_report() -> None:
     scale = EnergyFormat(12_345.0)
     assert (scale.unit, scale.joule(12_345.0), scale.joule(-4.0)) == ("kJ", "12.35", "0.00")
-    assert scale.joule(None) == scale.watt_hour(None) == "-"
-    assert scale.watt_hour(3600.0) == "1.000 Wh"
+    assert scale.joule(None) == scale.text(None) == "-"
+    assert scale.text(3600.0) == "3.60 kJ"
     assert EnergyFormat(0.0).joule(0.0) == "0.000"
 
 

@@ -64,7 +64,7 @@ def test_the_cabinet_is_that_of_a_replay_without_loads(report, recording):
     model = load(str(CELL)).changed(auxiliary=None)
     assert model.model_id == load("mantis").model_id
     alone = replay_report(replay(recording.path, model))
-    assert alone.topics.meter == "/power_meter"  # those of the loads are no meter of the cabinet
+    assert alone.topics.meter == "/power_meter"  # not one of those of the loads
     assert alone.auxiliary is None
     assert alone.energy == report.energy
 

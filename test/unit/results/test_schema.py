@@ -106,7 +106,7 @@ def misfit(value, schema, definitions, where="$"):
         isinstance(value, TYPES[kind]) and (kind == "boolean" or not isinstance(value, bool))
         for kind in kinds
     ):
-        return f"{where}: {value!r} is no {kinds}"
+        return f"{where}: {value!r} is not {kinds}"
     if "const" in schema and value != schema["const"]:
         return f"{where}: {value!r}"
     if "enum" in schema and value not in schema["enum"]:

@@ -96,7 +96,7 @@ def test_refuses_no_time_and_a_bag_that_is_there(profile, tmp_path):
         record(VirtualRig(profile, PROGRAM), 0.1, tmp_path / "bag")
 
 
-def test_what_was_true_is_told_beside_the_bag(profile, tmp_path):
+def test_what_was_true_is_said_next_to_the_bag(profile, tmp_path):
     config = RigConfig(thermal_speedup=20.0)
     made = record(VirtualRig(profile, PROGRAM, config, seed=3), 5.0, tmp_path / "bag")
     truth = RigOutput.concatenate(

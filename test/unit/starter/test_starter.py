@@ -384,7 +384,7 @@ def test_the_reason_of_xacro_reaches_the_user(tmp_path):
     assert "\n" not in str(refused.value)
 
 
-def test_xacro_is_found_beside_the_interpreter(tmp_path, monkeypatch):
+def test_xacro_is_found_next_to_the_interpreter(tmp_path, monkeypatch):
     """As in an environment whose commands are not on the path."""
     monkeypatch.setattr(description_module, "which", lambda name: None)
     path = tmp_path / "arm.urdf.xacro"

@@ -105,7 +105,7 @@ def test_the_state_of_something_else_is_moved_aside(tmp_path, changes, words):
     assert books.checkpoint()
 
 
-def test_damaged_files_begin_anew_with_a_notice(tmp_path):
+def test_damaged_files_begin_again_with_a_notice(tmp_path):
     counted(tmp_path)
     for path in tmp_path.glob("*.state"):
         path.write_bytes(b"")
@@ -222,7 +222,7 @@ def test_slow_disk_does_not_hold_up_the_caller(tmp_path):
             books = keeper(tmp_path)
             books._submit = disk.submit
             books.open()
-            disk.submit(answer.wait)  # the disk answers when told to
+            disk.submit(answer.wait)  # the disk answers when asked to
             books.account.step(steady(0, 1))
             assert books.begin()
             assert books.poll() is None

@@ -69,10 +69,10 @@ def test_the_first_node_adopts_and_no_other_ever(tmp_path):
         assert (imported(again), again.adopted) == (energy, "")
         assert again.close()
     for own in tmp_path.glob(f"{file_name_of(identity_of(MODEL, '/cell1/em'))}.*.state"):
-        own.unlink()  # somebody begins anew
-    anew = keeper(tmp_path, "/cell1/em")
-    anew.open()
-    assert (imported(anew), anew.adopted) == (0.0, "")
+        own.unlink()  # somebody begins again
+    again = keeper(tmp_path, "/cell1/em")
+    again.open()
+    assert (imported(again), again.adopted) == (0.0, "")
 
 
 def test_registers_that_count_already_adopt_nothing(tmp_path):

@@ -84,7 +84,7 @@ class Run:
         """
         column = self.columns[path]
         if not isinstance(column, np.ndarray):
-            raise MessageTypeError(f"the field {path} is no numeric array", "a numeric field")
+            raise MessageTypeError(f"the field {path} is not a numeric array", "a numeric field")
         return column
 
     def names(self, path: str) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class Run:
         """
         column = self.columns[path]
         if not isinstance(column, tuple) or not all(isinstance(item, str) for item in column):
-            raise MessageTypeError(f"the field {path} is no list of strings", "a string sequence")
+            raise MessageTypeError(f"the field {path} is not a list of strings", "string sequence")
         return column
 
 

@@ -163,7 +163,7 @@ class JointStateReader:
         """Return what can be read, in order of arrival, or None if that is nothing.
 
         Messages of one batch stay in order. Batches are merged by their stamps; where those of
-        a batch jump, by the time of receipt, if it tells messages of a batch apart.
+        a batch jump, by the time of receipt, if it distinguishes messages of a batch.
 
         Args:
             batches: Serialised messages, one batch per topic.

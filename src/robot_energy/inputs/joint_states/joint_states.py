@@ -60,7 +60,7 @@ class JointStateIngest:
     Args:
         joint_names: Modelled joints in model order.
         typestore: Message definitions of the source; those known here by default.
-        limits: Limits from the URDF (`Robot.limits`), which tell units, robots and
+        limits: Limits from the URDF (`Robot.limits`), which reveal units, robots and
             publishers apart; None to do without.
         effort: Whether to read the effort; NaN everywhere if not. A message whose effort
             is absent or of another length than its names has none.

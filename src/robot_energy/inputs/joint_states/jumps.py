@@ -65,7 +65,7 @@ class PositionJumpDetector:
 
     Args:
         fastest: Velocity limits, inf where there are none, shape (n,). [rad/s] or [m/s]
-        wraps: Joints of which a full turn is no step, shape (n,).
+        wraps: Joints of which a full turn is not a step, shape (n,).
 
     Attributes:
         lone: Direction of the last lone leap of each joint, 0 for none, shape (n,).
@@ -109,7 +109,7 @@ class PositionJumpDetector:
         return PositionJumpDetector(self._allowed[one] / MAX_STEP_RATIO, self._wraps[one])
 
     def begin_epoch(self) -> None:
-        """Forget the last position: the next is no step."""
+        """Forget the last position: the next is not a step."""
         self._last = None
         self._before = self.lone = np.zeros_like(self._before)
 

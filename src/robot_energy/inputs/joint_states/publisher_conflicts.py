@@ -15,7 +15,7 @@ from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import Float, JointBlock
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
-MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
+MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is not a time watched
 CONFLICTING = "conflicting_publisher"  # the reason under which refused samples are counted
 QUARANTINE_NS = SECOND_NS // 4  # how long a leap waits for the leap back
 IMPOSSIBLE_POSITION = (
@@ -33,7 +33,7 @@ class PublisherConflictFilter:
     so that nothing of a false position is used. Where it leads back to where the robot can be,
     and no other does so within five seconds, these samples alone are lost: one publisher sent a
     position that is corrupt. A leap that stays is a jump of one publisher (an
-    encoder referenced anew) and begins a new segment. After a sign, samples are refused
+    encoder referenced again) and begins a new segment. After a sign, samples are refused
     until a second has passed without another.
 
     Args:

@@ -1,4 +1,4 @@
-"""States of nothing but zeros, which a second publisher sends beside those of the robot."""
+"""States of nothing but zeros, which a second publisher sends next to those of the robot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ZeroStateFilter:
     """Leaves out messages in which all joints are exactly zero and stand, between others.
 
     A ``joint_state_publisher`` without sliders, or a driver without its robot, sends such states
-    beside the driver. They are found where no motion leads from the state before to zero, or
+    next to the driver. They are found where no motion leads from the state before to zero, or
     where they have its stamp; once three were, every state of zeros within a second of another
     one is left out. The robot's own states stay in use, which the check for a second publisher
     would refuse with them. A robot that stands at zero is left alone.
@@ -108,7 +108,7 @@ class ZeroStateFilter:
         return zero, full & ~zero
 
     def _foreign(self, stamp: Int, position: Float, rows: Int, others: Int) -> list[int]:
-        """Which of the rows of zeros come beside another state."""
+        """Which of the rows of zeros come next to another state."""
         found: list[int] = []
         before = np.searchsorted(others, rows) - 1
         for row, place in zip(rows.tolist(), before.tolist(), strict=True):

@@ -42,7 +42,7 @@ class MeterKind(Kind):
         headed: Whether it has a header; None: as the definition of its messages has it.
         pairs: Whether voltage and current may come on two topics of this type.
         found_by_type: Whether a topic of this type is a meter without any settings.
-        topic_words: A topic with one of these words may be a meter, and the user is told;
+        topic_words: A topic with one of these words may be a meter, and the user is informed;
             ``("",)`` for every topic of the type.
     """
 

@@ -113,13 +113,13 @@ class MeterIngest:
             node, axes = leaf(schema, number.path, source.type)
             if not isinstance(node, ScalarField):
                 raise ParameterError(
-                    f"value_path {text} of {source.type} is no number", "the path of a number"
+                    f"value_path {text} of {source.type} is not a number", "the path of a number"
                 )
             if axes != (number.index is not None):
                 found, expected = (
                     ("is an array", f"one place of it, such as {number.path}[0]")
                     if axes
-                    else ("is no array", f"{number.path} without an index")
+                    else ("is not an array", f"{number.path} without an index")
                 )
                 raise ParameterError(f"value_path {text} of {source.type} {found}", expected)
         return numbers
@@ -140,7 +140,7 @@ class MeterIngest:
         return None if block is None else self._taken(self._stream.step(block))
 
     def flush(self) -> MeterBlock | None:
-        """Return what still waits and is no outlier, as at the end of a bag."""
+        """Return what still waits and is not an outlier, as at the end of a bag."""
         return self._taken(self._stream.flush())
 
     def clock_doubts(self, within: float | None = None) -> list[str]:
@@ -173,7 +173,7 @@ class MeterIngest:
         if not len(rows):
             return None
         if kind is None:
-            return self._told(stamp, column)
+            return self._stated(stamp, column)
         value = self.source.reading.number(column)
         used = self.rejections.refuse({"zero_stamp": stamp == 0, "not_finite": ~np.isfinite(value)})
         self.rejections.accepted += int(used.sum())
@@ -205,7 +205,7 @@ class MeterIngest:
             column = {path: values[valid] for path, values in column.items()}
         return rows, stamp, column
 
-    def _told(self, stamp: Int, column: dict[str, Float]) -> MeterBlock | None:
+    def _stated(self, stamp: Int, column: dict[str, Float]) -> MeterBlock | None:
         """Readings that say by themselves what they are."""
         good = self.rejections.refuse(
             {

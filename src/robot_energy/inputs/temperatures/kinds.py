@@ -149,7 +149,7 @@ class _InterfaceValues:
 class _Diagnostics:
     """Texts such as ``45.2`` or ``45.2 C`` under a status and a key.
 
-    A unit in the text counts more than that of the source, as it stands beside the value.
+    A unit in the text counts more than that of the source, as it stands next to the value.
     """
 
     fields = (*HEADER, "status.name", "status.values.key", "status.values.value")
@@ -202,8 +202,8 @@ class TemperatureKind(Kind):
         single: Whether a message is of one joint.
         by_status: Whether ``names`` and ``keys`` are places in a status, one for all or one
             for each joint, and the joints are then the model's own.
-        keys_type: Type of a topic beside it that names the values; empty for none.
-        topic_word: A topic with this word may hold temperatures, and the user is told.
+        keys_type: Type of a topic next to it that names the values; empty for none.
+        topic_word: A topic with this word may hold temperatures, and the user is informed.
     """
 
     adapter: Callable[[TemperatureSource], Adapter]

@@ -56,7 +56,7 @@ class TemperatureReader:
     Attributes:
         keys_account: The same of the keys of Float64Values.
         ignored_joints: Names met that are none of the source's joints.
-        missing_readings: Values that were no number, in messages that were accepted.
+        missing_readings: Values that were not numbers, in messages that were accepted.
 
     Raises:
         ParameterError: If the source names a joint that the model lacks.
@@ -79,7 +79,7 @@ class TemperatureReader:
         self._offset = ZERO_DEGC if source.unit == "kelvin" else 0.0
         self._codes_degc = np.array(FAULT_CODES) - self._offset
         self._newest: Int = np.full(len(self._joint_names), -1, dtype=np.int64)
-        self._true_degc: Float = np.full(len(self._joint_names), np.nan)  # last that is no code
+        self._true_degc: Float = np.full(len(self._joint_names), np.nan)  # last that is not a code
         self._odd: dict[int, float] = {}  # last value by column, where it is not used [degC]
         self._columns = self._wanted()
         self._placed = ByNames[list[tuple[int, int]]]()
@@ -130,7 +130,7 @@ class TemperatureReader:
         )
 
     def _due(self, block: TemperatureBlock) -> NDArray[np.bool_]:
-        """Tell which readings are in another tenth of a second than the last of some joint."""
+        """Return which readings are in another tenth of a second than the last of some joint."""
         given = ~np.isnan(block.motor_temperature_degc)
         tenth = np.where(given, (block.stamp_ns // TENTH_NS)[:, None], 0)
         tenth = np.concatenate([self._newest[None], tenth])

@@ -22,7 +22,7 @@ MICROJOULE = 1e-6  # J
 
 
 class StuckTemperatureDetector:
-    """Sets the losses of each motor beside what its thermometer says.
+    """Compares the losses of each motor with what its thermometer says.
 
     While a reading does not change at all, the losses must warm the motor by at least
     ``dx/dt = (P - G (T - T_a + x)) / C``. ``C`` and ``G`` are chosen too large: the heat

@@ -199,7 +199,7 @@ class TemperatureIngest:
         return self._taken(self._stream.step(block, arrival_ns))
 
     def flush(self) -> TemperatureBlock | None:
-        """Return what still waits and is no outlier, as at the end of a bag."""
+        """Return what still waits and is not an outlier, as at the end of a bag."""
         return self._taken(self._stream.flush())
 
     def _taken(self, runs: list[StreamRun[_Arrived]]) -> TemperatureBlock | None:

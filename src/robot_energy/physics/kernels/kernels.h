@@ -8,7 +8,7 @@
 
 #define LANES 8       /* samples that are computed side by side */
 #define MAX_JOINTS 64 /* of a robot; with more, Pinocchio computes */
-#define MAX_WINDOW 256 /* samples that a window and the rows beside it reach over */
+#define MAX_WINDOW 256 /* samples that a window and the rows next to it reach over */
 #define MOST_TIME (INT64_C(1) << 62) /* two times below it differ by what 64 bits hold [ns] */
 #define NOT_A_NUMBER __builtin_nan("")
 #define BODY_COLUMNS 27 /* of a row of the table of bodies, see read_chain */

@@ -166,7 +166,7 @@ def _entry(
         text = (element.get("value") or element.text or "").strip()
         value = _number(text)
         if text and value is None:
-            found.ignore(joint, f"{element.tag} '{shown(text, 40)}' of the URDF is no number")
+            found.ignore(joint, f"{element.tag} '{shown(text, 40)}' of the URDF is not a number")
         return value
     return None
 

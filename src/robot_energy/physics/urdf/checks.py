@@ -36,7 +36,7 @@ class JointLimits:
         velocity: Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]
         effort: Shape (n,), likewise. [N m] or [N]
         prismatic: Which joints move in m, shape (n,).
-        wraps: Which joints turn without end, so that 2 pi is no step, shape (n,).
+        wraps: Which joints turn without end, so that 2 pi is not a step, shape (n,).
     """
 
     joint_names: tuple[str, ...]

@@ -93,9 +93,9 @@ function bandPath({ stops, y0, y1, thick }) {
   return text;
 }
 
-function sizeText(units, unit, isEnergy) {
+function sizeText(units, unit, isEnergy, energy = "Wh") {
   const digits = Math.max(0, Math.round(-Math.log10(unit)));
-  return `${number(units * unit, digits)} ${isEnergy ? "Wh" : "W"}`;
+  return `${number(units * unit, digits)} ${isEnergy ? energy : "W"}`;
 }
 
 const fromGrid = (picture) => Math.max(1, picture.flows.reduce((sum, flow) => sum + (flow[0] === "grid" ? flow[2] : 0), 0));
@@ -121,7 +121,7 @@ export function drawFlow(host, picture, isEnergy) {
   const height = narrow ? 470 : 420;
   const { nodes, bands } = layout(picture, width, height);
   const total = fromGrid(picture);
-  const text = (units) => sizeText(units, picture.unit, isEnergy);
+  const text = (units) => sizeText(units, picture.unit, isEnergy, picture.energy);
   const label = (id) => picture.labels[id];
   const main = [...nodes.values()].filter((node) => node.column === 3).map((node) => `${label(node.id)} ${text(node.into)}`);
   const svg = drawn("svg", {

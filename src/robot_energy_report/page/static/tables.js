@@ -1,7 +1,7 @@
 // Headline, tables, alarms and diagnostics.
 import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, watts, wh, DASH } from "./format.js";
 
-const PHASES = { UNKNOWN: "unknown", HOLD: "holds", MOTION: "moves", GENERATING: "generates" };
+const PHASES = { UNKNOWN: "unknown", HOLD: "hold", MOTION: "motion", GENERATING: "generating" };
 const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", ESTIMATED: "estimated", UNKNOWN: DASH };
 const REGISTERS = [
   ["predicted_import_energy", "from the grid, predicted"],
@@ -10,8 +10,8 @@ const REGISTERS = [
   ["measured_energy", "at the meter, measured"],
   ["predicted_energy_at_meter", "at the meter, predicted"],
   ["brake_energy", "brake resistor"],
-  ["loss_dc_energy", "cabinet, DC side"],
-  ["loss_grid_energy", "cabinet, grid side"],
+  ["loss_dc_energy", "constant losses, DC side"],
+  ["loss_grid_energy", "constant losses, grid side"],
   ["capacitor_energy", "capacitor"],
 ];
 const TIMES = [["observed_time", "observed"], ["gap_time", "gaps"], ["comparison_time", "compared with the meter"]];

@@ -59,7 +59,7 @@ def test_both_losses_are_found_whatever_the_meter_reports(tmp_path, meaning):
     assert fit.generating.events > 5
 
 
-def test_without_rest_only_the_grid_side_is_told(tmp_path):
+def test_without_rest_only_the_grid_side_is_said(tmp_path):
     fit = fit_cabinet([recording(tmp_path / "bag", 0.2)])
     assert fit.hold is None
     assert fit.loss_dc is None
@@ -71,7 +71,7 @@ def test_without_rest_only_the_grid_side_is_told(tmp_path):
     assert model.cabinet.loss_grid.tag == "identified"
 
 
-def test_without_braking_the_sum_is_told_and_the_split_is_said_to_be_kept(tmp_path):
+def test_without_braking_the_sum_is_said_and_the_split_is_said_to_be_kept(tmp_path):
     whole = recording(tmp_path / "bag", 2.0)
     power = whole.power
     tame = Recording(
@@ -86,10 +86,10 @@ def test_without_braking_the_sum_is_told_and_the_split_is_said_to_be_kept(tmp_pa
     fit = fit_cabinet([tame])
     assert fit.generating is None
     assert fit.loss_grid == pytest.approx(fit.hold.power - MODEL.cabinet.loss_dc.value)
-    assert "HOLD tells the sum" in fit.notes[0]
+    assert "HOLD determines the sum" in fit.notes[0]
 
 
-def test_a_meter_on_the_dc_bus_tells_the_dc_side_only(tmp_path):
+def test_a_meter_on_the_dc_bus_says_the_dc_side_only(tmp_path):
     whole = recording(tmp_path / "bag", 2.0)
     meter = type(whole.meter)(**{**whole.meter.__dict__, "location": MeterLocation.DC_BUS})
     at_bus = type(whole)(**{**whole.__dict__, "meter": meter})

@@ -119,7 +119,7 @@ def test_any_energy_that_braking_fills_is_found(energy, seed):
 
 
 def test_the_constant_does_not_stand_in_for_the_link():
-    """A wrong constant of the DC side is told beside it, and stays as the model has it."""
+    """A wrong constant of the DC side is said next to it, and stays as the model has it."""
     part = pulses(120.0)
     wrong = part.model.cabinet.model_copy(
         update={"loss_dc": part.model.cabinet.loss_dc.model_copy(update={"value": 60.0})}
@@ -129,7 +129,7 @@ def test_the_constant_does_not_stand_in_for_the_link():
     assert fit.energy == pytest.approx(120.0, abs=2.0)
 
 
-def test_means_over_seconds_still_tell_it_if_the_motion_varies():
+def test_means_over_seconds_still_say_it_if_the_motion_varies():
     """A reading of 1 s holds all that the link gave in it; the number of stops varies."""
     fit = fit_link([pulses(120.0, 40, interval=1.0)])
     assert fit.spacing == pytest.approx(1.0)
@@ -184,15 +184,15 @@ def test_capacitance_follows_from_the_voltages_that_are_known(tmp_path):
     assert link.capacitance.value == pytest.approx(2.0 * fit.energy / (700.0**2 - 566.0**2))
     assert (link.capacitance.tag, link.nominal_voltage.tag) == ("identified", "assumed")
     assert "assumed" in note
-    told, note = with_link(part.model, fit, "hand", (48.0, 60.0))
-    link = told.cabinet.capacitor
+    determined, note = with_link(part.model, fit, "hand", (48.0, 60.0))
+    link = determined.cabinet.capacitor
     assert link.capacitance.value == pytest.approx(2.0 * fit.energy / (60.0**2 - 48.0**2))
     assert link.capacitance.std == pytest.approx(2.0 * fit.std / (60.0**2 - 48.0**2))
-    again, note = with_link(told, fit, "hand")
-    assert again.cabinet.capacitor == told.cabinet.capacitor
+    again, note = with_link(determined, fit, "hand")
+    assert again.cabinet.capacitor == determined.cabinet.capacitor
     assert "as in the model file" in note
-    save(told, tmp_path / "m.yaml")
-    assert load(tmp_path / "m.yaml").cabinet.capacitor == told.cabinet.capacitor
+    save(determined, tmp_path / "m.yaml")
+    assert load(tmp_path / "m.yaml").cabinet.capacitor == determined.cabinet.capacitor
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ def data_of(recording):
 
 
 def total_of(recording):
-    """What the meter tells of the drives."""
+    """What the meter says of the drives."""
     return find_drives(data_of(recording), recording.model).total
 
 
@@ -96,7 +96,7 @@ def test_a_bag_with_a_delay_is_read_without_it(recording):
     np.testing.assert_array_equal(late.meter.stamp_ns, recording.meter.stamp_ns - 100_000_000)
 
 
-def test_few_readings_tell_no_delay(recording):
+def test_few_readings_say_no_delay(recording):
     short = replace(recording, meter=recording.meter[:50])
     assert estimate_meter_delay(data_of(short)) is None
 

@@ -154,7 +154,7 @@ def test_recordings_in_files_of_their_own_are_held_out(folder, tmp_path_factory,
     (folder / "torque_two.csv").write_text("\n".join([lines[0], *twice]))
     for name in ("one", "two"):
         (folder / f"position_{name}.csv.gz").write_bytes((folder / "position.csv.gz").read_bytes())
-    elsewhere = tmp_path_factory.mktemp("mapping")  # the URDF may lie beside the mapping
+    elsewhere = tmp_path_factory.mktemp("mapping")  # the URDF may lie next to the mapping
     (folder / "arm.urdf").rename(elsewhere / "arm.urdf")
     path = write(elsewhere, **several(["one", "two"]))
     log = load_mapping(path)

@@ -81,7 +81,7 @@ def counted(run):
 
 
 def same_cabinet(one, other, rel):
-    """Both losses and what they rest on; what is not told is told by neither."""
+    """Both losses and what they rest on; what is not determined is said by neither."""
     found, expected = (
         [np.nan if value is None else value for value in (fit.loss_grid, fit.loss_dc)]
         for fit in (fit_cabinet([one]), fit_cabinet([other]))

@@ -77,7 +77,7 @@ def test_undoing_a_delay_gives_back_the_quality_of_the_fit(runs):
     assert rms(with_delay_undone(data, estimate_power_delay(data).applied)) < 1.05 * best
 
 
-def test_a_delay_beyond_the_range_is_told_and_not_half_undone(runs):
+def test_a_delay_beyond_the_range_is_said_and_not_half_undone(runs):
     found = estimate_power_delay(samples_of(runs, 60))
     assert found.at_edge
     assert found.applied == 0.0
@@ -89,7 +89,7 @@ def test_noise_alone_has_no_delay(runs):
     assert estimate_power_delay(replace(data, drive_power=noise)).applied == 0.0
 
 
-def test_too_few_samples_tell_no_delay(runs):
+def test_too_few_samples_say_no_delay(runs):
     names, block = runs[0]
     parts = {
         name: value if value is None else value[:150] for name, value in block.__dict__.items()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import drive_reports
+import robots
 from drive_reports import contents
 from driver_messages import Driver
 from robot_energy.foundation.errors import LogFormatError, MissingTopicError, NotIdentifiableError
@@ -19,6 +20,7 @@ from robot_energy_identify.drives.drive_data import drive_data_of_logs
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_identify.drives.drives import fit_drives, with_drives
 from robot_energy_identify.drives.efficiency import fitted_efficiency
+from robot_energy_identify.drives.loss_map import KNOTS, fit_loss_map
 from robot_energy_identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
 from robot_energy_identify.drives.total_power import compare_total, fit_total, with_total
 from robot_energy_identify.drives.total_sums import sums
@@ -75,13 +77,13 @@ def test_noise_of_the_torque_does_not_hide_the_copper_loss():
     assert losses.values["copper"] == pytest.approx(TRUE["copper"], rel=0.08)
 
 
-def test_a_robot_at_one_speed_does_not_tell_the_speed_terms_apart():
+def test_a_robot_at_one_speed_does_not_say_the_speed_terms_apart():
     block = hand_made()
     steady = replace(block, joint_velocity=np.full_like(block.joint_velocity, 50.0))
     losses = fit_drives(drive_data_of_logs([(contents(("axle",)), [steady])], "newton_metre"))
     axis = losses.axes[0]
-    assert set(axis.losses.untold) == {"linear", "quadratic"}
-    assert "linear, quadratic cannot be told apart" in axis.notes[0]
+    assert set(axis.losses.undetermined) == {"linear", "quadratic"}
+    assert "linear, quadratic are not separated" in axis.notes[0]
     entry = axis.losses.entry("bag")
     assert entry.linear.tag == "assumed"
     assert entry.copper.tag == "identified"
@@ -177,8 +179,8 @@ def test_held_out_data_do_not_reach_the_fit(rig, rig_fit):
     assert before["losses"].rms < 50.0
 
 
-def test_one_meter_for_all_drives_tells_their_sum():
-    """One axis with 30 W beside it: constants add up, the rest is the drive's own."""
+def test_one_meter_for_all_drives_says_their_sum():
+    """One axis with 30 W next to it: constants add up, the rest is the drive's own."""
     both = sums(data(1, 2), None)
     fit = fit_total(both)
     assert fit.constant == pytest.approx(30.0 + TRUE["constant"], abs=1.0)
@@ -266,6 +268,66 @@ def test_the_map_is_written_where_it_is_better(rig_fit):
     model = with_drives(load("kr16"), fit, "rig")
     assert model.drive == "efficiency_map"
     assert all(len(joint.efficiency_map.efficiency) <= 500 for joint in model.joints)
+
+
+def moved(seed=3, size=20000):
+    """Speeds and torques of one drive; windings at 20 degC."""
+    rng = np.random.default_rng(seed)
+    velocity, torque = rng.uniform(-100.0, 100.0, size), rng.uniform(-3.0, 3.0, size)
+    return velocity, torque, np.full(size, 20.0), np.arange(size) // 5
+
+
+def test_a_loss_map_finds_losses_of_any_form():
+    """An inverter's loss in |I|, iron loss in |w|^1.5, and a step the loss model cannot have."""
+    velocity, torque, degc, window = moved()
+
+    def loss(speed, load):
+        return 4.0 + 6.0 * load + 0.05 * speed**1.5 + 8.0 * np.clip(load - 1.0, 0.0, 0.5)
+
+    noise = np.random.default_rng(4).normal(scale=3.0, size=len(velocity))
+    power = torque * velocity + loss(np.abs(velocity), np.abs(torque)) + noise
+    found = fit_loss_map(velocity, torque, degc, power, window)
+    at = np.asarray(found.motor_velocity)[:, None], np.asarray(found.motor_torque)[None, :]
+    error = np.asarray(found.loss) - loss(*at)
+    assert np.abs(error).max() < 2.0  # at a corner of the map, of losses up to 76 W
+    assert abs(error[0, 0]) < 1.0  # at rest without load
+    assert np.sqrt(np.mean(error**2)) < 0.8
+
+
+def test_a_loss_map_never_falls_where_noise_does():
+    """Losses that fall with speed are not physical: the fit under bounds is a constant."""
+    velocity, torque, degc, window = moved()
+    power = torque * velocity + 20.0 - 0.1 * np.abs(velocity)
+    loss = np.asarray(fit_loss_map(velocity, torque, degc, power, window).loss)
+    np.testing.assert_allclose(loss, 15.0, atol=0.1)  # its mean
+    assert (np.diff(loss, axis=0) >= 0.0).all()
+    assert (np.diff(loss, axis=1) >= 0.0).all()
+
+
+def test_a_loss_map_competes_and_takes_over_only_where_it_is_better():
+    """Losses of the loss model's own form leave it in place; a loss in |tau| does not."""
+    own = data(1, 2, torque_noise=0.02)
+    fit = fit_drives(own)
+    assert fit.chosen == "loss_model"
+    assert fit.comparisons[0].scores["loss_map"].rms < 1.1 * fit.comparisons[0].scores["losses"].rms
+    added = 40.0 * np.abs(np.round(own.motor_torque))  # steps of the load, no parabola
+    other = replace(own, drive_power=own.drive_power + added)
+    fit = fit_drives(other)
+    assert fit.chosen == "loss_map"
+    model = with_drives(robots.two_link().changed(joints=robots.two_link().joints[:1]), fit, "test")
+    assert model.drive == "loss_map"
+    assert len(model.joints[0].loss_map.loss) == KNOTS
+    given = model.cabinet.loss_dc.value + model.cabinet.loss_grid.value
+    assert model.constant_power() == given + model.joints[0].loss_map.loss[0][0]
+
+
+def test_a_drive_that_stands_has_no_loss_map():
+    velocity, torque, degc, window = moved()
+    still = np.zeros_like(velocity)
+    with pytest.raises(NotIdentifiableError, match="loss map"):
+        fit_loss_map(still, torque, degc, torque, window)
+    with pytest.raises(NotIdentifiableError, match="loss map"):
+        fit_loss_map(velocity[:50], torque[:50], degc[:50], torque[:50], window[:50])
 
 
 def test_an_array_of_another_length_is_refused_by_name(bags, capsys):

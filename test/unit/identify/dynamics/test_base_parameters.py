@@ -48,7 +48,7 @@ def test_groups_of_the_same_arm_without_gravity():
     }
 
 
-def test_rotor_of_the_first_joint_cannot_be_told_from_its_link():
+def test_rotor_of_the_first_joint_cannot_be_said_from_its_link():
     base = groups(robots.one_wheel(), standard_columns())
     assert expressions(base) == {
         "Izz axle + rotor_inertia axle",

@@ -250,7 +250,7 @@ def test_unusable_recording_is_refused_and_says_what_to_record(channels, words):
 
 
 def test_motion_that_does_not_excite_a_parameter_is_refused_by_name():
-    """Both joints move alike: the inertias of the two links cannot be told apart."""
+    """Both joints move alike: the inertias of the two links cannot be distinguished."""
     good = recorded(arm(coupling=[]))
     position = good.joint_position.copy()
     position[:, 1] = position[:, 0]
@@ -283,7 +283,7 @@ def test_friction_at_a_coupled_joint_sums_over_its_motors():
     assert motor == pytest.approx(2.5, rel=0.01)
 
 
-def test_what_a_recording_hardly_tells_is_marked_by_name():
+def test_what_a_recording_hardly_says_is_marked_by_name():
     """Under noise of twice the torque, the inertia of the elbow drowns."""
     full = identify_dynamics([recorded(arm(), noise=0.05)], arm(), QUICK)
     assert full.poorly_known == ()

@@ -9,6 +9,8 @@ import pytest
 
 from excited import monitor_torque
 from places import ROOT
+from refusals import refused
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load, save
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -159,7 +161,18 @@ def test_offsets_of_the_torque_stay_as_small_as_sensors_have_them(recordings):
     found = dict(zip(names, fit.standard[60:], strict=True))
     assert abs(found["offset joint_a2"]) < 100.0
     place = fit.fit.names.index("offset joint_a2")
-    assert fit.fit.std[place] > 300.0  # least squares cannot tell
+    assert fit.fit.std[place] > 300.0  # least squares cannot determine
+
+
+def test_its_gas_spring_is_not_told_from_weight(recordings):
+    """54 degrees in ten seconds: a constant, a slope and a weight look alike."""
+    zero = {"value": 0.0, "tag": "assumed"}
+    spring = {"kind": "spring", "stiffness": zero, "rest": zero}
+    joints = list(model().joints)
+    given = joints[1].model_dump(exclude_none=True) | {"counterbalance": spring}
+    joints[1] = type(joints[1]).model_validate(given)
+    with refused(NotIdentifiableError, found=("joint_a2", "weight"), remedy=("data sheet",)):
+        identify_dynamics(recordings["A"], model().changed(joints=joints))
 
 
 def test_the_command_prints_both_directions(recordings, capsys):

@@ -48,7 +48,7 @@ def truth():
     viscous = friction.viscous(np.full(2, 25.0)) * ratio**2
     rotor = np.array([joint.rotor_inertia.value for joint in MODEL.joints]) * ratio**2
     standard = [ROBOT.link_parameters, viscous, friction.coulomb * ratio, rotor]
-    given = np.concatenate(standard)  # no offsets, nothing of the elbow's own beside its motor
+    given = np.concatenate(standard)  # no offsets, nothing of the elbow's own next to its motor
     return BASE.matrix @ np.append(given, np.zeros(len(BASE.names) - len(given)))
 
 

@@ -89,7 +89,7 @@ def test_three_recordings_are_each_predicted_from_the_two_others():
     ]
 
 
-def test_a_recording_that_tells_too_little_is_named():
+def test_a_recording_that_says_too_little_is_named():
     short = [replace(part, **cut(part)) for part in other_motion(2)]
     found = across_recordings({"long": other_motion(1), "short": short}, ARM, QUICK)
     assert [each.recording for each in found.judgements] == ["short", "long"]
@@ -136,7 +136,7 @@ def offsets(result):
 
 
 def test_the_model_file_is_judged_without_the_sensors_offset():
-    """An offset of a tenth of the torque is no error of least squares but one of the file."""
+    """An offset of a tenth of the torque is not an error of least squares but one of the file."""
     shifted = other_motion(4)[0]
     size = 0.1 * np.abs(shifted.motor_torque).max(axis=0)
     shifted = replace(shifted, motor_torque=shifted.motor_torque + size)
@@ -181,7 +181,7 @@ def test_a_column_of_one_joint_only_is_fitted():
     assert result.held_out_consistent().total < 0.03
 
 
-def test_no_delay_is_seen_where_parameters_are_hardly_told():
+def test_no_delay_is_seen_where_parameters_are_hardly_said():
     """Without the prior, free parameters of a short recording take up a delay of any size."""
     settings = replace(QUICK, delay_span=0.005)
     result = identify_dynamics(other_motion(6, noise=0.1, duration=8.0), ARM, settings)
@@ -195,7 +195,7 @@ def test_a_delay_beyond_the_range_is_noted_and_not_half_applied():
     assert result.delay.applied == 0.0
 
 
-def test_a_firm_prior_decides_what_the_rows_do_not_tell():
+def test_a_firm_prior_decides_what_the_rows_do_not_say():
     """Prior of the wrong size: the delay's fits follow it, so it is really used."""
     late = recorded(ARM, delay=0.003)
     rows = observe([late], TorqueModel.from_model(ARM, QUICK.columns), QUICK.filters)

@@ -1,4 +1,4 @@
-"""Motions that tell parameters: limits, rest, and what identification makes of them."""
+"""Motions that determine parameters: limits, rest, and what identification makes of them."""
 
 from dataclasses import replace
 
@@ -120,7 +120,7 @@ def stepped(motion, order, step):
 
 
 def test_slopes_are_those_of_the_cost():
-    """Analytic through one decomposition, beside plain differences of the whole."""
+    """Analytic through one decomposition, next to plain differences of the whole."""
     limits = ExcitationLimits(arm(), 8.0)
     judge = ExcitationCriterion(arm(), limits, standard_columns(0.5))
     basis = FourierBasis(3, 5.0)
@@ -249,7 +249,7 @@ def deviations(motion):
     return identify_dynamics(parts, load("kr16"), choice).fit.parts[SCATTER]
 
 
-def test_excited_motion_tells_more_than_random_programs_of_the_same_length(six_axes):
+def test_excited_motion_says_more_than_random_programs_of_the_same_length(six_axes):
     """The programs keep position, speed and acceleration; torque they exceed, to their good."""
     limits = six_axes["condition"].limits
     allowed = MotionLimits(

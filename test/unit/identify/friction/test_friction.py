@@ -90,13 +90,61 @@ def test_the_deviation_of_the_law_covers_the_true_curve(short_fits):
     assert law.std < 0.1 * A
 
 
+def loaded(share, saturation=np.inf, seed=0, minutes=15):
+    """The same axis under a changing load of up to 6 N m, known as the bodies are."""
+    data = measurement(seed, minutes)
+    load = np.abs(6.0 * np.sin(np.arange(len(data)) / 17.0))
+    torque = share * np.minimum(load, saturation) * data.sign
+    return replace(data, friction_torque=data.friction_torque + torque, load=load)
+
+
+def test_friction_by_load_comes_back_beside_the_temperature_law():
+    fit = fit_friction(loaded(0.06))
+    share, std, saturation = fit.load
+    assert share == pytest.approx(0.06, abs=3 * std)
+    assert std < 0.002
+    assert saturation == np.inf
+    assert fit.chosen == "exponential"
+    assert fit.coulomb == pytest.approx(COULOMB, abs=4 * fit.coulomb_std)
+    assert any("by load" in text for text in fit.warnings)
+    entry = fit.entry(load("kr16").joints[0].friction, "test")
+    assert entry.load_coulomb.value == share
+    assert entry.load_coulomb.std == std
+    assert entry.load_saturation is None
+    # what was found as Coulomb torque without it
+    blind = fit_friction(replace(loaded(0.06), load=np.empty(0)))
+    assert blind.load is None
+    assert blind.coulomb > COULOMB + 0.15
+
+
+def test_friction_by_load_that_saturates_comes_back():
+    fit = fit_friction(loaded(0.2, saturation=4.0))
+    share, _, saturation = fit.load
+    assert saturation == pytest.approx(4.0, abs=0.4)  # the median load
+    assert share == pytest.approx(0.2, rel=0.1)
+    entry = fit.entry(load("kr16").joints[0].friction, "test")
+    assert entry.load_saturation.value == saturation
+
+
+def test_friction_by_load_that_is_not_there_is_not_written():
+    """Over ten recordings without any; a term of an earlier file goes, friction is the whole."""
+    for seed in range(10):
+        fit = fit_friction(loaded(0.0, seed=seed, minutes=5))
+        assert fit.load is None
+    before = load("kr16").joints[0].friction
+    stated = before.model_copy(update={"load_coulomb": before.coulomb})
+    assert fit.entry(stated, "test").load_coulomb is None
+    logged = fit_friction(measurement(minutes=5))  # bodies unknown: nothing is said of it
+    assert logged.entry(stated, "test").load_coulomb == before.coulomb
+
+
 def test_a_drift_during_the_measurement_does_not_bias_the_points():
     """The motor warms by 50 K in one go; each point has the friction of its own temperature."""
     for point in fit_friction(measurement(noise=0.0)).points:
         assert point.viscous == pytest.approx(viscous(point.motor_temperature_degc), rel=0.03)
 
 
-def test_a_block_that_alone_tells_a_figure_leaves_a_law_without_covariance(monkeypatch):
+def test_a_block_that_alone_says_a_figure_leaves_a_law_without_covariance(monkeypatch):
     """Whether a matrix is singular is a matter of rounding, so of the processor."""
 
     def singular(block):
@@ -137,7 +185,7 @@ def test_one_temperature_gives_a_constant_and_says_what_to_record():
     assert fit.law.viscous.value == pytest.approx(viscous(41.0), rel=0.05)
 
 
-def test_held_out_temperatures_tell_the_laws_apart():
+def test_held_out_temperatures_say_the_laws_apart():
     """Noise of 0.05 N m; the held edge of the range costs the exponential law a little."""
     errors = fit_friction(measurement()).errors
     assert 0.05 < errors["exponential"].rms < 0.08
@@ -174,7 +222,7 @@ def test_gravity_as_a_nuisance_is_taken_out():
         ({"motor_velocity": 50.0}, "one speed, 50 rad/s: Coulomb and viscous"),
     ],
 )
-def test_data_that_cannot_tell_friction_are_refused_with_what_to_record(change, words):
+def test_data_that_cannot_say_friction_are_refused_with_what_to_record(change, words):
     data = measurement(minutes=2)
     for name, value in change.items():
         getattr(data, name)[:] = value

@@ -53,7 +53,7 @@ def test_an_axis_at_one_temperature_is_right_at_others(lenders):
     assert share_shape(fits, axes)[:3] == fits[:3]
 
 
-def test_an_axis_at_one_speed_tells_coulomb_by_what_temperature_does(lenders):
+def test_an_axis_at_one_speed_says_coulomb_by_what_temperature_does(lenders):
     data = axis("even", 2.0)
     random = np.random.default_rng(1)
     speed = np.sign(data.motor_velocity) * random.normal(200.0, 0.5, len(data))

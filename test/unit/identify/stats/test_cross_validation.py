@@ -60,7 +60,7 @@ def test_held_out_samples_are_never_in_their_own_training():
     assert result.relative == pytest.approx(4.0 / np.sqrt(8.0))
 
 
-def test_a_better_power_may_cost_what_the_folds_cannot_tell_of_the_energy():
+def test_a_better_power_may_cost_what_the_folds_cannot_say_of_the_energy():
     def score(rms, *shares):
         return EnergyScore(rms, float(np.abs(shares).mean()), max(shares, key=abs), shares)
 

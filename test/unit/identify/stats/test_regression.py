@@ -55,7 +55,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say_though_noise_is_correlat
 
 
 @pytest.mark.parametrize("third", [0.0, 1.0, "twice the second"])
-def test_columns_that_cannot_be_told_apart_are_refused_by_name(third):
+def test_columns_that_cannot_be_said_apart_are_refused_by_name(third):
     columns, target, block = line(3)
     extra = 2.0 * columns[:, 1] if isinstance(third, str) else np.full(len(columns), third)
     with pytest.raises(NotIdentifiableError, match="third"):

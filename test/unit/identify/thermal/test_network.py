@@ -72,7 +72,7 @@ def test_the_only_run_is_tested_on_its_end():
     assert fit.rms < 1.0 < fit.held_rms
 
 
-def test_what_cannot_tell_is_refused_with_what_to_record():
+def test_what_cannot_say_is_refused_with_what_to_record():
     with pytest.raises(NotIdentifiableError, match="Record longer"):
         fit_network("axle", [run(0.1, 1)], AIR)
     flat = run(2, 1)

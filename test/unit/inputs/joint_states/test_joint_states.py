@@ -104,7 +104,7 @@ def test_effort_is_matched_by_name_and_its_absence_rejects_nothing():
     assert len(unread) == len(block) == 5
 
 
-def test_message_of_strange_joints_only_is_told_from_a_part():
+def test_message_of_strange_joints_only_is_said_from_a_part():
     ingest = JointStateIngest(NAMES)
     assert take(ingest, [message(1.0, ("x", "y"))]) is None
     assert ingest.rejections.rejected == {"unknown_joint": 1}
@@ -250,7 +250,7 @@ def test_degrees_are_flagged_within_ten_seconds_named_and_left_as_they_are():
     ]
 
 
-def test_another_robot_is_told_from_another_unit():
+def test_another_robot_is_said_from_another_unit():
     ingest = JointStateIngest(NAMES, limits=limits())
     take(ingest, moving(sway() + 1000.0))
     assert "is this the model of the robot" in sentences(ingest)[0]

@@ -86,7 +86,7 @@ def test_waiting_is_bounded_by_stamps():
     assert ingest.ages["b"] == np.inf
 
 
-def test_ages_tell_which_joint_is_behind():
+def test_ages_say_which_joint_is_behind():
     ingest = JointStateIngest(NAMES)
     take(ingest, [part(10.0, 1), part(10.0, 0), part(10.25, 0)], flush=False)
     assert ingest.ages == {"a": 0.0, "b": pytest.approx(0.25)}

@@ -17,7 +17,7 @@ def driver(seconds=4.0, rate=100.0, start=10.0):
 
 
 def stand(begin, end, rate=100.0, offset=0.0, pose=(0.0, 0.1)):
-    """What a second publisher sends beside it: a pose without velocity."""
+    """What a second publisher sends next to it: a pose without velocity."""
     return [
         (t, message(t, NAMES, pose, ()))
         for t in np.round(np.arange(begin, end, 1 / rate), 9) + offset
@@ -37,7 +37,7 @@ def at(pair):
     [(0.0, 100.0, "conflicting_stamp"), (0.004, 100.0, None), (0.004, 10.0, None),
      (0.0, 50.0, "conflicting_stamp"), (0.001, 300.0, None)],
 )  # fmt: skip
-def test_a_pose_beside_the_driver_is_refused_until_it_has_ended(offset, rate, reason):
+def test_a_pose_next_to_the_driver_is_refused_until_it_has_ended(offset, rate, reason):
     """From 11 to 12 s a second publisher sends a pose, at the same or at other stamps. None of
     its samples is used, the time until a second after it is a gap, the joints are named."""
     ingest = JointStateIngest(NAMES, limits=limits())
@@ -68,7 +68,7 @@ def test_the_same_message_from_two_publishers_is_no_conflict():
 
 @pytest.mark.parametrize("cut", [1, 7, 1000])
 @pytest.mark.parametrize(("rate", "offset"), [(10.0, 0.0), (10.0, 0.004), (100.0, 0.0), (300.0, 0)])
-def test_zeros_beside_the_driver_are_left_out_and_the_driver_is_used(rate, offset, cut):
+def test_zeros_next_to_the_driver_are_left_out_and_the_driver_is_used(rate, offset, cut):
     """All the time, from the first message on, at the same or at other stamps."""
     ingest = JointStateIngest(NAMES, limits=limits())
     lie = stand(10.0, 14.0, rate, offset, (0.0, 0.0))
@@ -125,7 +125,7 @@ def test_a_second_impossible_position_within_seconds_shows_another_publisher():
 
 
 def test_a_jump_that_stays_is_a_gap_and_no_conflict():
-    """An encoder that is referenced anew: one interval is lost, no more."""
+    """An encoder that is referenced again: one interval is lost, no more."""
     sent = [message(t, NAMES, (0.0 if t < 11 else 1.5, 0.0), ()) for t in np.arange(10, 12, 0.01)]
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, sent)

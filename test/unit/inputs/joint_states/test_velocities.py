@@ -85,7 +85,7 @@ def test_the_ratio_is_a_parameter_and_no_limit_refuses_nothing():
     assert len(unlimited.step(batch(rows))) == 10
 
 
-def test_what_was_refused_still_tells_the_unit():
+def test_what_was_refused_still_says_the_unit():
     angle = 1.0 + 0.5 * np.sin(np.arange(0, 5, 0.01) * 2)
     speed = np.gradient(angle, 0.01) * 180 / np.pi
     rows = [

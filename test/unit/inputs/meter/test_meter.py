@@ -66,7 +66,7 @@ def batteries(rows, received_s=99.0):
 
 
 def compared(block: MeterBlock | None, seconds: float):
-    """Measured energy and compared time beside a prediction of 1 W from 0 s on."""
+    """Measured energy and compared time next to a prediction of 1 W from 0 s on."""
     comparison = Comparison()
     if block is not None:
         comparison.measure(block)
@@ -285,8 +285,8 @@ def test_a_message_without_header_is_stamped_by_its_receipt_or_refused():
             MeterIngest(MeterSource(**{**plain, "value_path": path}), WIDER)
     for path, said in (
         ("measurement.raw", "is an array"),
-        ("measurement.note", "is no number"),
-        ("measurement.power[0]", "is no array"),
+        ("measurement.note", "is not a number"),
+        ("measurement.power[0]", "is not an array"),
         ("measurement.raw[0][1]", "2 indices"),
         ("measurement.power + measurement.power", "adds a number twice"),
     ):

@@ -7,7 +7,7 @@ from robot_energy.physics.urdf.checks import parse
 
 
 def robot(*more, dynamics=("", "", "")):
-    """Three joints in a row, with what stands beside them."""
+    """Three joints in a row, with what stands next to them."""
     joints = "".join(
         f'<link name="l{row}"/><joint name="j{row}" type="revolute"><parent link="l{row - 1}"/>'
         f'<child link="l{row}"/><axis xyz="0 0 1"/>{text}</joint>'
@@ -56,7 +56,7 @@ def test_a_transmission_of_ros2_control_is_read():
     ("entries", "words"),
     [
         ([transmission("j1", REDUCTION.format("0.02"))], "is it 50?"),
-        ([transmission("j1", REDUCTION.format("ratio"))], "'ratio' of the URDF is no number"),
+        ([transmission("j1", REDUCTION.format("ratio"))], "'ratio' of the URDF is not a number"),
         ([transmission("j1", DRAKE.format("1", "0.1"))], "gives no gear ratio"),
         ([transmission("j1", DRAKE.format("10", "-0.1"))], "below 0"),
         ([transmission("j1", REDUCTION.format("50"), '<joint name="j2"/>')], "several joints"),

@@ -16,7 +16,7 @@ def test_the_same_description_agrees_also_with_other_limits_left_out():
     assert disagreements(MODEL, re.sub("<limit[^>]*/>", "<limit/>", MODEL.urdf_xml)) == []
 
 
-def test_another_robot_is_told_by_its_joints():
+def test_another_robot_is_said_by_its_joints():
     (sentence,) = disagreements(MODEL, load("ur3e").urdf_xml)
     assert sentence == "it has no moving joint joint_a1, joint_a2, joint_a3 and 3 more"
 

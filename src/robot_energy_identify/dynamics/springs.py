@@ -1,0 +1,198 @@
+"""Counterbalances from measured torque: columns, entries of the model file, and when none is told.
+
+The torque of a counterbalance is linear in two figures (`robot_energy.physics.counterbalance`). A
+lever spring has the form of a weight, and a torsion spring over a small angle that of a weight and
+an offset: only motion that shows the inertia of the bodies, or a wide range, separates them. So
+an entry is written where its figures are significant beside those of the bodies, and where
+torque is predicted better on parts of the recording that the fit has not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.counterbalance import GasSpring, LeverSpring, TorsionSpring
+from robot_energy.model.figure import Figure, PositiveFigure
+from robot_energy.model.joint import Joint
+from robot_energy.physics.counterbalance import AnySpring, torque_columns
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.dynamics.torque_model import Estimate, ParameterColumn
+from robot_energy_identify.stats.cross_validation import GAIN
+
+SIGNIFICANT = 13.8  # of chi squared with two degrees of freedom: one chance in a thousand
+NAMES = {
+    "spring": (("stiffness", "N m/rad"), ("rest_torque", "N m")),
+    "lever": (("moment_cosine", "N m"), ("moment_sine", "N m")),
+    "gas_spring": (("gas_force", "N"), ("gas_rate", "N/m")),
+}
+
+
+def open_springs(model: RobotModel) -> dict[int, AnySpring]:
+    """Return the counterbalances that recordings are to tell, by joint: their strength is assumed.
+
+    Published, derived and identified ones count as known.
+    """
+    return {
+        joint: entry
+        for joint, entry in enumerate(one.counterbalance for one in model.joints)
+        if entry is not None and _strength(entry).tag == "assumed"
+    }
+
+
+def _strength(entry: AnySpring) -> PositiveFigure:
+    match entry:
+        case TorsionSpring():
+            return entry.stiffness
+        case LeverSpring():
+            return entry.moment
+        case GasSpring():
+            return entry.force
+
+
+def without_springs(model: RobotModel, springs: Mapping[int, AnySpring]) -> RobotModel:
+    """Return a model without some counterbalances."""
+    joints = [
+        joint.model_copy(update={"counterbalance": None}) if place in springs else joint
+        for place, joint in enumerate(model.joints)
+    ]
+    return model.changed(joints=joints)
+
+
+def spring_columns(springs: Mapping[int, AnySpring]) -> tuple[ParameterColumn, ...]:
+    """Return the two columns of every counterbalance."""
+    return tuple(
+        ParameterColumn(
+            kind,
+            unit,
+            "joint_position",
+            partial(_shape, entry, place),
+            "counterbalance",
+            partial(WRITTEN[entry.kind], entry, place),
+            (joint,),
+        )
+        for joint, entry in springs.items()
+        for place, (kind, unit) in enumerate(NAMES[entry.kind])
+    )
+
+
+def _shape(entry: AnySpring, place: int, position: Float) -> Float:
+    return torque_columns(entry, position)[..., place]
+
+
+def _write_spring(
+    entry: TorsionSpring, place: int, joint: Joint, ratio: float, estimate: Estimate
+) -> Joint:
+    if place == 0:
+        return _with(joint, entry, stiffness=estimate.figure(1.0), rest=entry.rest)
+    found = joint.counterbalance
+    stiffness = found.stiffness.value if isinstance(found, TorsionSpring) else 0.0
+    if stiffness == 0.0:
+        return joint
+    return _with(joint, found, rest=_figure(estimate, -1.0 / stiffness))
+
+
+def _write_lever(
+    entry: LeverSpring, place: int, joint: Joint, ratio: float, estimate: Estimate
+) -> Joint:
+    """A cos q + B sin q: moment and angle are the polar form."""
+    if place == 0:
+        size = replace(estimate, value=abs(estimate.value)).figure(1.0)
+        angle = Figure(value=0.0 if estimate.value >= 0.0 else np.pi, tag=estimate.tag)
+        return _with(joint, entry, moment=size, angle=angle)
+    first = joint.counterbalance
+    if not isinstance(first, LeverSpring):
+        return joint
+    a = first.moment.value * float(np.cos(first.angle.value))
+    moment = float(np.hypot(a, estimate.value))
+    std: list[float | None] = [None, None]
+    if first.moment.std is not None and estimate.std is not None and moment > 0.0:
+        own, other = first.moment.std, estimate.std
+        std[0] = float(np.hypot(a * own, estimate.value * other)) / moment
+        std[1] = float(np.hypot(estimate.value * own, a * other)) / moment**2
+    angle = float(np.arctan2(estimate.value, a))
+    return _with(
+        joint,
+        first,
+        moment=PositiveFigure(value=moment, std=std[0], tag=estimate.tag, source=estimate.source),
+        angle=Figure(value=angle, std=std[1], tag=estimate.tag, source=estimate.source),
+    )
+
+
+def _write_gas(
+    entry: GasSpring, place: int, joint: Joint, ratio: float, estimate: Estimate
+) -> Joint:
+    before = joint.counterbalance if place else entry
+    return _with(joint, before or entry, **{("force", "rate")[place]: estimate.figure(1.0)})
+
+
+WRITTEN: dict[str, Callable[..., Joint]] = {
+    "spring": _write_spring, "lever": _write_lever, "gas_spring": _write_gas,
+}  # fmt: skip
+
+
+def _figure(estimate: Estimate, factor: float) -> Figure:
+    std = None if estimate.std is None else estimate.std * abs(factor)
+    value = estimate.value * factor
+    return Figure(value=value, std=std, tag=estimate.tag, source=estimate.source)
+
+
+def _with(joint: Joint, entry: AnySpring | None, **figures: Figure) -> Joint:
+    changed = None if entry is None else entry.model_copy(update=figures)
+    return joint.model_copy(update={"counterbalance": changed})
+
+
+def check_springs(
+    springs: Mapping[int, AnySpring],
+    names: tuple[str, ...],
+    labels: tuple[str, ...],
+    values: Float,
+    covariance: Float,
+    error: Float,
+    plain: Float,
+) -> None:
+    """Refuse counterbalances that the recording cannot tell from weights and offsets.
+
+    Args:
+        springs: By joint.
+        names: Of the joints.
+        labels: Of the groups of parameters that the motion separates.
+        values: Of those groups, in the unit of each, shape (B,). [-]
+        covariance: Of the values, shape (B, B).
+        error: Relative torque error of each joint on held-out parts, shape (n,). [-]
+        plain: The same without any counterbalance, shape (n,). [-]
+
+    Raises:
+        NotIdentifiableError: Naming the joint.
+    """
+    for joint, entry in springs.items():
+        wanted = [f"{kind} {names[joint]}" for kind, _ in NAMES[entry.kind]]
+        places = [labels.index(name) for name in wanted if name in labels]
+        sure = 0.0
+        if places:
+            own = values[places]
+            sure = float(own @ np.linalg.solve(covariance[np.ix_(places, places)], own))
+        remedy = "give its figures from the data sheet, or leave the entry out"
+        if sure < SIGNIFICANT:
+            raise NotIdentifiableError(
+                f"the counterbalance of {names[joint]} cannot be distinguished from weight and "
+                f"offset of the torque (chi squared {sure:.3g})",
+                f"at least {SIGNIFICANT:g}: wide and fast motion of this joint and those behind it",
+                remedy,
+            )
+        if entry.kind != "lever" and wanted[0] in labels and values[labels.index(wanted[0])] < 0.0:
+            raise NotIdentifiableError(
+                f"the {wanted[0]} comes out negative", "a spring that can exist", remedy
+            )
+        if not error[joint] < GAIN * plain[joint]:
+            raise NotIdentifiableError(
+                f"with a counterbalance held-out torque of {names[joint]} is off by "
+                f"{100 * error[joint]:.2f} %, without one by {100 * plain[joint]:.2f} %",
+                f"an error that is smaller by {100 * (1 - GAIN):.0f} %",
+                remedy,
+            )

@@ -1,0 +1,107 @@
+"""Torque error below 10 Hz, as identification measures it, of a model that runs as the monitor.
+
+Identification passes both sides of its equation through one low-pass without delay, so the noise
+of accelerations and of torque sensors counts on neither. The monitor has no such filter. Both
+errors are of use; only figures behind the same filter F can be compared:
+
+    e = |F (tau_predicted - tau_measured)| / |F tau_measured|, joint side, rows in motion
+
+F and the rows are those of `robot_energy_identify.data.observations`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.blocks import DOUBTFUL, NANOSECOND, Float, PowerBlock
+from robot_energy_identify.data.observations import Filters, usable
+from robot_energy_plan.motion.sampled_motion import low_pass, uniform
+
+PIECE = 60.0  # filtered at once, so that memory does not grow [s]
+MIN_LENGTH = 1.0  # of a piece [s]
+MAX_STEP = 0.1  # between samples of one stretch [s]
+
+
+class LowPassTorqueError:
+    """Sums of squares over recordings, from blocks of samples.
+
+    Attributes:
+        filters: Cut-off frequency and standstill.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.filters = Filters()
+        self._drivetrain = Drivetrain.from_model(model)
+        count = len(model.joints)
+        self._squares = np.zeros((2, count))  # error, measured [(N m)^2]
+        self._stamp_ns = np.zeros(0, dtype=np.int64)
+        self._values = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
+
+    def step(self, block: PowerBlock) -> None:
+        """Take power samples.
+
+        Args:
+            block: In the order of time.
+        """
+        sound = (block.quality & np.uint32(DOUBTFUL)) == 0
+        torque = np.stack([block.motor_torque, block.motor_torque_measured], axis=1)
+        kept = sound & np.isfinite(torque).all(axis=(1, 2))
+        if not kept.any():
+            return
+        velocity = self._drivetrain.joint_velocity_from_motor(block.motor_velocity[kept])
+        joint = torque[kept] @ self._drivetrain.transmission
+        fresh = np.concatenate([joint, velocity[:, None]], axis=1)
+        self._stamp_ns = np.concatenate([self._stamp_ns, block.stamp_ns[kept]])
+        self._values = np.concatenate([self._values, fresh])
+        cuts = np.flatnonzero(np.diff(self._stamp_ns) > MAX_STEP / NANOSECOND) + 1
+        for cut in np.diff(cuts, prepend=0).tolist():
+            self._take(cut)
+        if len(self._stamp_ns) and self._length() >= PIECE:
+            self._take(len(self._stamp_ns))
+
+    def finish(self) -> None:
+        """Take what waits: the recording has ended."""
+        self._take(len(self._stamp_ns))
+
+    def add(self, other: LowPassTorqueError) -> None:
+        """Take all samples of another recording, which has ended.
+
+        Args:
+            other: Of the same joints.
+        """
+        self._squares += other._squares
+
+    @property
+    def relative(self) -> Float:
+        """Of each joint, shape (n,); NaN where nothing moved. [-]"""
+        return _ratio(*self._squares)
+
+    @property
+    def relative_of_all(self) -> float:
+        """Of all joints together. [-]"""
+        return float(_ratio(*self._squares.sum(axis=1)))
+
+    def _length(self) -> float:
+        return float(self._stamp_ns[-1] - self._stamp_ns[0]) * NANOSECOND
+
+    def _take(self, count: int) -> None:
+        """Add the first rows that wait, and forget them."""
+        stamp, values = self._stamp_ns[:count], self._values[:count]
+        self._stamp_ns, self._values = self._stamp_ns[count:], self._values[count:]
+        if count < 2 or (stamp[-1] - stamp[0]) * NANOSECOND < MIN_LENGTH:
+            return
+        rate = float(1.0 / (np.median(np.diff(stamp)) * NANOSECOND))
+        if self.filters.cutoff >= 0.5 * rate:
+            return
+        even = uniform(stamp, values.reshape(count, -1), rate).reshape(-1, *values.shape[1:])
+        predicted, measured = low_pass(even[:, :2], rate, self.filters.cutoff).swapaxes(0, 1)
+        used, _ = usable(even[:, 2], rate, self._drivetrain.transmission, self.filters)
+        for part, torque in enumerate((predicted - measured, measured)):
+            self._squares[part] += (np.where(used, torque, 0.0) ** 2).sum(axis=0)
+
+
+def _ratio(error: Float, measured: Float) -> Float:
+    known = measured > 0
+    return np.where(known, np.sqrt(error / np.where(known, measured, 1.0)), np.nan)
