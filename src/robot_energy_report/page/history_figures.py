@@ -49,7 +49,7 @@ def comparable(now: float | None, before: float | None) -> bool:
 
 
 def summed(rows: Sequence[Row]) -> list[Row]:
-    """The parts of each robot added up, as of one part that is all of the time."""
+    """Return the parts of each robot added up, as of one part that is all of the time."""
     found: dict[str, Row] = {}
     for row in rows:
         held = found.get(row["robot"])
@@ -82,7 +82,7 @@ def rows_of(table: TimeSeries) -> list[Row]:
 
 
 def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, Any]]:
-    """Figures of each robot; what has no price or no factor is None."""
+    """Return figures of each robot; what has no price or no factor is None."""
     found: dict[str, dict[str, Any]] = {}
     for row in rows:
         priced = row.get("priced_microjoule", 0)
@@ -101,7 +101,7 @@ def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, An
 
 
 def total_of(rows: Iterable[dict[str, Any]]) -> dict[str, float] | None:
-    """Sums over robots; a figure that no robot has is left out. None without robots."""
+    """Return sums over robots, without figures that none has; None without robots."""
     sums: defaultdict[str, float] = defaultdict(float)
     for row in rows:
         for name, value in row.items():
@@ -111,7 +111,7 @@ def total_of(rows: Iterable[dict[str, Any]]) -> dict[str, float] | None:
 
 
 def rests_of(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Standby at night and at weekends, with its cost; empty without a tariff."""
+    """Return standby at night and at weekends with its cost; nothing without a tariff."""
     return [
         {
             "name": name,
@@ -139,7 +139,7 @@ def parts_of(period: Period, rows: Sequence[Row], robots: int) -> list[dict[str,
 
 
 def series_of(period: Period, group: str, rows: Sequence[Row], alone: bool) -> list[dict[str, Any]]:
-    """Energy of each robot, part, phase or joint in each part of the time. [J]"""
+    """Return the energy of each robot, part, phase or joint in each part of the time. [J]"""
     places = {start: place for place, start in enumerate(period.bounds[:-1])}
     sums: dict[str, list[float | None]] = {}
     for row in rows:
@@ -182,7 +182,7 @@ def _values(group: str, row: Row, alone: bool) -> list[tuple[str, int]]:
 
 
 def remarks_of(rows: Sequence[Row]) -> list[str]:
-    """What is to be known of these rows."""
+    """Return what is to be known of these rows, in words."""
     flags = 0
     for row in rows:
         flags |= row["flags"]
@@ -190,7 +190,7 @@ def remarks_of(rows: Sequence[Row]) -> list[str]:
 
 
 def harmless(values: list[Any]) -> list[Any]:
-    """Texts that no table program takes for a formula."""
+    """Return the same, texts made so that no table program takes them for a formula."""
     return [
         f"'{one}" if isinstance(one, str) and one.startswith(DANGEROUS) else one for one in values
     ]

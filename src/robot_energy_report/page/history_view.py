@@ -17,6 +17,7 @@ from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.files import open_reader
 from robot_energy.history.spans import Resolution, robots_of
 from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
+from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_report.page.history_figures import (
     GROUPS,
     IMPORT,
@@ -120,7 +121,7 @@ class HistoryView:
             table = self._read(replace(wish, group="robot"))
         period, before = wish.period, wish.period.moved(-1)
         if wish.group == "job":
-            bars = self._ended(wish, period, period.resolution)
+            bars = rows_of(self._ended(wish, period, period.resolution))
         whole = self._whole(wish, table)
         until = min(period.stop_ns, max(period.start_ns, now_ns // SLOT_NS * SLOT_NS))
         running = until < period.stop_ns
@@ -191,12 +192,14 @@ class HistoryView:
         return {"currency": currency, "rows": rows}
 
     def csv(self, wish: Wish) -> str:
-        """Return the parts of a period as a table, by robot, or by joint.
+        """Return the parts of a period as a table, by robot, by joint, or by job.
 
         Raises:
             HistoryError: If there is no history, or no such robot.
         """
-        wish, table = self._table(wish)
+        wish, parts = self._table(wish)
+        by_job = wish.group == "job"
+        table = self._ended(wish, wish.period, wish.period.resolution) if by_job else parts
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         flat = table.to_dict()
@@ -260,17 +263,15 @@ class HistoryView:
         stop_ns = max(stop_ns, start_ns + 1)  # of nothing: nothing
         return rows_of(history(self.folder, start_ns, stop_ns, "all", wish.robots, zone))
 
-    def _ended(self, wish: Wish, period: Period, resolution: Resolution) -> list[Row]:
+    def _ended(self, wish: Wish, period: Period, resolution: Resolution) -> TimeSeries:
         """Jobs that ended, in each part of a period."""
         zone = period.zone.key
-        return rows_of(
-            history_jobs(
-                self.folder, period.start_ns, period.stop_ns, resolution, wish.robots, zone
-            )
+        return history_jobs(
+            self.folder, period.start_ns, period.stop_ns, resolution, wish.robots, zone
         )
 
     def _jobs(self, wish: Wish, before: Period) -> list[dict[str, Any]]:
-        now, earlier = (self._ended(wish, one, "all") for one in (wish.period, before))
+        now, earlier = (rows_of(self._ended(wish, one, "all")) for one in (wish.period, before))
         means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in earlier}
         rows = sorted(now, key=lambda one: -one[IMPORT])
         return [

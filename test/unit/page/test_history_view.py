@@ -21,6 +21,7 @@ from robot_energy_report.page.history_period import KINDS, period_at, span_of
 from robot_energy_report.page.history_view import HistoryView
 
 BERLIN = ZoneInfo("Europe/Berlin")
+IMPORT = "predicted_import_microjoule"
 NOW = START + 40 * DAY
 
 
@@ -160,6 +161,9 @@ def test_jobs_and_events_are_shown(tmp_path):
          "mean": 18_000.0, "before": 9_000.0}
     ]  # fmt: skip
     assert total(ask(view, period="day", at="2026-01-01", by="job")["series"]) == 18_000.0
+    table = view.csv(view.wish({"by": ["job"], "at": ["2026-01-02"]}, NOW))
+    (row,) = csv.DictReader(io.StringIO(table))
+    assert (row["job"], row["parts"], row[IMPORT]) == ("part 7", "1", "18000000000")
     assert ask(view, period="day", at="2026-01-01")["events"] == [
         {"at": "2026-01-01 00:00", "robot": "a", "kind": "first",
          "text": "recorded from here on, with model m1"}
