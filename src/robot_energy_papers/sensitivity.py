@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_energy.foundation.errors import MotionError
 from robot_energy.results.base import Number, Result
 from robot_energy.timeline.blocks import Float
 
@@ -89,7 +90,7 @@ class Spread(Result):
     uniformly; uniformly over its range where the nominal value is an end. A switch is on in half.
 
     Attributes:
-        draws: How many.
+        draws: How many, without those in which no motion is possible.
         seed: Of the draws.
         quantiles: Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest.
         reaching: Share of the draws whose result is at least as far from the nominal one as that
@@ -110,7 +111,7 @@ class SensitivityTable(Result):
         published: As in the paper.
         nominal: Of the study.
         rows: One per figure.
-        reach: With every figure at the end that helps.
+        reach: With every figure at the end that helps; None where no motion is possible there.
         spread: With all figures drawn at once; None where none were drawn.
     """
 
@@ -118,7 +119,7 @@ class SensitivityTable(Result):
     published: float
     nominal: float
     rows: tuple[SensitivityRow, ...]
-    reach: float
+    reach: Number
     spread: Spread | None
 
     @property
@@ -156,14 +157,26 @@ def sensitivity(
         for end in (figure.low, figure.high)
         if end != figure.nominal
     }
-    drawn = [evaluate({**nominal, **values}) for values in _drawn(figures, draws, seed, slow)]
+    drawn = [
+        result
+        for values in _drawn(figures, draws, seed, slow)
+        if (result := _possible(evaluate, {**nominal, **values})) is not None
+    ]
     tables: dict[str, SensitivityTable] = {}
     for quantity, goal in published.items():
         sought = _Sought(evaluate, figures, quantity, goal, tolerance, nominal)
         results = np.array([result[quantity] for result in drawn])
-        spread = _spread(results, base[quantity], goal, seed) if draws else None
+        spread = _spread(results, base[quantity], goal, seed) if drawn else None
         tables[quantity] = sought.table(base, ends, spread)
     return tables
+
+
+def _possible(evaluate: Evaluate, values: Values) -> Mapping[str, float] | None:
+    """Results; None where figures drawn together leave no motion, such as a wall out of reach."""
+    try:
+        return evaluate(values)
+    except MotionError:
+        return None
 
 
 def _drawn(
@@ -236,7 +249,8 @@ class _Sought:
                     self._alone(figure, start, at),
                 )
             )
-        reach = self.evaluate({**self.nominal, **helps})[self.quantity]
+        together = _possible(self.evaluate, {**self.nominal, **helps})
+        reach = None if together is None else together[self.quantity]
         return SensitivityTable(self.quantity, self.goal, start, tuple(rows), reach, spread)
 
     def _alone(self, figure: OpenFigure, start: float, at: Mapping[float, float]) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy_papers.calibration import HOLDING_DEGC, Holding, holding_power, random_poses
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE, holding_table, rise_table
@@ -59,6 +60,30 @@ def test_all_figures_are_drawn_at_once_from_their_ranges():
     # P(a + b >= 4): over b, half times (a above 4 - b of the three units above 1), mean b / 6
     assert spread.reaching == pytest.approx(0.5 / 6.0, abs=0.03)
     assert found.reach == 5.0
+
+
+def test_draws_without_a_possible_motion_are_left_out():
+    """y = a, refused above 1: half of the draws are left, and the end that helps is none."""
+
+    def total(x):
+        if x["a"] > 1.0 and x["b"] > 0.0:
+            raise MotionError("the wall is out of reach")
+        return {"y": x["a"]}
+
+    figures = [figure("a", 0, 1, 2), figure("b", 0, 0, 1)]
+    found = sensitivity(total, figures, {"y": 3.0}, draws=1000)["y"]
+    assert found.spread.draws == pytest.approx(500, abs=60)
+    assert found.spread.quantiles[-1] <= 1.0
+
+
+def test_ends_that_leave_no_motion_together_are_none():
+    def total(x):
+        if x["a"] + x["b"] > 2.5:
+            raise MotionError("the wall is out of reach")
+        return {"y": x["a"] + x["b"]}
+
+    figures = [figure("a", 0, 1, 2), figure("b", 0, 0.5, 1)]
+    assert sensitivity(total, figures, {"y": 9.0})["y"].reach is None
 
 
 def test_none_reproduces_and_switches_have_nothing_between():
