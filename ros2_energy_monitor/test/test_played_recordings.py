@@ -174,6 +174,7 @@ def test_the_history_takes_neither_energy_nor_jobs(
     recorder = bench.add(EnergyRecorder, folder=str(tmp_path / "h"), **QUICK)
 
     def ask(kind: Any, name: str) -> None:
+        bench.spin_until(lambda: monitor.account.end_ns is not None, "samples")
         client = bench.tester.create_client(kind, f"/energy_monitor/{name}")
         bench.spin_until(client.service_is_ready, name)
         answer = client.call_async(kind.Request(name="part 7"))

@@ -172,7 +172,7 @@ def remarks(
         )
     if poor:
         found.append(
-            f"the recording determines less well than the URDF {', '.join(poor)}; record "
+            f"the recording says less than the URDF about {', '.join(poor)}; record "
             "faster and wider motion of the joints from there to the base"
         )
     half = result.interval()

@@ -50,7 +50,7 @@ def read(path):
     ("script", "words"),
     [
         (TOPICS, "no table of messages"),
-        ("", "no sqlite3 file"),
+        ("", "not a sqlite3 file"),
         (TOPICS + "CREATE TABLE messages(a);", "no data, timestamp, topic_id"),
         (
             TOPICS + "CREATE VIEW messages AS " + COUNT.format("", "x AS topic_id"),

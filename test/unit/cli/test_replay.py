@@ -40,7 +40,8 @@ def test_replay_prints_tables_and_writes_all_outputs(
     ]
     assert main(args) == 0
     text = capsys.readouterr().out
-    assert text.startswith("predicted 680 J, measured 800 J at the grid: -15.0 %")
+    assert text.startswith("The model reads 15.0 % low; ")
+    assert "\npredicted 680 J, measured 800 J at the grid: -15.0 %" in text
     summary = json.loads(outputs[1].read_text())
     assert summary["comparison"]["measured_energy"] == pytest.approx(800.0)
     assert summary["compared_with"]["model"]["change"] == "friction fixed at 40 degC"

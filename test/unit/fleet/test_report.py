@@ -272,7 +272,7 @@ def test_the_command_writes_page_json_and_model(tmp_path, monkeypatch, capsys):
     ("words", "text"),
     [
         (["report", "nothing"], "holds no row"),
-        (["report", "data", "--shifts", "14,6"], "no rising list of hours"),
+        (["report", "data", "--shifts", "14,6"], "not a rising list of hours"),
     ],
 )
 def test_what_cannot_be_used_is_refused(words, text, tmp_path, monkeypatch, capsys):
