@@ -21,7 +21,7 @@ GANTRY = "testbed"
 QUANTITIES = ("mechanical, magnitude", "electrical, drives")
 TRUSS = 12  # strokes of the assumed infill, along the wall and back
 RAM = 100.0  # kg, of the shipped gantry
-DRAWS, QUICK_DRAWS = 300, 20  # of all open figures at once; 12 motions in the full form
+DRAWS, QUICK_DRAWS = 300, 10  # of all open figures at once; 12 motions in the full form
 
 MACHINE_FIGURES = open_figures(
     ("force_x", "gantry: Coulomb friction of the long axis", "N", 120.0, 300.0, 450.0,

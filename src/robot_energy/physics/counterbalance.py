@@ -101,6 +101,9 @@ def add_counterbalance(
         torque: Joint side, shape (N, n). [N m] or [N]
         joint_position: Shape (N, n). [rad] or [m]
         entries: One per joint.
+
+    Returns:
+        The same array, shape (N, n). [N m] or [N]
     """
     for joint, entry in enumerate(entries):
         if entry is not None:

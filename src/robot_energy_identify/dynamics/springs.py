@@ -163,7 +163,7 @@ def check_springs(
         names: Of the joints.
         labels: Of the groups of parameters that the motion separates.
         values: Of those groups, in the unit of each, shape (B,). [-]
-        covariance: Of the values, shape (B, B).
+        covariance: Of the values, in products of their units, shape (B, B). [-]
         error: Relative torque error of each joint on held-out parts, shape (n,). [-]
         plain: The same without any counterbalance, shape (n,). [-]
 
