@@ -126,13 +126,14 @@ class FrictionFit:
         """Return the friction of a model file with these figures.
 
         Args:
-            before: What the file held; its optional terms stay.
+            before: What the file held. Its Stribeck term goes, and its load terms where the load is
+                known, since the fit holds the whole friction; other optional terms stay.
             source: Where the data come from.
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
-        found: dict[str, Any] = {"coulomb": coulomb, "viscous": self.law}
-        if self.stribeck is not None:
-            found["stribeck"] = self.stribeck
+        found: dict[str, Any] = {
+            "coulomb": coulomb, "viscous": self.law, "stribeck": self.stribeck,
+        }
         if self.load_seen:
             found |= {"load_coulomb": None, "load_saturation": None}
         if self.load is not None:
