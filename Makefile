@@ -47,8 +47,8 @@ wheel:  ## wheel and source distribution of the library in build/dist
 bench: prepare .venv/tests  ## measure speed
 	@$(in_environment) python test/bench/run.py
 
-soak: prepare .venv/tests build/urdfs/pins  ## runs that take long: a simulated month, load, fuzzing, bit rot
-	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes -r .ci/requirements-soak.txt && python test/soak/run.py
+soak: prepare .venv/tests build/urdfs/pins  ## what takes long: tests marked so, a simulated month, load, fuzzing, bit rot
+	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes -r .ci/requirements-soak.txt && pytest -q -c test/pytest.ini test -m long && pytest -q -c ros2_energy_monitor/setup.cfg ros2_energy_monitor/test -m long && python test/soak/run.py
 
 clean:  ## remove all that set-up and tests made
 	rm -rf .venv build install log

@@ -132,7 +132,7 @@ def test_the_power_monitor_refuses_bad_torques_frictions_and_readings(bench, mes
     bench.spin_until(lambda: node.frictions.received, "friction")
     bench.remove(friction)
     torque = bench.publisher(JointTorque, "energy/joint_torque")
-    row = good._writer._encoder._template.tobytes()  # any of this model
+    row = good._writer._encoders[0]._template.tobytes()  # any of this model
     readings = bench.publisher(PowerReading, "power_meter")
     for stamp in BAD:
         torque.publish(spoiled(row, stamp))

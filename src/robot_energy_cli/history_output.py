@@ -38,6 +38,7 @@ examples:
   robot-energy history export --format line --out - | curl --data-binary @- "$INFLUX_URL"
   robot-energy history export --format sql --out - | psql -q -v ON_ERROR_STOP=1 plant
 """
+RESOLUTIONS = ("minute", "quarter", "hour", "day", "month")
 EXPORT: Options = {
     "--out FILE": (
         f"{', '.join(end for end, _ in KINDS.values())} by its name; - for standard output",
@@ -45,8 +46,8 @@ EXPORT: Options = {
     ),
     "--format": ("of the standard output, or of any name", {"choices": (*KINDS,), "default": ""}),
     "--resolution": (
-        "one row of each of these",
-        {"choices": ("minute", "quarter", "hour", "day", "month"), "default": "quarter"},
+        f"one row of each of these: {', '.join(RESOLUTIONS)} (default: quarter)",
+        {"metavar": "NAME", "choices": RESOLUTIONS, "default": "quarter"},
     ),
     "--start DAY": f"first day (default: {DAYS_AGAIN} days before the stop)",
     "--stop DAY": "the day after the last (default: today, so that all days are over)",

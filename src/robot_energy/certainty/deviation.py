@@ -249,7 +249,7 @@ def losses_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
         the columns of all but the last, shape (2 + 3 n, 1 + 3 n); None without a covariance.
     """
     covariance = model.covariance
-    if covariance is None or model.drive != "loss_model":
+    if covariance is None or DRIVE_MODELS[model.drive].loss_deviations is None:
         return model, None
     terms = [f"{term} of {name}" for term in LOSS_TERMS for name in model.joint_names]
     order = ["loss_dc", *terms, "loss_grid"]

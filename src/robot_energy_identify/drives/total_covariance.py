@@ -39,7 +39,7 @@ def total_covariance(
         source: Where the data come from.
     """
     losses = fit.losses.fit
-    if losses is None or fit.structure == "constant":
+    if losses is None:
         return None
     n_joints = len(data.names)
     columns = np.column_stack([np.ones(len(data)), data.terms.reshape(len(data), -1)])

@@ -178,8 +178,8 @@ def test_a_sum_that_is_known_has_no_deviation():
     ("matrix", "why"),
     [
         ([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], "2 rows of 2"),
-        ([[1.0, 2.0], [2.0, 1.0]], "no covariance of loss_dc and linear of elbow"),
-        ([[1.0, 0.5], [0.4, 1.0]], "no covariance"),
+        ([[1.0, 2.0], [2.0, 1.0]], "not a covariance of loss_dc and linear of elbow"),
+        ([[1.0, 0.5], [0.4, 1.0]], "not a covariance"),
         ([[-1.0, 0.0], [0.0, 1.0]], "variance of loss_dc is negative"),
     ],
 )
