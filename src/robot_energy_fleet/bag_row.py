@@ -172,6 +172,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     day = UNKNOWN_DATE
     if start_ns is not None:
         day = f"{datetime.fromtimestamp(start_ns // 1_000_000_000, UTC):%Y-%m-%d}"
+    listed = list(_jobs(result, report))
     row = {
         **_common(bag, bag_hash),
         **_counted(result, report, totals),
@@ -179,7 +180,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "problems": list(report.problems),
         "date": day,
         "motor_temperature_degc": _mean_degc(rows),
-        "jobs": list(_jobs(result, report)),
+        "jobs": listed,
         "jobs_left_out": _left_out(options.get("jobs"), result, report),
         "hours": hours.table(),
         "joints": [own | more for own, more in zip(rows, _joints(totals), strict=True)],
@@ -188,7 +189,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     sealed = _sealed(bag, bag.name, row, day, report.time.observed_time)
     if minutes is None:
         return sealed
-    jobs = tuple(history_job(place, one) for place, one in enumerate(row["jobs"]))
+    jobs = tuple(history_job(place, one) for place, one in enumerate(listed))
     return replace(sealed, history=BagReadings(bag.robot, bag.name, minutes.readings(), jobs))
 
 

@@ -77,7 +77,8 @@ class PowerDeviation:
 
     def __init__(self, model: RobotModel) -> None:
         model, factor = losses_apart(model)
-        self._factor, self._of_grid = (None, None) if factor is None else (factor[:-1], factor[-1])
+        self._factor = None if factor is None else factor[:-1]
+        self._of_grid: Float = np.zeros(1) if factor is None else factor[-1]
         first, own = len(CABINET_DEVIATIONS), 2 * len(model.joints)
         last = first + len(JOINT_DEVIATIONS) * len(model.joints)
         self._places = [CABINET_DEVIATIONS.index("together"), *range(first + own, last)]
@@ -261,7 +262,7 @@ def losses_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
     matrix = matrix / np.outer(scale, scale)
     size, direction = np.linalg.eigh(matrix)
     root = direction * np.sqrt(np.maximum(size, 0.0))
-    lower = np.linalg.qr(root.T, mode="r").T * scale[:, None]  # L with C = L L'
+    lower = np.linalg.qr(root.T).R.T * scale[:, None]  # L with C = L L'
     factor = np.zeros((len(order), len(order)))
     places = [order.index(name) for name in known]
     factor[np.ix_(places, places)] = lower

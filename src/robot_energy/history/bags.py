@@ -74,7 +74,8 @@ def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: Bag
     known: list[tuple[int, int]] = []
     if bag.readings:
         zero = zero_of(bag.readings[0])
-        number, epoch = 0, Epoch(zero, zero, zero.stamp_ns, zero.stamp_ns)
+        number = 0
+        epoch: Epoch = Epoch(zero, zero, zero.stamp_ns, zero.stamp_ns)
         for reading in bag.readings:
             found = step(epoch, reading)
             if found is None:

@@ -125,9 +125,9 @@ def fit_baseline(energy: Float, drivers: Mapping[str, Float]) -> EnergyBaseline:
             "a longer baseline, or fewer drivers",
         )
     scale = np.linalg.norm(rows, axis=0)
-    inverse = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
-    values = inverse @ (rows.T @ energy)
-    residual = energy - rows @ values
+    inverse: Float = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
+    values: Float = inverse @ (rows.T @ energy)
+    residual: Float = energy - rows @ values
     square = float(residual @ residual)
     likeness = float(residual[1:] @ residual[:-1]) / square if square > 0.0 else 0.0
     deviation = np.sqrt(square / (len(energy) - rows.shape[1]))

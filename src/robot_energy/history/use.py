@@ -92,7 +92,8 @@ def costs(
         key = np.where(inside, part * calendar.capacity + calendar.of(start, len(begins)), -1)
         firsts = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
         added = np.add.reduceat(energy, firsts, axis=1)
-        for place, one in enumerate(key[firsts].tolist()):
+        keys: list[int] = key[firsts].tolist()
+        for place, one in enumerate(keys):
             if one >= 0:
                 add(one // calendar.capacity, calendar.uses[one % calendar.capacity],
                     added[:, place])  # fmt: skip
@@ -223,7 +224,7 @@ class _Calendar:
     def of_span(self, start_ns: int, stop_ns: int) -> QuarterUse:
         """Return what holds all the time of a span."""
         first = start_ns // SLOT_NS * SLOT_NS
-        numbers = np.unique(self.of(first, -(-(stop_ns - first) // SLOT_NS))).tolist()
+        numbers: list[int] = np.unique(self.of(first, -(-(stop_ns - first) // SLOT_NS))).tolist()
         held = [self.uses[number] for number in numbers]
         same = {
             name: values.pop() if len(values := {getattr(use, name) for use in held}) == 1 else None

@@ -90,8 +90,9 @@ def evaluate(
         scores = (*(one.score(name) for name, one in sums.items()), sums[MODEL].zero())
         recordings[-1] = replace(recordings[-1], scores=scores)
         for window in windows:
-            wider = {**options, "derivative_window": window, "progress": show}
-            found = _run(path, used, None, wider)[1]
+            found = _run(
+                path, used, None, {**options, "derivative_window": window, "progress": show}
+            )[1]
             done += 1
             notes = (*recordings[-1].notes, *_of_window(sums[MODEL], found, window))
             recordings[-1] = replace(recordings[-1], notes=notes)

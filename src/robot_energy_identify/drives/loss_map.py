@@ -98,7 +98,7 @@ def _monotone(columns: Float, target: Float, speeds: Float, loads: Float) -> Flo
     dual = np.vstack([inverse.T, -(bounds @ start)[None, :]])
     goal = np.append(np.zeros(len(dual) - 1), 1.0)
     away = dual @ nnls(dual, goal)[0] - goal
-    found = (start + solve_triangular(r, -away[:-1] / away[-1])).reshape(KNOTS, KNOTS)
+    found: Float = np.reshape(start + solve_triangular(r, -away[:-1] / away[-1]), (KNOTS, KNOTS))
     # rounding leaves 1e-12 of the bounds open
     return np.maximum.accumulate(np.maximum.accumulate(np.maximum(found, 0.0), axis=0), axis=1)
 

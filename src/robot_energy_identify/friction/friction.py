@@ -132,7 +132,9 @@ class FrictionFit:
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
         found: dict[str, Any] = {
-            "coulomb": coulomb, "viscous": self.law, "stribeck": self.stribeck,
+            "coulomb": coulomb,
+            "viscous": self.law,
+            "stribeck": self.stribeck,
         }
         if self.load_seen:
             found |= {"load_coulomb": None, "load_saturation": None}

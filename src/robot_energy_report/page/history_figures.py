@@ -151,7 +151,7 @@ def series_of(period: Period, group: str, rows: Sequence[Row], alone: bool) -> l
         return [{"name": name, "values": values} for name, values in sums.items()]
     order = sorted(sums, key=lambda name: -sum(value or 0.0 for value in sums[name]))
     shown, others = order[:MAX_SERIES], order[MAX_SERIES:]
-    series = [{"name": name, "values": sums[name]} for name in shown]
+    series: list[dict[str, Any]] = [{"name": name, "values": sums[name]} for name in shown]
     if others:
         rest = [
             None if all(one is None for one in column) else sum(one or 0.0 for one in column)
