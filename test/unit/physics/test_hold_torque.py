@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import robots
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.model import validate
 from robot_energy.physics.hold_torque import UNKNOWN, HoldTorque
 from robot_energy.pipeline import EnergyPipeline, Settings
@@ -101,7 +102,8 @@ def test_an_unknown_torque_at_rest_widens_the_band():
     off = 0.5 * ((torque + UNKNOWN * 0.2) ** 2 - torque**2)
 
     def last(power):
-        return power.deviation.values[power.deviation.row[-1], -2:]
+        drives = len(CABINET_DEVIATIONS) + 2 * JOINT_DEVIATIONS.index("drive")
+        return power.deviation.values[power.deviation.row[-1], drives : drives + 2]
 
     assert last(unknown) == pytest.approx(np.hypot(last(known), off))
     assert (off > 1e-4).all()
