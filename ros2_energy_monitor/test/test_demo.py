@@ -18,6 +18,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from robot_energy.model import load
 
 BAGS = Path(__file__).parents[2] / "bags"
@@ -70,6 +72,7 @@ def test_demo_runs_through(child_environment, tmp_path):
     assert not processes_of_session(process.pid)
 
 
+@pytest.mark.long
 def test_interrupted_demo_leaves_nothing_running(child_environment, tmp_path):
     process = demo(child_environment, "--seconds=60", "--model=kr16", f"--out={tmp_path}")
     assert process.stdout is not None

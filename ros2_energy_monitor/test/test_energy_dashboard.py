@@ -254,6 +254,7 @@ def shown_registers(window: Browser) -> tuple[float, dict[str, list[str]]]:
     )
 
 
+@pytest.mark.long
 @needs_browser
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_the_page_in_two_browsers(

@@ -254,6 +254,7 @@ def memory() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+@pytest.mark.long
 def test_a_hundred_lives_leave_nothing_behind(bench, messages):
     node = bench.add(EnergyMonitor, model="kr16", publish_torque=True)
     node.trigger_deactivate()

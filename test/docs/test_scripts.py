@@ -69,6 +69,7 @@ def test_every_other_file_is_used_by_a_script(part):
     assert any(use.search(path.read_text()) for path in others)
 
 
+@pytest.mark.long
 def test_mistakes_are_refused_and_sound_recordings_are_not():
     done = run(ROOT / "test/bench/identify_mistakes.py", "--quick")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -60,6 +60,7 @@ def test_source_distribution_has_what_the_wheel_is_built_from(wheel):
     assert "physics/kernels/kernels.h" in listing
 
 
+@pytest.mark.long
 def test_without_a_compiler_the_library_has_no_kernels(wheel, tmp_path):
     (tmp_path / "source").mkdir()
     run("tar", "xzf", next(wheel.parent.glob("*.tar.gz")), "-C", tmp_path / "source")

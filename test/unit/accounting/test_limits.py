@@ -27,6 +27,7 @@ def shifted(start: float, stop: float, by_s: int, segment: int = 0):
     return power_block(block.stamp_ns + by_s * SECOND, block.grid_power, segment)
 
 
+@pytest.mark.long
 def test_a_thousand_boots_in_1970_leave_the_gap_time_alone():
     """Each boot counts a second in 1970 and one after the clock was set; 60 s lie between."""
     account = EnergyAccount(2)

@@ -428,6 +428,7 @@ def scheduler(tmp_path):
             process.wait()
 
 
+@pytest.mark.long
 def test_workers_of_another_command_give_the_same_bits_until_their_scheduler_is_lost(
     hall, sequential, tmp_path, scheduler, monkeypatch
 ):

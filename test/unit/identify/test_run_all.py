@@ -300,6 +300,7 @@ def test_energy_errors_are_those_of_replay(
     assert test.less_power_error
 
 
+@pytest.mark.long
 def test_blocks_of_one_recording_do_not_overlap_with_their_fit(
     folder: Path, model: RobotModel
 ) -> None:

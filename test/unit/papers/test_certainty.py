@@ -37,6 +37,7 @@ def found(tmp_path_factory):
     return json.loads((folder / "figures.json").read_text()), folder
 
 
+@pytest.mark.long
 def test_every_claim_is_counted(found):
     figures, folder = found
     groups = {row["group"]: row for row in figures["intervals"]}

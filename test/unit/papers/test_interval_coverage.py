@@ -69,6 +69,7 @@ def test_cabinet_and_drives_agree_when_the_turns_end(bags, result):
         assert new.value == pytest.approx(old.value, abs=max(0.3 * (old.std or 0.0), 0.2))
 
 
+@pytest.mark.long
 def test_a_split_has_the_deviation_of_both_parts(result):
     fit, cabinet = result.step("cabinet").found, result.model.cabinet
     assert cabinet.loss_grid.tag == cabinet.loss_dc.tag == "identified"

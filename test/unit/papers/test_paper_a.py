@@ -143,6 +143,7 @@ def test_the_command_refuses_in_one_sentence(quick, capsys, tmp_path):
     assert "not a whole number" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_other_processes_give_the_figures_of_this_one(tmp_path):
     shares = []
     for name in ("there", "here"):

@@ -37,6 +37,7 @@ def found(tmp_path_factory):
     return json.loads((folder / "figures.json").read_text()), folder
 
 
+@pytest.mark.long
 def test_the_short_form_writes_figures_and_a_page(found):
     figures, folder = found
     assert figures["by_measure"]["all"]["changes"] >= 4

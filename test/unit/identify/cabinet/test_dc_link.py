@@ -209,6 +209,7 @@ def bags(tmp_path_factory):
     return [Bag(path, EffortMeaning.MOTOR_TORQUE) for path in sorted(folder.iterdir())]
 
 
+@pytest.mark.long
 def test_on_the_virtual_rig_the_energy_is_found_and_held_out_energies_get_better(bags):
     """The chopper leaves the link between 680 and 700 V: 106 to 127 J, 117 J on the average."""
     supply = load_profile("kr16").supply

@@ -249,6 +249,7 @@ def deviations(motion):
     return identify_dynamics(parts, load("kr16"), choice).fit.parts[SCATTER]
 
 
+@pytest.mark.long
 def test_excited_motion_says_more_than_random_programs_of_the_same_length(six_axes):
     """The programs keep position, speed and acceleration; torque they exceed, to their good."""
     limits = six_axes["condition"].limits
