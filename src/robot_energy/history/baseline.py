@@ -124,7 +124,7 @@ def fit_baseline(energy: Float, drivers: Mapping[str, Float]) -> EnergyBaseline:
             f"at least {least} days on which the robot used energy",
             "a longer baseline, or fewer drivers",
         )
-    scale = np.linalg.norm(rows, axis=0)
+    scale: Float = np.linalg.norm(rows, axis=0)
     inverse: Float = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
     values: Float = inverse @ (rows.T @ energy)
     residual: Float = energy - rows @ values

@@ -7,6 +7,7 @@ neither. Whole numbers are added up first and multiplied by their price once.
 from __future__ import annotations
 
 import sqlite3
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -97,16 +98,16 @@ def costs(
             if one >= 0:
                 add(one // calendar.capacity, calendar.uses[one % calendar.capacity],
                     added[:, place])  # fmt: skip
-    for robot, start, stop, *used in connection.execute(
+    for robot, begin, stop, *used in connection.execute(
         "SELECT s.robot, s.start, s.stop, s.predicted_import_microjoule, s.standby_microjoule FROM "
         "some r CROSS JOIN slot15 s ON s.robot = r.id AND s.start >= ? AND s.start < ? WHERE "
         "s.flags & 1", (bounds[0], bounds[-1]),
     ):  # fmt: skip
-        part = int(np.searchsorted(edges, start, "right")) - 1
-        if stop <= bounds[part + 1]:
+        number = bisect_right(bounds, begin) - 1
+        if stop <= bounds[number + 1]:
             energy = np.zeros((len(places), 2), np.int64)
             energy[places[robot]] = used
-            add(part, calendar.of_span(start, stop), energy)
+            add(number, calendar.of_span(begin, stop), energy)
     return {key: _priced(own, len(places)) for key, own in sums.items()}
 
 

@@ -8,7 +8,7 @@ as anywhere. A weak penalty on curvature carries the map into corners without sa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -92,13 +92,14 @@ def _monotone(columns: Float, target: Float, speeds: Float, loads: Float) -> Flo
     rows.append(SLOPE * np.eye(1, KNOTS * KNOTS))
     given = np.concatenate([target / scale, np.zeros(sum(len(part) for part in rows[1:]))])
     q, r = np.linalg.qr(np.vstack(rows))
-    start = solve_triangular(r, q.T @ given)
+    start = cast(Float, solve_triangular(r, q.T @ given))
     bounds = np.vstack([np.eye(1, KNOTS * KNOTS), *rises])
     inverse = solve_triangular(r, bounds.T, trans="T").T
     dual = np.vstack([inverse.T, -(bounds @ start)[None, :]])
     goal = np.append(np.zeros(len(dual) - 1), 1.0)
     away = dual @ nnls(dual, goal)[0] - goal
-    found: Float = np.reshape(start + solve_triangular(r, -away[:-1] / away[-1]), (KNOTS, KNOTS))
+    moved = cast(Float, solve_triangular(r, -away[:-1] / away[-1]))
+    found = (start + moved).reshape(KNOTS, KNOTS)
     # rounding leaves 1e-12 of the bounds open
     return np.maximum.accumulate(np.maximum.accumulate(np.maximum(found, 0.0), axis=0), axis=1)
 
