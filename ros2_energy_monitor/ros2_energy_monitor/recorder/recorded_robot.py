@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Feeds the history with the registers, the job intervals and the alarms of one robot."""
+"""Feeds the history with registers, job intervals, alarms and learned friction of one robot."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from rclpy.node import Node
-from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters
+from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, FrictionCondition
 from ros2_energy_msgs.srv import ListIntervals
 
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.foundation.units import SECOND_NS
+from robot_energy.history.friction import FrictionDecoder
 from robot_energy.history.readings import ReadingDecoder
 from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
-from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
+from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, REGISTERS_TOPIC, latched, reliable
 from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch
 
 DEPTH = 120  # registers that wait for the next look: a minute and more [messages]
@@ -51,6 +52,9 @@ class RecordedRobot:
         self._inbox = Inbox(node, EnergyRegisters, topic, reliable(DEPTH), renew_after=SILENCE)
         self._played = PlayedRecording([self._inbox])
         self._decoder = ReadingDecoder()
+        condition = f"{self._prefix}{CONDITION_TOPIC}"
+        self._condition = Inbox(node, FrictionCondition, condition, latched(1))
+        self._friction = FrictionDecoder()
         self._jobs: list[dict[str, Any]] = []  # of the newest answer
         self._recorded = 0  # registers left out since a player published them
         self._alarms = AlarmWatch(namespace)
@@ -91,7 +95,7 @@ class RecordedRobot:
 
     def take_statuses(self, message: DiagnosticArray) -> None:
         """Hand alarms and restarts among diagnostic statuses to the store, but for played ones."""
-        if self._decoder.recording or self._played.players:
+        if self._recording:
             return
         stamp = message.header.stamp
         stamp_ns = stamp.sec * SECOND_NS + stamp.nanosec
@@ -100,11 +104,12 @@ class RecordedRobot:
             self._store.add_events(self.name, events)
 
     def look_after(self, services: Iterable[str]) -> None:
-        """Ask for the job intervals, and subscribe again what is silent.
+        """Take learned friction, ask for the job intervals, and subscribe again what is silent.
 
         Args:
             services: Names of all that there are.
         """
+        self._take_friction()
         self._inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():
             if time.monotonic() - self._asked < SILENCE:
@@ -130,8 +135,18 @@ class RecordedRobot:
     def _add_jobs(self) -> None:
         """Hand jobs to the store, unless registers have shown since that they are a recording's."""
         jobs, self._jobs = self._jobs, []
-        if not (self._decoder.recording or self._played.players):
+        if not self._recording:
             self._store.add_jobs(self.name, jobs)
+
+    def _take_friction(self) -> None:
+        batch = self._condition.drain()
+        if batch is not None and not self._recording:
+            self._store.add_friction(self.name, self._friction.decode(batch))
+
+    @property
+    def _recording(self) -> bool:
+        """Whether what arrives is of a recording that is played, not of the robot."""
+        return self._decoder.recording or bool(self._played.players)
 
 
 def _job(interval: EnergyInterval) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from histories import DAY, HOUR, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.baseline import compare, fit_baseline
-from robot_energy.history.rows import JOB_COLUMNS
 from robot_energy.history.savings import history_savings
+from robot_energy.history.schema import JOB_COLUMNS
 from robot_energy.history.store import HistoryStore
 
 FIRST = date(2026, 1, 1)

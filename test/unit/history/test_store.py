@@ -17,10 +17,11 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history import schema
-from robot_energy.history.api import history
+from robot_energy.history.api import history, history_friction
 from robot_energy.history.check import check, repair
 from robot_energy.history.differences import CLOCK, EARLIER
 from robot_energy.history.files import open_reader
+from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.readings import COLUMNS, ReadingDecoder
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
 from robot_energy.history.tariffs import stored_tariffs
@@ -346,19 +347,19 @@ def test_an_older_schema_is_brought_up_to_date_with_a_copy(store, monkeypatch):
     write(store, robot, [robot.minute()])
     folder = store.folder
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 3)
+    monkeypatch.setattr(schema, "VERSION", 4)
     monkeypatch.setitem(
-        schema.MIGRATIONS, 2, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
+        schema.MIGRATIONS, 3, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
     )
     later = HistoryStore(folder)
     later.open()
-    assert "from version 2 to 3" in later.notices[0]
+    assert "from version 3 to 4" in later.notices[0]
     write(later, robot, [robot.minute()])
     later.close()
-    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-2")) as copy:
-        assert copy.execute("PRAGMA user_version").fetchone() == (2,)
-    monkeypatch.setattr(schema, "VERSION", 2)
-    with refused(HistoryError, found="version 3"):
+    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-3")) as copy:
+        assert copy.execute("PRAGMA user_version").fetchone() == (3,)
+    monkeypatch.setattr(schema, "VERSION", 3)
+    with refused(HistoryError, found="version 4"):
         HistoryStore(folder).open()
 
 
@@ -368,6 +369,8 @@ def test_the_first_tables_get_hours_days_and_a_file_of_tariffs(store):
         write(store, robot, [robot.minute() for _ in range(60)])
     folder = store.folder
     for table in ("slot60", "slot1440", "joint60", "joint1440", "curve"):
+        store._connection.execute(f"DROP TABLE {table}")
+    for table in ("job60", "job1440", "friction"):
         store._connection.execute(f"DROP TABLE {table}")
     store._connection.execute("DROP INDEX ended")
     store._connection.execute("DELETE FROM meta WHERE name = 'rolled_until'")
@@ -397,8 +400,8 @@ def test_a_migration_that_fails_leaves_all_as_it_was(store, monkeypatch):
     write(store, robot, [robot.minute()])
     folder = store.folder
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 3)
-    monkeypatch.setitem(schema.MIGRATIONS, 2, lambda c: c.execute("DROP TABLE no_such"))
+    monkeypatch.setattr(schema, "VERSION", 4)
+    monkeypatch.setitem(schema.MIGRATIONS, 3, lambda c: c.execute("DROP TABLE no_such"))
     with refused(HistoryError):
         HistoryStore(folder).open()
     monkeypatch.undo()
@@ -417,6 +420,27 @@ def test_jobs_are_the_same_however_often_they_come(store):
     with closing(open_reader(store.folder)) as connection:
         rows = connection.execute(f"SELECT id, name, {IMPORT} FROM job").fetchall()
     assert rows == [(3, "weld", 5)]
+
+
+def test_learned_friction_is_kept_by_day_and_model(store):
+    def learned(stamp, ratio, model="m1"):
+        return LearnedFriction(stamp, model, {"elbow": ratio, "wrist": 1.0})
+
+    store.add_friction("a", [learned(START + hour * HOUR, 1 + hour / 100) for hour in range(48)])
+    store.add_friction("a", [learned(START + 2 * DAY, 2.0, "m2"), learned(START + 40 * DAY, 1.9)])
+    write(store, Robot(), [])
+    store.add_friction("a", [learned(START + HOUR, 9.0)])  # late: the newest of a day stays
+    write(store, Robot(), [])
+    found = history_friction(store.folder, START, START + 59 * DAY)
+    own = found["joint"] == "elbow"
+    assert found["model_id"][own].tolist() == ["m1", "m2", "m1"]
+    assert found["days"][own].tolist() == [2, 1, 1]
+    assert found["ratio"][own] == pytest.approx([(1.23 + 1.47) / 2, 2.0, 1.9])
+    assert found["greatest"][own] == pytest.approx([1.47, 2.0, 1.9])
+    days = history_friction(store.folder, START, START + 2 * DAY, "day", timezone="Europe/Berlin")
+    assert days["ratio"][days["joint"] == "elbow"] == pytest.approx([1.23, 1.47, 2.0])
+    with refused(HistoryError, found="no robot 'b'"):
+        history_friction(store.folder, START, START + DAY, robots=["b"])
 
 
 def test_messages_of_an_account_are_its_history_to_the_microjoule(store):
