@@ -46,7 +46,8 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, boo
             ) as robots,
             NodeProcesses(folder, environment) as nodes,
         ):  # fmt: skip
-            assert robots.stdout is not None and robots.stdin is not None
+            assert robots.stdout is not None
+            assert robots.stdin is not None
             assert robots.stdout.readline() == b"ready\n"
             nodes.start(node, **given)
             pid = nodes._running[node].pid

@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, FrictionCondition
@@ -29,11 +29,27 @@ from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, REGISTERS_TOPIC, latched, reliable
-from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch
+from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch, StatusHead
 
 DEPTH = 120  # registers that wait for the next look: a minute and more [messages]
 SILENCE = 30.0  # of a robot, after which it is subscribed and asked again [s]
 LIST = "list_intervals"
+
+
+class WhileAsked(ReentrantCallbackGroup):
+    """A group whose clients enter the wait set of an executor while an answer is awaited.
+
+    An executor looks at all that it waits for each time that it wakes, at hundreds of clients.
+    """
+
+    asked = False
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether an answer is awaited.
+
+        Argument as in `rclpy.callback_groups.CallbackGroup.can_execute`.
+        """
+        return self.asked
 
 
 class RecordedRobot:
@@ -59,6 +75,7 @@ class RecordedRobot:
         self._recorded = 0  # registers left out since a player published them
         self._alarms = AlarmWatch(namespace)
         self._client: Client | None = None
+        self._group = WhileAsked()
         self._listing: Any = None  # the answer that is awaited
         self._asked = 0.0  # when, steady time [s]
         self.heard = math.nan  # when registers came last, steady time [s]
@@ -93,13 +110,11 @@ class RecordedRobot:
             self._store.add(self.name, self._decoder.decode(batch))
         self._add_jobs()
 
-    def take_statuses(self, message: DiagnosticArray) -> None:
+    def take_statuses(self, statuses: Iterable[StatusHead], stamp_ns: int) -> None:
         """Hand alarms and restarts among diagnostic statuses to the store, but for played ones."""
         if self._recording:
             return
-        stamp = message.header.stamp
-        stamp_ns = stamp.sec * SECOND_NS + stamp.nanosec
-        events = self._alarms.take(message.status, stamp_ns, time.monotonic())
+        events = self._alarms.take(statuses, stamp_ns, time.monotonic())
         if events:
             self._store.add_events(self.name, events)
 
@@ -119,14 +134,18 @@ class RecordedRobot:
             for name in services:
                 node, _, service = name.removeprefix(self._prefix).partition("/")
                 if name.startswith(self._prefix) and node and service == LIST:
-                    self._client = self._node.create_client(ListIntervals, name)
+                    self._client = self._node.create_client(
+                        ListIntervals, name, callback_group=self._group
+                    )
                     break
         if self._client is not None and self._client.service_is_ready():
             self._asked = time.monotonic()
+            self._group.asked = True
             self._listing = self._client.call_async(ListIntervals.Request())
             self._listing.add_done_callback(self._take_jobs)
 
     def _take_jobs(self, future: Any) -> None:
+        self._group.asked = False
         response = None if future.cancelled() else future.result()
         if response is not None:
             self._add_jobs()

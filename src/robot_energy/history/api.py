@@ -146,21 +146,32 @@ def history_jobs(
     Raises:
         HistoryError: As of `history`.
     """
-    bounds = _bounds(start, stop, resolution, timezone)
+    return job_sums(folder, _bounds(start, stop, resolution, timezone), robots)
+
+
+def job_sums(
+    folder: str | Path, bounds: Sequence[int], robots: Sequence[str],
+    names: Sequence[str] = JOB_SUMS,
+) -> TimeSeries:  # fmt: skip
+    """Return what `history_jobs` does, of all that is summed or of some.
+
+    Args:
+        bounds: Where parts of the time begin, and the end of the last. [ns]
+        names: Of `JOB_SUMS`, the energy from the grid among them.
+    """
     with closing(open_reader(folder)) as connection:
         connection.execute("BEGIN")
-        found = jobs(connection, robots_of(connection, robots), bounds)
+        found = jobs(connection, robots_of(connection, robots), bounds, names)
     columns: dict[str, Column] = {
         "robot": np.array([one.robot for one in found], dtype=str),
         "stop_ns": np.array([one.stop_ns for one in found], dtype=np.int64),
         "job": np.array([one.name for one in found], dtype=str),
         "parts": np.array([one.count for one in found], dtype=np.int64),
     }
-    for place, name in enumerate(JOB_SUMS):
+    for place, name in enumerate(names):
         columns[name] = np.array([one.values[place] for one in found], dtype=np.int64)
-    used = [one.import_microjoule / one.count for one in found]
-    columns["microjoule_per_part"] = np.array(used, dtype=float)
-    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *JOB_SUMS)}
+    columns["microjoule_per_part"] = columns["predicted_import_microjoule"] / columns["parts"]
+    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *names)}
     units["microjoule_per_part"] = "uJ"
     return TimeSeries(
         np.array([one.start_ns for one in found], dtype=np.int64), columns, units=units

@@ -54,7 +54,6 @@ _JOBS = (
     ),
 )  # fmt: skip
 """Where jobs are counted by pieces of each length, and how many jobs rows are."""
-_JOB_USED = JOB_SUMS.index("predicted_import_microjoule")
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class Jobs:
         robot: Its name.
         name: Of the jobs.
         count: How many: one makes one part.
-        values: By `JOB_SUMS`. [ns], [uJ]
+        values: By the names that were asked for, of `JOB_SUMS`. [ns], [uJ]
     """
 
     start_ns: int
@@ -99,11 +98,6 @@ class Jobs:
     name: str
     count: int
     values: tuple[int, ...]
-
-    @property
-    def import_microjoule(self) -> int:
-        """Energy from the grid. [uJ]"""
-        return self.values[_JOB_USED]
 
 
 def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -> list[int]:
@@ -275,26 +269,28 @@ def not_resolved(
 
 
 def jobs(
-    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
-) -> list[Jobs]:
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int],
+    names: Sequence[str] = JOB_SUMS,
+) -> list[Jobs]:  # fmt: skip
     """Return the jobs that ended in each part, in order of time and robot, the largest first.
 
     Args:
         bounds: Where parts begin, and the end of the last. [ns]
+        names: What is added up, the energy from the grid among it.
     """
-    parts = list(pairwise(bounds))
+    parts, used = list(pairwise(bounds)), 1 + names.index("predicted_import_microjoule")
     _put_pieces(connection, robots, parts)
     found: dict[tuple[int, str, str], tuple[int, ...]] = {}
     for source, count in _JOBS:
         for part, robot, name, *own in connection.execute(
             f"SELECT p.part, r.name, j.name, {count}, "
-            f"{', '.join(f'sum(j.{name})' for name in JOB_SUMS)} FROM piece p CROSS JOIN some r "
+            f"{', '.join(f'sum(j.{name})' for name in names)} FROM piece p CROSS JOIN some r "
             f"CROSS JOIN {source} GROUP BY p.id, r.id, j.name"
         ):
             key = (part, robot, name)
             held = found.get(key)
             found[key] = tuple(own if held is None else map(add, own, held))
-    order = sorted(found.items(), key=lambda one: (one[0][:2], -one[1][1 + _JOB_USED], one[0][2]))
+    order = sorted(found.items(), key=lambda one: (one[0][:2], -one[1][used], one[0][2]))
     return [
         Jobs(*parts[part], robot, name, count, tuple(values))
         for (part, robot, name), (count, *values) in order

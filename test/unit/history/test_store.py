@@ -1,5 +1,6 @@
 """What the history holds is what the registers counted, whatever happens."""
 
+import random
 import shutil
 import sqlite3
 from contextlib import closing
@@ -11,12 +12,15 @@ import pytest
 
 import accounts
 import histories
+import page_messages
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
+from page_messages import JOINTS, encoder_of, zeros
 from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.bag.cdr import stamp_columns
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history import schema
+from robot_energy.history import readings, schema
 from robot_energy.history.api import history, history_friction
 from robot_energy.history.check import check, repair
 from robot_energy.history.differences import CLOCK, EARLIER
@@ -26,6 +30,7 @@ from robot_energy.history.readings import COLUMNS, ReadingDecoder
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
 from robot_energy.history.tariffs import stored_tariffs
 from robot_energy.messages import RegistersWriter
+from robot_energy.messages.registers import ENERGY_REGISTERS
 
 IMPORT = "predicted_import_microjoule"
 
@@ -480,3 +485,63 @@ def test_files_are_readable_by_nobody_else(tmp_path):
 def test_histories_have_the_columns_of_the_readings():
     assert len(Robot().read().values) == len(COLUMNS)
     assert histories.JOINTS == accounts.NAMES
+
+
+def drawn_messages(seed, count=400):
+    """A course of seconds with resets, clocks that are set, late and doubled messages; a batch."""
+    draw, robot, rows = random.Random(seed), Robot(seed), []
+    for _ in range(count):
+        match draw.random():
+            case x if x < 0.01:
+                robot.reset()
+            case x if x < 0.02:
+                robot.step_clock(draw.choice((-1, 1)) * draw.randint(1, 3 * MINUTE))
+            case x if x < 0.03:
+                robot.meter = draw.choice((0, 1, 2))
+            case x if x < 0.05:
+                robot.rest(SECOND)
+        robot.advance(SECOND)
+        rows.append(robot.read(robot.now if robot.now % MINUTE == 0 else 0))
+        if draw.random() < 0.02:
+            rows += rows[-draw.randint(1, 5) :]
+    encoder = encoder_of(ENERGY_REGISTERS, JOINTS)
+    columns = zeros(encoder, len(rows)) | {
+        name: np.array([row.values[COLUMNS.index(name)] for row in rows])
+        for name in ("observed_ns", "gap_ns", IMPORT)
+    }
+    for prefix, field in (("header.stamp", "stamp_ns"), ("energy_start", "energy_start_ns"),
+                          ("minute", "minute_ns")):  # fmt: skip
+        columns |= stamp_columns(np.array([getattr(row, field) for row in rows]), prefix)
+    meters = np.array([row.meter_location for row in rows], dtype=np.uint8)
+    columns |= {"meter_location": meters, "band": np.uint8(0), "gap_count": np.uint64(0)}
+    columns["persisted"] = True
+    return page_messages.batch(ENERGY_REGISTERS, encoder.encode(columns, len(rows)))
+
+
+def test_readings_in_between_are_left_out_where_the_next_takes_their_place(tmp_path, monkeypatch):
+    for seed in range(8):
+        given, held = drawn_messages(seed), []
+        for name in ("thinned", "whole"):
+            with monkeypatch.context() as patch:
+                if name == "whole":
+                    patch.setattr(readings, "_kept", lambda run, *_: np.full(len(run.rows), True))
+                found = ReadingDecoder().decode(given)
+            assert len(found) < 0.2 * len(given) if name == "thinned" else len(found) == len(given)
+            store = HistoryStore(tmp_path / f"{name}{seed}")
+            store.open()
+            for one in found:  # one by one, as they arrive
+                store.add("a", [one])
+            assert store.write(START + DAY, newest=True)
+            store.close()
+            with closing(open_reader(store.folder)) as connection:
+                held.append(
+                    [
+                        connection.execute(f"SELECT {what} ORDER BY 1, 2").fetchall()
+                        for what in (
+                            f"start, stop, flags, {IMPORT}, gap_ns FROM slot1",
+                            f"start, stop, flags, {IMPORT}, gap_ns FROM slot15",
+                            "stamp, kind, text FROM event",
+                        )
+                    ]
+                )
+        assert held[0] == held[1], seed
