@@ -143,7 +143,8 @@ class PageHub:
     def snapshots(self, now: float) -> list[dict[str, Any]]:
         """Return all robots as plain values; of many the lock is free in between.
 
-        Argument as in `tick`.
+        Args:
+            now: As of `tick`. [s]
         """
         found: list[dict[str, Any]] = []
         for robot in list(self.robots.values()):

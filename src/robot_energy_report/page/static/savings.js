@@ -94,5 +94,5 @@ export function showFriction(answer, alone) {
   } else setText(byId("friction-note"), "Measured friction over that of the model file; 1 is as identified. Choose one robot and a week or more for curves.");
   fillRows(byId("friction-joints"), rows.map((row) => [row.joint, row.robot, n(number(row.first, 3)), n(number(row.last, 3)), n(signedPercent(row.last / row.first - 1)), n(String(row.days)), ...(models ? [row.model.slice(0, 8)] : [])]));
   byId("friction-model").hidden = !models;
-  setText(byId("friction-count"), `${count > rows.length ? `${rows.length} of ${count} joints shown, the largest changes first. ` : ""}${models ? "With another model file ratios begin anew. " : ""}`);
+  setText(byId("friction-count"), `${count > rows.length ? `${rows.length} of ${count} joints shown, the largest changes first. ` : ""}${models ? "Ratios of two model files cannot be compared. " : ""}`);
 }
