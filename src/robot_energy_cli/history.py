@@ -147,7 +147,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             ]
             page.rows("Jobs that ended", columns, ended)
     if args.start:
-        _friction(args, page, asked, names, local)
+        _friction(args, page, asked, names)
         known = list(_rows(history_events(*asked, names, args.timezone)))
         if known:
             columns = [
@@ -170,19 +170,20 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
                   "tariff holds")  # fmt: skip
 
 
-def _friction(
-    args: Namespace, page: Any, asked: Any, names: list[str], local: Callable[[int], str]
-) -> None:
+def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
     """Add what was learned of the friction of each joint, by month."""
     from robot_energy.history.api import history_friction
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
     found = list(_rows(history_friction(*asked, "month", names, args.timezone)))
+    zone = ZoneInfo(args.timezone)
     if not found:
         return
     columns = [
-        Column("month", lambda row: local(row["stamp_ns"])[:7]),
+        Column(
+            "month", lambda row: f"{datetime.fromtimestamp(row['stamp_ns'] // 10**9, zone):%Y-%m}"
+        ),
         Column("robot", itemgetter("robot")),
         Column("joint", itemgetter("joint")),
         Column("over the model file", itemgetter("ratio"), fixed(3)),

@@ -140,8 +140,10 @@ class EnergyRecorder(ManagedNode):
     def take_statuses(self) -> None:
         """Take the diagnostic statuses that have arrived, each for its robot."""
         batch = self._diagnostics.drain()
+        if batch is None:
+            return
         newest: dict[bytes, bytes] = {}  # of each node
-        for place in range(0 if batch is None else len(batch)):
+        for place in range(len(batch)):
             data = batch.row(place)
             try:
                 newest[first_name(data)] = data

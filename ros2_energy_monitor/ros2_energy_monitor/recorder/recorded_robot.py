@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, FrictionCondition
@@ -36,7 +36,7 @@ SILENCE = 30.0  # of a robot, after which it is subscribed and asked again [s]
 LIST = "list_intervals"
 
 
-class WhileAsked(ReentrantCallbackGroup):
+class WhileAsked(CallbackGroup):
     """A group whose clients enter the wait set of an executor while an answer is awaited.
 
     An executor looks at all that it waits for each time that it wakes, at hundreds of clients.
@@ -50,6 +50,13 @@ class WhileAsked(ReentrantCallbackGroup):
         Argument as in `rclpy.callback_groups.CallbackGroup.can_execute`.
         """
         return self.asked
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return True; as in `rclpy.callback_groups.CallbackGroup.beginning_execution`."""
+        return True
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing; as in `rclpy.callback_groups.CallbackGroup.ending_execution`."""
 
 
 class RecordedRobot:

@@ -87,7 +87,7 @@ def _add(
     connection: sqlite3.Connection, until_ns: int, robot: int, row: tuple[Any, ...], sign: int
 ) -> None:
     """Add a job to the sums of its hour and day, or take it from them."""
-    job = dict(zip(JOB_COLUMNS, row, strict=True))
+    job: dict[str, Any] = dict(zip(JOB_COLUMNS, row, strict=True))
     if (job["stop"] - 1) // DAY_NS * DAY_NS >= until_ns:
         return
     for level in LEVELS:
