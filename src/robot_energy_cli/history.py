@@ -184,8 +184,7 @@ def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: l
         Column(
             "month", lambda row: f"{datetime.fromtimestamp(row['stamp_ns'] // 10**9, zone):%Y-%m}"
         ),
-        Column("robot", itemgetter("robot")),
-        Column("joint", itemgetter("joint")),
+        *(Column(name, itemgetter(name)) for name in ("robot", "joint")),
         Column("over the model file", itemgetter("ratio"), fixed(3)),
         Column("days", itemgetter("days")),
         Column("model file", lambda row: row["model_id"][:8]),
