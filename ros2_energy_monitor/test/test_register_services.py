@@ -531,6 +531,7 @@ def test_kills_while_services_are_called_and_the_clock_steps(child_environment):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.long
 def test_kills_in_motion(child_environment):
     """See test/soak/kills.py: what a thousand kills must not do, fifteen must not do either."""
     done = subprocess.run(

@@ -141,6 +141,7 @@ def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     assert (row["bag"], row["robot"], row["problems"]) == (str(recording), "r1", [])
 
 
+@pytest.mark.long
 def test_a_generated_fleet_is_replayed_from_another_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["--robots", "1", "--weeks", "1", "--seed", "1"]

@@ -70,6 +70,7 @@ def test_losses_hold_off_the_map(found):
     assert beyond["ways"]["map"]["accuracy"] < 0.7
 
 
+@pytest.mark.long
 def test_ways_compete_on_drawn_plants_in_both_configurations(found):
     """All beat no efficiency on plants whose losses are not of the form of the loss model."""
     figures, folder = found
