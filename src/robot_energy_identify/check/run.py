@@ -36,6 +36,7 @@ from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.motion import check_motion
 from robot_energy_identify.check.torque import check_torque
 from robot_energy_identify.check.windows import Windows
+from robot_energy_identify.stats.regression import one_thread
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction
@@ -108,6 +109,7 @@ def check(
     return check_together([path], model, effort, inputs, time_range)[0]
 
 
+@one_thread
 def check_together(
     paths: Sequence[str | Path],
     model: RobotModel,
