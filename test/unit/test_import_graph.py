@@ -56,7 +56,7 @@ MODULES = {
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
-        velocities zero_states
+        velocity_check zero_states
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
