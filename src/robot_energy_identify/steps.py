@@ -34,7 +34,7 @@ from robot_energy_identify.dynamics.validation import TorqueError
 from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
 from robot_energy_identify.friction.samples import friction_data
-from robot_energy_identify.friction.shape import share_shape
+from robot_energy_identify.friction.shared_shape import share_shape
 from robot_energy_identify.plausibility import (
     check_cabinet,
     check_drives,
