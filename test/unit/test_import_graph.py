@@ -131,8 +131,8 @@ MODULES = {
         cabinet dc_link link_errors link_readings supply
     """,
     "robot_energy_identify.check": """
-        evidence finding hypotheses meter motion payload process remedies run search torque
-        torque_fit windows
+        cause_search evidence finding meter motion payload possible_causes process remedies run
+        torque torque_fit windows
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings signals
