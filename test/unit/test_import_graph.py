@@ -142,8 +142,8 @@ MODULES = {
         total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out springs sufficiency
-        torque_model validation
+        base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
+        sufficiency torque_model validation
     """,
     "robot_energy_identify.excitation": """
         excitation limits

@@ -21,7 +21,7 @@ from robot_energy_identify.data.observations import Filters, Observations, obser
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
-from robot_energy_identify.dynamics.springs import (
+from robot_energy_identify.dynamics.counterbalance import (
     check_springs,
     open_springs,
     spring_columns,
