@@ -40,8 +40,8 @@ MODULES = {
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        config_file errors extras kinds process_memory schema_errors shown shown_text signature
-        stopping time_zone units
+        blas_threads config_file errors extras kinds process_memory schema_errors shown shown_text
+        signature stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder output_streams placement private_file
@@ -199,7 +199,7 @@ MODULES = {
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
-        replay_figures series terms
+        replay_figures series
     """,
     "robot_energy_report.layouts": """
         foxglove plotjuggler plots viewers
@@ -207,7 +207,7 @@ MODULES = {
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
         history_period history_routes history_view hub json_numbers messages metrics monitoring
-        phase_totals recording robot_state rows saved_page settings web_app web_server
+        phase_totals recording robot_state rows saved_page settings terms web_app web_server
     """,
     "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -53,7 +54,6 @@ from robot_energy_identify.stats.regression import (
     estimate,
     factor,
     fit,
-    one_thread,
 )
 from robot_energy_identify.stats.systematic import (
     DEFAULT_LIMITS,

@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any
 
 from robot_energy_report.page.json_numbers import json_text
-from robot_energy_report.terms import TERMS, with_hints
+from robot_energy_report.page.terms import TERMS, with_hints
 
 SCRIPTS = (
     "format.js",
