@@ -74,7 +74,7 @@ MODULES = {
     "robot_energy.physics": """
         cabinet collision counterbalance derivative drive drivetrain effort effort_check
         electrical_power equations friction hold_torque limit_utilisation motor_heat
-        plausibility rigid_body torque torque_limits transmission
+        plausibility rigid_body shared_bus torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
@@ -101,8 +101,8 @@ MODULES = {
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
         identify_thermal import_logs info layouts listings main models monitoring numbers
-        optimize predict replay replay_options report result_schema simulate terminal test
-        tool_options
+        optimize predict replay replay_options report result_schema shared_bus simulate terminal
+        test tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
@@ -176,10 +176,10 @@ MODULES = {
         reproduce
     """,
     "robot_energy_plan": """
-        prediction
+        prediction shared_bus
     """,
     "robot_energy_plan.api": """
-        optimize predict
+        optimize predict shared_bus
     """,
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
@@ -193,13 +193,13 @@ MODULES = {
         timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        optimization prediction
+        common_supply optimization prediction shared_bus
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
-        replay_figures series terms
+        replay_figures series shared_bus terms
     """,
     "robot_energy_report.layouts": """
         foxglove plotjuggler plots viewers
@@ -254,7 +254,7 @@ LAYERS = {
     ),
     "robot_energy_plan": (
         ("motion",),
-        ("prediction", "optimization"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),
