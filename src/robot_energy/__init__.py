@@ -138,11 +138,11 @@ __all__ = [
     "Phase", "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
     "ReplayReport", "ReplayResult", "ReportError", "RestState", "RobotDescriptionError",
     "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "SharedBusReport",
-    "SharedBusResult", "TimeSeries", "ToolOptions", "UnknownJointError", "advise", "evaluate", "fleet_identify", "fleet_report", "fleet_run",
-    "history", "history_events", "history_jobs", "history_savings", "identify_all",
-    "identify_auxiliary", "identify_cabinet", "identify_dynamics", "identify_friction",
-    "identify_thermal", "load_model", "optimize", "physics", "predict", "replay", "save_model",
-    "shared_bus",
+    "SharedBusResult", "TimeSeries", "ToolOptions", "UnknownJointError", "advise", "evaluate",
+    "fleet_identify", "fleet_report", "fleet_run", "history", "history_events", "history_jobs",
+    "history_savings", "identify_all", "identify_auxiliary", "identify_cabinet",
+    "identify_dynamics", "identify_friction", "identify_thermal", "load_model", "optimize",
+    "physics", "predict", "replay", "save_model", "shared_bus",
 ]  # fmt: skip
 
 

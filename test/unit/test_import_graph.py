@@ -81,14 +81,14 @@ MODULES = {
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline fallback_use friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings torque_stage
+        online_monitor payload_timeline power_stage settings torque_stage work_sums
     """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
         replay_topics
     """,
     "robot_energy.results": """
-        auxiliary base condition energy model replay
+        auxiliary base condition energy model normalised replay
     """,
     "robot_energy.store": """
         account_store adoption condition_store envelope slot_store slots state_files
