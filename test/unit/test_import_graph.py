@@ -170,7 +170,7 @@ MODULES = {
     "robot_energy_papers": """
         accuracy boat calibration drawings drive_study experiment held_out job_pool
         kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        paper_b paper_b_figures paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
