@@ -184,7 +184,7 @@ class EnergySections:
     def normalised(self) -> None:
         """Add what the energy comes to for each metre of the tool, and for each part."""
         found = self._report.normalised
-        texts = [f"{percent(found.useful_share)} is work that lifts and accelerates the bodies"]
+        texts = [f"{percent(found.body_work_share)} is work that lifts and accelerates the bodies"]
         if found.energy_per_metre is not None and found.tool_path is not None:
             texts.insert(
                 0,

@@ -73,7 +73,7 @@ class TestedRecording:
         return None if not self.tool_path else self.mean_power * self.duration / self.tool_path
 
     @property
-    def useful_share(self) -> float | None:
+    def body_work_share(self) -> float | None:
         """Work on the bodies over the measured energy. [-]"""
         return (
             None if self.body_work is None else self.body_work / (self.mean_power * self.duration)

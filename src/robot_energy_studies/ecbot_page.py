@@ -25,7 +25,7 @@ def figures(result: tuple[TestedRobot, ...]) -> dict[str, Any]:
                     {
                         **json_value(one),
                         "energy_per_metre": one.energy_per_metre,
-                        "useful_share": one.useful_share,
+                        "body_work_share": one.body_work_share,
                     }
                     for one in robot.recordings
                 ],

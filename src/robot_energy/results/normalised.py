@@ -24,7 +24,7 @@ class NormalisedEnergy(Result):
     ]  # fmt: skip
     energy_per_metre: Annotated[Number, "Net energy from the grid over that path. [J/m]"]
     body_work: Annotated[float, "Work that lifted and accelerated the bodies, when it did. [J]"]
-    useful_share: Annotated[
+    body_work_share: Annotated[
         Number, "That work over the net energy from the grid; bodies give a part back. [-]"
     ]
     parts: Annotated[tuple[PartEnergy, ...], "Energy of one part, by its kind; empty if not known."]
@@ -47,7 +47,7 @@ def normalised_energy(
         tool_path=work.tool_path,
         energy_per_metre=net / work.tool_path if work.tool_path > 0 else math.nan,
         body_work=work.body_work,
-        useful_share=work.body_work / net if net > 0 else math.nan,
+        body_work_share=work.body_work / net if net > 0 else math.nan,
         parts=tuple(
             PartEnergy(name, len(found), math.fsum(found) / len(found))
             for name, found in kinds.items()

@@ -54,7 +54,7 @@ def test_a_turn_of_the_first_joint_by_hand():
     inertia = torque[0, 0] + first.gear_ratio.value**2 * first.rotor_inertia.value
     kinetic = 0.5 * inertia * (0.5 * ANGLE * RATE) ** 2  # at the greatest speed, once each way
     assert found.body_work == pytest.approx(2 * kinetic, rel=1e-3)
-    assert found.useful_share == pytest.approx(2 * kinetic / report.energy.net, rel=1e-3)
+    assert found.body_work_share == pytest.approx(2 * kinetic / report.energy.net, rel=1e-3)
     assert found.energy_per_metre == pytest.approx(report.energy.net / found.tool_path)
 
 
