@@ -155,10 +155,13 @@ def add_replay(
 
 
 def add_reading(parser: ArgumentParser) -> Any:
-    """Add how bags are read, without their robot; return the group of the settings.
+    """Add how bags are read, without their robot.
 
     Args:
         parser: Of a command that replays bags.
+
+    Returns:
+        The group of the settings.
     """
     topics = parser.add_argument_group("topics")
     settings = parser.add_argument_group("settings, seldom needed")

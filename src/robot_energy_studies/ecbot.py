@@ -210,7 +210,7 @@ def tested(
 
     Args:
         names: Of the recordings; None to number them.
-        work: Path of the tool and work on the bodies of each; None where they are not known.
+        work: Path of the tool [m] and work on the bodies [J] of each; None where not known.
     """
     pieces = sums(data, model)
     numbers = np.unique(pieces.recording).tolist()
