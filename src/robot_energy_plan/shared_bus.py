@@ -129,7 +129,11 @@ class PlannedBus:
 
 
 def planned_robot(
-    name: str, model: RobotModel, motion: PlannedMotion, degc: Float | float, repeat: int = 1
+    name: str,
+    model: RobotModel,
+    motion: PlannedMotion,
+    degc: float | Sequence[float] | Float,
+    repeat: int = 1,
 ) -> BusRobot:
     """Return a robot with the predicted power of a motion.
 
