@@ -87,7 +87,8 @@ def test_the_capacitor_of_one_serves_the_other():
 
 def test_what_is_not_known_of_one_robot_counts_for_none():
     power = np.array([[100.0, np.nan, 100.0, 100.0], [200.0] * 4])
-    found = exchange(np.arange(4) * 10**9, power, [cabinet(), cabinet()])
+    found = exchange(np.arange(4) * 10**9, power, [cabinet(), cabinet(capacitor=LINK)])
+    assert np.isnan(found.own[1].capacitor_power[1] + found.own[1].grid_power[1])
     assert found.duration == 1.0
     assert found.grid_energy(found.own[1]) == pytest.approx(200.0 + LOSS)
 
@@ -98,6 +99,8 @@ def test_a_regenerative_supply_returns_what_the_bus_does_not_use():
     found = exchange(stamp, power, robots)
     assert found.brake_energy(found.own[0]) == 0.0
     assert found.saved == pytest.approx((1 + 0.2) * (POWER - LOSS) * HALF, rel=1e-6)
+    together = exchange(stamp, np.stack([power[0], power[0]]), robots)  # it takes what both brake
+    assert together.saved == pytest.approx(0.8 * (POWER - LOSS) * HALF, rel=1e-6)
 
 
 @given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=5, max_size=5), min_size=2, max_size=4))
