@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.pipeline.energy_pipeline import Output
-from robot_energy.timeline.blocks import Float, TorqueBlock, differences
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    Float,
+    TorqueBlock,
+    differences,
+    sum_over_joints,
+)
 
 TOOL = "tool0"  # frame of the tool in URDFs that follow REP-199
-SLOT_NS = 20_000_000  # the tool is placed at the first sample of each [ns]
+SLOT_NS = 100_000_000  # the tool is placed at the first sample of each: that costs most [ns]
 MIN_STEP = 2e-4  # m; less is noise of the encoders
 
 
@@ -18,8 +23,9 @@ class WorkSums:
     """Integrates over what a pipeline gave.
 
     ``W = integral max(sum_i P_rigid,i, 0) dt``: what lifts and accelerates the bodies, before they
-    give it back. The path is the sum of the ways of the tool between instants 20 ms apart, without
-    steps below 0.2 mm, which are counted once they have added up.
+    give it back. The path is the sum of the ways of the tool between instants 100 ms apart, without
+    steps below 0.2 mm, which are counted once they have added up; arcs count as their chords, 1.5 %
+    less at 6 rad/s.
 
     Args:
         robot: With its kinematics.
@@ -31,7 +37,8 @@ class WorkSums:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot, self._blocks = robot, ConsecutiveBlocks()
+        self._robot = robot
+        self._last: tuple[int, int, float] = (0, -1, 0.0)  # stamp, segment, power on the bodies
         self._slot = self._segment = -1
         self._place: Float | None = None
         self.body_work = 0.0
@@ -44,9 +51,13 @@ class WorkSums:
             output: In time order.
         """
         if output.power is not None and len(output.power):
-            block, time = self._blocks.joined(output.power)
-            power = np.maximum(np.nan_to_num(block.rigid_power.sum(axis=1)), 0.0)
-            self.body_work += float(0.5 * (power[1:] + power[:-1]) @ time)
+            block = output.power
+            stamp, segment, before = self._last
+            power = np.maximum(np.nan_to_num(sum_over_joints(block.rigid_power)), 0.0)
+            time = differences(block.stamp_ns, stamp) * NANOSECOND
+            time[differences(block.segment, segment) != 0] = 0.0
+            self.body_work += 0.5 * float(power @ time + power[:-1] @ time[1:] + before * time[0])
+            self._last = int(block.stamp_ns[-1]), int(block.segment[-1]), float(power[-1])
         if output.torque is not None and not np.isnan(self.tool_path):
             self._follow(output.torque)
 

@@ -69,7 +69,7 @@ def test_a_repeated_program_has_the_energy_of_one_part():
 def test_the_path_of_a_printed_layer_is_that_of_its_program():
     tool = re.ToolOptions(placement=ToolPlacement(-1.2, -0.2))
     report = re.predict(WALL, "mantis", 40.0, tool=tool).report
-    assert report.normalised.tool_path == pytest.approx(report.tool.length, rel=2e-3)
+    assert report.normalised.tool_path == pytest.approx(report.tool.length, rel=1e-2)
 
 
 def test_however_the_samples_are_cut():
