@@ -6,6 +6,7 @@ import pytest
 import robot_energy as re
 from places import ROOT
 from robot_energy.foundation.errors import MotionError
+from robot_energy_cli.main import main
 from robot_energy_plan.optimization.levelling import drawn, level_starts
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
@@ -66,6 +67,16 @@ def test_bags_recorded_together():
     assert 0 < found.half < found.saved
     with pytest.raises(MotionError, match="not made at one time"):
         re.shared_bus([COLD, ROOT / "bags/kr16_all_topics"], "kr16")
+
+
+def test_the_command_lays_recordings_of_other_times_upon_each_other(capsys):
+    bags = [str(COLD), str(ROOT / "bags/kr16_all_topics")]
+    assert main(["shared-bus", *bags, "--model", "kr16"]) == 2
+    assert "--same-start" in capsys.readouterr().err
+    assert main(["shared-bus", *bags, "--model", "kr16", "--model", "kr16", "--same-start"]) == 0
+    said = capsys.readouterr().out
+    assert "9.12 s of recordings of all robots" in said
+    assert "as if begun at once" in said
 
 
 def test_what_does_not_fit_is_refused():
