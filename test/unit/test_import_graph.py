@@ -135,7 +135,7 @@ MODULES = {
         torque torque_fit windows
     """,
     "robot_energy_identify.data": """
-        bags log_channels observations recordings signals
+        bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
         all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
