@@ -33,7 +33,13 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
-    from robot_energy.history.api import History, history, history_events, history_jobs
+    from robot_energy.history.api import (
+        History,
+        history,
+        history_events,
+        history_friction,
+        history_jobs,
+    )
     from robot_energy.history.baseline import EnergyBaseline
     from robot_energy.history.savings import EnergySavings, history_savings
     from robot_energy.model import RobotModel
@@ -88,7 +94,9 @@ _NAMES = {
         "NotIdentifiableError", "ParameterError", "PayloadError", "ReportError",
         "RobotDescriptionError", "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
-    "robot_energy.history.api": ("History", "history", "history_events", "history_jobs"),
+    "robot_energy.history.api": (
+        "History", "history", "history_events", "history_friction", "history_jobs",
+    ),
     "robot_energy.history.baseline": ("EnergyBaseline",),
     "robot_energy.history.savings": ("EnergySavings", "history_savings"),
     "robot_energy.model": ("RobotModel", "load_model:load", "save_model:save"),
@@ -139,8 +147,8 @@ __all__ = [
     "ReplayReport", "ReplayResult", "ReportError", "RestState", "RobotDescriptionError",
     "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "SharedBusReport",
     "SharedBusResult", "TimeSeries", "ToolOptions", "UnknownJointError", "advise", "evaluate",
-    "fleet_identify", "fleet_report", "fleet_run", "history", "history_events", "history_jobs",
-    "history_savings", "identify_all", "identify_auxiliary", "identify_cabinet",
+    "fleet_identify", "fleet_report", "fleet_run", "history", "history_events", "history_friction",
+    "history_jobs", "history_savings", "identify_all", "identify_auxiliary", "identify_cabinet",
     "identify_dynamics", "identify_friction", "identify_thermal", "load_model", "optimize",
     "physics", "predict", "replay", "save_model", "shared_bus",
 ]  # fmt: skip

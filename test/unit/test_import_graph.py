@@ -48,8 +48,8 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api bags baseline check differences files outputs readings rollup rows savings
-        schema spans store tariffs use
+        api bags baseline check differences files friction jobs notes outputs readings rollup rows
+        savings schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
@@ -206,8 +206,9 @@ MODULES = {
     """,
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
-        history_period history_routes history_view hub json_numbers messages metrics monitoring
-        phase_totals recording robot_state rows saved_page settings terms web_app web_server
+        history_period history_routes history_savings history_view hub json_numbers messages
+        metrics monitoring phase_totals recording robot_state rows saved_page settings terms
+        web_app web_server
     """,
     "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply

@@ -254,7 +254,7 @@ class RecorderParameters:
         0,
         1_000_000,
     )
-    take_period: float = parameter("How often messages are taken [s].", 5.0, 0.1, 30.0)
+    take_period: float = parameter("How often messages are taken [s].", 20.0, 0.1, 30.0)
     write_period: float = parameter("How often what was taken is written [s].", 60.0, 1.0, 900.0)
     look_period: float = parameter(
         "How often robots and job intervals are looked for [s].", 20.0, 1.0, 900.0

@@ -24,7 +24,7 @@ SCRIPTS = (
     "stream.js",
     "main.js",
 )
-HISTORY_SCRIPTS = ("bars.js", "history.js")
+HISTORY_SCRIPTS = ("bars.js", "curves.js", "savings.js", "history.js")
 REPORT_SCRIPTS = ("format.js", "theme.js", "flow.js", "report.js")
 FILES = {
     "/": "index.html",
