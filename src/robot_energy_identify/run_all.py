@@ -194,7 +194,10 @@ def in_turns(
             again = cabinet_step(model, fit, source)
             new = drives_step(bags, again.model, source)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:
-            note = f"cabinet and drives were not found again, each with the other: {error}"
+            note = (
+                "cabinet and drives were not identified again, each with the result of the "
+                f"other: {error}"
+            )
             return cabinet, replace(drives, notes=(*drives.notes, note))
         if not new.taken:
             return cabinet, drives
@@ -206,7 +209,7 @@ def in_turns(
             for old, now in pairs
         ):
             break
-    note = f"cabinet and drives were found {times} times, each with the other"
+    note = f"cabinet and drives were identified {times} times, each with the result of the other"
     return cabinet, replace(drives, notes=(*drives.notes, note))
 
 

@@ -315,8 +315,8 @@ def _at_one_temperature(
         for part, torque in zip(starts, torques, strict=True)
     ]
     return level, (
-        f"what temperature does to the friction of {', '.join(warm)} was taken off first, so the "
-        "friction of this step is that of the median temperature",
+        f"the effect of temperature on the friction of {', '.join(warm)} was removed first, so the "
+        "friction of this step is that at the median temperature",
     )
 
 

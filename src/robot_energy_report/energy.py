@@ -25,7 +25,7 @@ QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",
     "temperature_stale": "temperature stale, fallback used",
     "temperature_implausible": "temperature implausible, the one before used",
-    "temperature_stuck": "temperature stands still while losses warm the motor",
+    "temperature_stuck": "temperature does not change while losses warm the motor",
     "extrapolated": "friction law outside its fitted temperatures, edge held",
     "acceleration_incomplete": "acceleration from a window cut by start, end or gap",
     "velocity_derived": "velocity derived from positions",

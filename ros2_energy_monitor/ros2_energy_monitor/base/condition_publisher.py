@@ -148,7 +148,7 @@ class ConditionPublisher:
                 found.notes.append(alarm.sentence)
         for store in self._stores:
             if store.trouble:
-                found.add(WARN, store.trouble.rstrip("."), "look at the state folder")
+                found.add(WARN, store.trouble.rstrip("."), "check the state folder")
         return found
 
     def _publish(self) -> None:

@@ -105,7 +105,7 @@ def advise(
         currency: Of the price.
         co2: Emission factor; None for no emission. [kg/kWh]
         hours_per_day: Of such work in a day by all robots together; None: as recorded where the
-            recordings span a day, else nothing is said of a year. [h]
+            recordings span a day, else no saving a year is stated. [h]
         days_per_year: With such work; None: all where the recordings span a week, likewise. [1]
         look_at_speeds: Whether other speeds are looked for, which takes longest.
         **options: How bags are read: see `ReplayOptions`.
@@ -243,12 +243,12 @@ def _sampled(
                 fine["speeds"] = speeds(bag.address, own, model, given, named)
             found.append(fine)
         except RobotEnergyError as error:
-            problems.append(f"{bag.address} was not looked at: {error}")
+            problems.append(f"{bag.address} was not analysed: {error}")
             continue
         time.append(own.observed_time)
     if len(found) < len(bags):
         few = ", too few for warm-up, speeds and waiting poses" if len(found) < MIN_BAGS else ""
-        whole.notes.append(f"{len(found)} of these {len(bags)} bags could be looked at{few}")
+        whole.notes.append(f"{len(found)} of these {len(bags)} bags could be analysed{few}")
     names = ("shared_bus", "warm_up", "speeds", "waiting_pose")
     return {
         name: of_all([one[name] for one in found], time, whole.observed_time, whole.recordings)

@@ -211,7 +211,7 @@ def rest_of_drives(data: DriveData, model: RobotModel) -> Rest | None:
     missing = power - float(np.average(rest, weights=pieces.duration))
     if missing > STORED * power:
         notes.append(
-            f"on the average the meter shows {missing:.0f} W less than drives and constant losses "
+            f"on average the meter shows {missing:.0f} W less than drives and constant losses "
             "together: after braking the DC link feeds the drives, which a model file without "
             "cabinet.capacitor cannot determine"
         )

@@ -207,7 +207,7 @@ def checks_of(evidence: Evidence) -> Checks:
     for name, one in CHECKS.items():
         spoilt = next((cause for cause in wrong if cause in SPOILING), "")
         if spoilt and name in (TORQUE, METER):
-            skipped[name] = f"mend {spoilt} first"
+            skipped[name] = f"correct {spoilt} first"
             continue
         found[name], why = one(evidence) if name != METER else check_meter(evidence, wrong)
         wrong += [entry.cause for entry in found[name] if _spoils(entry)]
@@ -259,7 +259,7 @@ def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
         findings.append(
             Finding(
                 "temperature_stuck", WARNING, remarks.stuck,
-                f"the motor temperature of {', '.join(remarks.stuck)} stands still although the "
+                f"the motor temperature of {', '.join(remarks.stuck)} does not change although the "
                 "losses must have warmed it",
                 float(len(remarks.stuck)), float("nan"), "check these sensors",
             )

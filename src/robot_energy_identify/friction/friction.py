@@ -222,8 +222,8 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
             "the temperatures at which it was recorded; name their topic with --inputs"
             if np.isnan(span[0])
             else f"{moving.name}: the range of its motor temperature is below {MIN_RANGE:g} K, so "
-            "its friction is taken as constant; record it cold and warm, or lend it the shape of "
-            "others (--share-shape)"
+            "its friction is taken as constant; record it cold and warm, or give it the "
+            "temperature shape of the other axes (--share-shape)"
         )
     laws: dict[str, LawEntry] = {}
     fits: dict[str, Fit] = {}

@@ -123,8 +123,8 @@ def fit_network(
     rms, held_rms = orders[order], rms_of(held - measured)
     if not rms < GAIN * held_rms:
         raise NotIdentifiableError(
-            f"a free run of {name} errs by {rms:.2f} K on what the fit has not seen, and its first "
-            f"reading held by {held_rms:.2f} K",
+            f"a free run of {name} is {rms:.2f} K off on what the fit has not seen, and its first "
+            f"reading, held, is {held_rms:.2f} K off",
             "a network that predicts better",
             "record longer, with work and rest, and identify friction and drives first",
         )

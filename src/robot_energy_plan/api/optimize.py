@@ -249,8 +249,8 @@ def _shapes(
         )
     meshes = f"; meshes of {', '.join(shapes.without)} were not" if shapes.without else ""
     notes.append(
-        f"self-collision was checked by the shapes of {', '.join(shapes.links)}{meshes}; what "
-        "stands around the robot was not looked at"
+        f"self-collision was checked by the shapes of {', '.join(shapes.links)}{meshes}; objects "
+        "around the robot were not considered"
     )
     return shapes
 

@@ -324,7 +324,7 @@ def _how_to_try(found: Optimum) -> tuple[str, ...]:
 def _notes(found: Optimum) -> list[str]:
     notes = ["nothing here was measured: all figures are predictions of the model"]
     if DRIVE_MODELS[found.task.chain.model.drive].lossless:
-        notes.append("the model knows no drive losses: holding against gravity costs nothing in it")
+        notes.append("the model has no drive losses: in it, holding against gravity costs nothing")
     if any("assumed" in state.source for state in found.task.table.states):
         notes.append(
             "power and wake-up of brakes, standby and hibernation are assumed: measure them and "

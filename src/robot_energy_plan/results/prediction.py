@@ -158,7 +158,7 @@ def _notes(result: Prediction) -> list[str]:
             "of the samples; the nearest point was used"
         )
     if DRIVE_MODELS[result.model.drive].lossless:
-        notes.append("the model knows no drive losses: they are missing from the energy")
+        notes.append("the model has no drive losses: they are missing from the energy")
     tags = count_tags(result.model)
     if assumed := tags.get("assumed", 0):
         notes.append(f"{assumed} of {sum(tags.values())} figures of the model are assumed")

@@ -345,7 +345,7 @@ def test_bags_of_a_dataset_say_what_its_sums_do_not(tmp_path):
     assert len(bags) == evidence.recordings >= 3
     assert bags[0].options == {"max_gap": 0.5}
     report = re.advise(out, LOSSY).report
-    assert any("4 of its 4 bags are looked at" in note for note in report.notes)
+    assert any("4 of its 4 bags are analysed" in note for note in report.notes)
     several = re.advise([bag.address for bag in bags], LOSSY, max_gap=0.5).report
     each = [energies(re.advise(bag.address, LOSSY, max_gap=0.5).report) for bag in bags]
     for name in ("speeds", "waiting_pose"):
@@ -370,10 +370,10 @@ def test_bags_of_a_dataset_are_opened_without_files_of_which_it_has_a_hash(tmp_p
     re.fleet_run(tmp_path / "hall", with_inputs, LOSSY, workers=0, inputs=inputs, max_gap=0.5)
     found, bags = dataset_evidence(with_inputs, LOSSY)
     assert bags == []
-    assert any("not looked at: 3 bags replayed with a file of inputs" in one for one in found.notes)
+    assert any("not analysed: 3 bags replayed with a file of inputs" in one for one in found.notes)
     found, bags = dataset_evidence(with_inputs, LOSSY, {"inputs": inputs, "max_gap": None})
     assert [bag.options for bag in bags] == [{"max_gap": 0.5, "inputs": inputs}] * 3
-    assert not any("not looked at" in one for one in found.notes)
+    assert not any("not analysed" in one for one in found.notes)
 
 
 def test_each_robot_of_a_bag_is_looked_at_with_its_own_options(tmp_path):
@@ -400,7 +400,7 @@ def test_some_bags_speak_for_all_of_a_dataset():
     # model: 10 (5 + 5); spread: residuals 4, 0, -4, so 10 sqrt(0.9 * 1.5 * 32), t of two degrees
     spread = 10.0 * np.sqrt(0.9 * 1.5 * 32.0) * 2.92
     assert both.half == pytest.approx(np.hypot(1.6448536 * 100.0, spread), rel=1e-4)
-    assert "2 of 3 bags that were looked at, of 30" in both.found
+    assert "2 of 3 analysed bags, of 30 in all" in both.found
     assert of_all(claims, [10.0, 10.0], 300.0, 30) is None  # too few to know their spread
     assert of_all([None] * 3, [10.0] * 3, 300.0, 30) is None
 

@@ -59,7 +59,7 @@ def test_velocities_that_are_held_blame_nothing_else(tmp_path):
     bag = rewrite(SOUND, tmp_path / "bag", held, None, SECONDS)
     result = check(bag, MODEL, MOTOR_TORQUE)
     assert [one.cause for one in result.findings if one.severity != "note"] == ["velocity_held"]
-    assert result.skipped["torque"] == "mend velocity_held first"
+    assert result.skipped["torque"] == "correct velocity_held first"
 
 
 @pytest.fixture(scope="module")

@@ -104,7 +104,7 @@ def test_jobs_that_a_bag_holds_in_part_are_counted(tmp_path, capsys):
     words = ["fleet", "run", str(bag), "--model", str(model), "--out", str(tmp_path / "d")]
     written = tmp_path / "run.json"
     assert main([*words, "--workers", "0", "--jobs", str(jobs), "--json", str(written)]) == 0
-    said = "jobs that are not in a bag from begin to end, left out: 2"
+    said = "jobs that are not in a bag from beginning to end, left out: 2"
     assert said in capsys.readouterr().out
     assert json.loads(written.read_text())["jobs_left_out"] == 2
     report = re.fleet_report(tmp_path / "d")

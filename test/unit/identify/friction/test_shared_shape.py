@@ -78,4 +78,4 @@ def test_shapes_that_differ_or_too_few_are_not_lent(lenders):
     fits, _ = fit_axes(axes)
     kept = share_shape(fits, axes)[-1]
     assert kept.law == fits[-1].law
-    assert "no shape is lent" in kept.warnings[-1]
+    assert "the shape of the others is not taken" in kept.warnings[-1]
