@@ -46,6 +46,12 @@ has not seen, run them before and after: how often claimed savings are right, ho
 bands hold, how far the choice is from the best. With --waits, each cycle has 3 to 8 s to spend on
 slower moves. Writes report.html and figures.json.
 """
+INDEPENDENT = """\
+Repeat the experiment of paper A on a second simulator that shares no code with the model: bodies by
+MuJoCo, other laws of friction, motors, heat and cabinet, robots drawn at random. Error of the grid
+energy of held-out motions with friction that is fixed, friction that follows temperature, and all
+that is identified. Writes report.html and figures.json.
+"""
 PAPERS = ("paper-a", "paper-b")  # what identifies one model; the others count our own claims
 WORKERS = 2
 REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
@@ -169,6 +175,10 @@ STUDIES = (
     _study(
         "paper-a", "energy over robot temperature", PAPER_A,
         "a few temperatures, short sets, rigs that start at their temperature",
+    ),
+    _study(
+        "independent", "paper A on a second simulator", INDEPENDENT,
+        "two robots, short sets: shows that it runs, judges nothing",
     ),
     _study(
         "certainty", "how often intervals and bands hold", CERTAINTY,
