@@ -216,8 +216,12 @@ MODULES = {
     """,
     "robot_energy_studies": """
         advice_study band_coverage certainty certainty_page ecbot ecbot_page fleet_study gear_study
-        generated_fleet interval_coverage judged_savings learning_study savings savings_page
-        savings_study thermal_study wear_cycle wear_rows wear_shift wear_study
+        generated_fleet independent independent_page interval_coverage judged_savings
+        learning_study savings savings_page savings_study thermal_study wear_cycle wear_rows
+        wear_shift wear_study
+    """,
+    "robot_energy_studies.simulator": """
+        arm cabinet drawn gear_friction heat motors recording robots
     """,
 }
 # From the ground up: the core, and what each companion may stand on.

@@ -51,6 +51,12 @@ Predict the total electrical power of real cobots, each recording by a fit to th
 compare the RMS error with what EcBot publishes. The recordings are public, not part of the
 project: --data or ROBOT_ENERGY_DATA names their folder. Writes report.html and figures.json.
 """
+INDEPENDENT = """\
+Repeat the experiment of paper A on a second simulator that shares no code with the model: bodies by
+MuJoCo, other laws of friction, motors, heat and cabinet, robots drawn at random. Error of the grid
+energy of held-out motions with friction that is fixed, friction that follows temperature, and all
+that is identified. Writes report.html and figures.json.
+"""
 PAPERS = ("paper-a", "paper-b")  # what identifies one model; the others count our own claims
 WORKERS = 2
 REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
@@ -182,6 +188,10 @@ STUDIES = (
     _study(
         "paper-a", "energy over robot temperature", PAPER_A,
         "a few temperatures, short sets, rigs that start at their temperature",
+    ),
+    _study(
+        "independent", "paper A on a second simulator", INDEPENDENT,
+        "two robots, short sets: shows that it runs, judges nothing",
     ),
     _study(
         "certainty", "how often intervals and bands hold", CERTAINTY,
