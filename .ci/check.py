@@ -11,8 +11,9 @@ Compiled modules are kept: tests start Python many times, and compiling takes lo
 of such a start.
 
 The unit tests of the packages that run online measure the coverage of these packages by lines;
-below MIN_COVERAGE they fail. Measuring doubles the time of a test on Python 3.11, so the
-others are measured only by `check.py --coverage` (`make coverage`), which runs no other stage.
+below MIN_COVERAGE they fail. Measuring doubles the time of a test on Python 3.11, so there, and
+for the other packages, only `check.py --coverage` (`make coverage`) measures; it runs no other
+stage.
 """
 
 import json
@@ -65,6 +66,8 @@ MEASURED = [
 ]
 LIBRARY = [path.parent.name for path in sorted(ROOT.glob("src/robot_energy*/__init__.py"))]
 MEASURE = ["--cov-report=", f"--cov-report=json:{COVERAGE}"]
+# Python 3.12 counts lines by sys.monitoring, which costs little.
+CHEAP = sys.version_info >= (3, 12)
 
 
 def folders(*names: str) -> list[str]:
@@ -85,8 +88,7 @@ TESTS = {
     **{name: ["-c", "test/pytest.ini", *paths] for name, paths in APART.items()},
     "online tests": [
         *("-c", "test/pytest.ini", *folders(*ONLINE)),
-        *(f"--cov=src/robot_energy/{name}" for name in MEASURED),
-        *MEASURE,
+        *((*(f"--cov=src/robot_energy/{name}" for name in MEASURED), *MEASURE) if CHEAP else ()),
     ],
     "node tests": ["-c", "ros2_energy_monitor/setup.cfg", "ros2_energy_monitor/test"],
 }
@@ -153,7 +155,7 @@ def main(arguments: list[str]) -> int:
         processors = min(os.cpu_count() or 1, MAX_LANES)
     run_lanes(checks, processors)
     words = [checks.words.get(name, f"{name} FAILED") for name in checks.names]
-    if not lint_only:
+    if "--coverage" in arguments or (CHEAP and not lint_only):
         words.append(coverage(COVERAGE))
     print(f"\n{', '.join(words)} in {time.monotonic() - started:.0f} s")
     counts = sum(checks.counts.values(), Counter[str]())
@@ -230,8 +232,7 @@ def run_pytest(
         [sys.executable, "-m", "pytest", *paths, f"--junitxml={report}"],
         output,
         COVERAGE_FILE=str(BUILD / "test" / "coverage"),
-        # Python 3.12 counts lines by sys.monitoring, which costs less.
-        **({"COVERAGE_CORE": "sysmon"} if sys.version_info >= (3, 12) else {}),
+        **({"COVERAGE_CORE": "sysmon"} if CHEAP else {}),
         OPENBLAS_NUM_THREADS="1",  # the lanes share the processors
         ROS_DOMAIN_ID=str(domain),
         ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",

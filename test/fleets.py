@@ -41,10 +41,11 @@ def _fleet(robots, faults, days, cycles) -> FleetTables:
 
 @contextmanager
 def short_bags(days, cycles=3):
-    """Bags of so many cycles while this lasts, on so many days of a week."""
+    """Bags of so many cycles while this lasts, on so many days of a week; nights rarely sampled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generated_fleet, "CYCLES", cycles)
         patch.setattr(generated_fleet, "WORKDAYS", days)
+        patch.setattr(generated_fleet, "NIGHT_RATE", 1.0)
         yield
 
 

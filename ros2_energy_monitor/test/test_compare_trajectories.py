@@ -79,6 +79,7 @@ def test_each_candidate_has_the_energy_of_its_own_prediction(ask):
     assert answer.candidates[answer.cheapest].more_energy == 0.0
 
 
+@pytest.mark.long
 def test_errors_that_candidates_share_cancel(ask):
     answer = ask(trajectories=[move(4.0), move(4.0), move(4.2)], **WARM)
     first, same, other = answer.candidates

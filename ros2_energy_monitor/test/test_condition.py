@@ -10,10 +10,12 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros2_energy_msgs.msg import FrictionCondition, WearAlarm
 
@@ -97,6 +99,25 @@ def test_wear_warns_in_diagnostics_and_on_the_topic(bench):
     found = node._condition.findings()
     assert found.level == DiagnosticStatus.OK
     assert "as after re-greasing" in found.message
+
+
+def test_the_temperature_of_a_gear_is_in_the_diagnostics(bench, output, tmp_path):
+    """Of a joint whose model has a gear, and of no other; it lies between air and warm oil."""
+    models = files("robot_energy") / "models"
+    data = yaml.safe_load((models / "kr16.yaml").read_text())
+    sizes = {"capacity": 4000.0, "motor_conductance": 2.0, "ambient_conductance": 2.0}
+    data["joints"][1]["gear"] = {
+        name: {"value": value, "tag": "assumed"} for name, value in sizes.items()
+    }
+    (tmp_path / "kr16.urdf").write_bytes((models / "kr16.urdf").read_bytes())
+    path = tmp_path / "geared.yaml"
+    path.write_text(yaml.safe_dump(data))
+    node = bench.add(EnergyMonitor, model=str(path), state_folder="", **EFFORT)
+    fed(node, output)
+    values = node._condition.findings().values
+    assert [name for name in values if name.startswith("gear_degc")] == ["gear_degc_joint_a2"]
+    assert 0.0 < values["gear_degc_joint_a2"] < 80.0
+    assert values["gear_std_k_joint_a2"] > 0.0
 
 
 def test_what_was_learned_survives_the_node(bench, output, tmp_path):

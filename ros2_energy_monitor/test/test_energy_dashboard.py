@@ -225,8 +225,8 @@ def EnergyMonitor_in(arguments: list[str]) -> Any:
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"address": "0.0.0.0"}, "without a token"),
-        ({"allow_control": True}, "without a token"),
+        ({"address": "0.0.0.0"}, "it has no token"),
+        ({"allow_control": True}, "it has no token"),
         ({"page_settings": "/nowhere.yaml"}, "nowhere.yaml"),
         ({"port": 70_000}, "port"),
     ],

@@ -244,7 +244,7 @@ def test_a_temperature_topic_without_publisher_is_named_as_it_is_resolved(bench)
 def test_what_to_do_stands_within_what_is_shown_of_a_text():
     """`ros2 topic echo` cuts texts beyond 128 characters."""
     found = StatusBuilder("inputs")
-    found.add(WARN, "x" * 500, "look at the network")
+    found.add(WARN, "x" * 500, "check the network")
     found.add(ERROR, "y" * 500, "start the driver or set joint_states.topics")
     assert found.message[:128].startswith("start the driver or set joint_states.topics: yyy")
 

@@ -111,7 +111,9 @@ def test_it_is_counted_apart_and_the_registers_go_on(
         played.append(counted(account))
         bench.spin_until(lambda: registers().header.frame_id == RECORDING, "registers of it")
         assert not registers().persisted
-        diagnosed.wait("energy_monitor: registers", f"/{name} plays a recording: it is counted")
+        diagnosed.wait(
+            "energy_monitor: registers", f"/{name} plays a recording: its energy is counted"
+        )
     assert played[0] == played[1] != robot  # each time from zero
     assert played[0][0] > 1.2 * robot[0]
 

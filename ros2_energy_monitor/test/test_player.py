@@ -351,6 +351,7 @@ def test_a_study_that_is_none_is_refused(tmp_path):
         live_study.read_study(tmp_path)
 
 
+@pytest.mark.long
 def test_three_processes_give_the_energies_of_the_replay(
     child_environment, recording, tmp_path, capsys
 ):

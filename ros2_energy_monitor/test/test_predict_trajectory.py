@@ -285,6 +285,7 @@ def test_what_is_too_long_is_refused_before_anything_is_converted(client, held, 
     assert len(held.processes) == asked
 
 
+@pytest.mark.long
 def test_memory_of_a_long_trajectory_is_given_back(bench, client, held, monkeypatch):
     held.go.set()
     assert client.ask(trajectory=swing()).success

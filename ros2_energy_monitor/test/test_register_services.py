@@ -430,7 +430,7 @@ def test_a_disk_that_takes_too_long_is_said(bench, tmp_path, card, monkeypatch):
     monkeypatch.setattr(checkpoints, "ANSWERING", 0.05)
     late = call(bench, card.node, OpenInterval, "open_interval", name="job")
     assert (late.success, late.persisted) == (True, False)
-    assert late.message.endswith("it is in memory only so far: the disk is at work")
+    assert late.message.endswith("it is in memory only so far: the disk has not finished writing")
     card.release()
     bench.spin_until(lambda: any(one.open_intervals for one in states(tmp_path)), "the interval")
 
@@ -531,6 +531,7 @@ def test_kills_while_services_are_called_and_the_clock_steps(child_environment):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.long
 def test_kills_in_motion(child_environment):
     """See test/soak/kills.py: what a thousand kills must not do, fifteen must not do either."""
     done = subprocess.run(

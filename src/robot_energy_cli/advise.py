@@ -29,12 +29,12 @@ OPTIONS = {
     "--no-speeds": "do not look for other speeds, which takes longest",
 }
 YEAR = {
-    "--hours-per-day H": "of such work by all robots together (default: as recorded where the "
-    "recordings span a day)",
-    "--days-per-year D": "with such work (default: 365 where a week was recorded); without both "
-    "nothing is said of a year",
-    "--price X": "of a kWh",
-    "--currency NAME": "of it (default EUR)",
+    "--hours-per-day H": "hours a day of such work, all robots together (default: as recorded, "
+    "where the recordings span a day)",
+    "--days-per-year D": "days a year of such work (default: 365, where the recordings span a "
+    "week); without hours and days no saving a year is stated",
+    "--price X": "price of a kWh",
+    "--currency NAME": "currency of the price (default EUR)",
     "--co2 KG": "emission factor [kg/kWh]",
 }
 

@@ -25,8 +25,9 @@ STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 DESCRIPTION = """\
 Check recordings against a model: units, order, sign and zero of every joint, scale and meaning of
 the torque, gear ratios, payload, meter, temperatures, noise at rest, and what could be
-identified. Each finding has its size and the setting that mends it, tried on the recording. Causes
-that explain a recording alike are named together, and none is blamed. Several recordings of one
+identified. Each finding has its size and the setting that corrects it, tried on the recording.
+Causes that explain a recording equally well are listed together; the recording does not decide
+between them. Several recordings of one
 robot are judged together.
 """
 EPILOG = """\

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
-robot and date. What the dataset holds unchanged is not done again, so a run that was stopped
-is continued by the same command. A bag that cannot be used becomes a row with the reason; what
+robot and date. Bags that the dataset holds unchanged are not replayed again, so the same command
+continues a run that was stopped. A bag that cannot be used becomes a row with the reason; what
 can be read of a damaged one counts.
 
 Bags are those of a folder, of a pattern ("/bags/2026-*/*"), or of a CSV table with the columns
@@ -53,25 +53,25 @@ LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 OPTIONS = {
     "--out DATASET": ("folder of the dataset", REQUIRED),
     "--name NAME": "name of the robot in the fleet (default: that of the folder "
-    "in which a recording lies); a column 'robot' of a table goes before",
+    "in which a recording lies); a column 'robot' of a table overrides it",
     "--split-files": "each MCAP file is a bag of its own, also in the folder of a split recording",
-    "--history FOLDER": "put what each robot used in each minute and job into a history as well, "
-    "for `robot-energy history`; a recorder must not write to it meanwhile",
+    "--history FOLDER": "write what each robot used in each minute and job to a history as well, "
+    "for `robot-energy history`; no recorder may write to it meanwhile",
     "--watch S": (
-        "look again every so many seconds for new bags, until stopped; what is still being "
-        "written is left until it is complete",
+        "look for new bags again after this many seconds, until stopped; a bag that is still being "
+        "written is replayed once it is complete",
         {"type": positive},
     ),
     **JSON_OPTION,
 }
 WHERE = {
-    "--scheduler URL": "of Dask, such as tcp://10.0.0.5:8786",
+    "--scheduler URL": "address of a Dask scheduler, such as tcp://10.0.0.5:8786",
     "--workers N": (
         "processes on this host (default: one for each core; 0: in this process, one bag "
         "after the other)",
         {"type": int},
     ),
-    "--memory SIZE": ("of each at most (default 2GB)", {"default": "2GB"}),
+    "--memory SIZE": ("memory of each process at most (default 2GB)", {"default": "2GB"}),
     "--scratch GB": (
         "size up to which a bag from a URL is copied to the host that replays it (default 20)",
         {"type": positive, "default": 20.0},

@@ -30,7 +30,7 @@ SHOW: Options = {
     "--start DAY": "first day, such as 2026-10-01, in place of today, this week and this month",
     "--stop DAY": "the day after the last (default: tomorrow)",
     "--resolution": (
-        "one row of each of these, where a start is given",
+        "time that one row covers, where --start is given",
         {"choices": ("hour", "day", "week", "month", "year", "all"), "default": "day"},
     ),
 }
@@ -41,12 +41,13 @@ SAVINGS: Options = {
         "first day of the baseline and the day after its last, such as 2026-03-01:2026-05-01",
         {"required": True},
     ),
-    "--reported DAYS": ("the same of the days that are compared with it", {"required": True}),
+    "--reported DAYS": ("the same for the days that are compared with it", {"required": True}),
     "--drivers NAMES": (
         "what explains energy, separated by commas: parts, motion_hours, on_hours",
         {"default": "parts"},
     ),
-    "--further FILE": "CSV table with a column date and more that explains it, as the temperature",
+    "--further FILE": "CSV table with a column date and more that explains energy, such as "
+    "the temperature",
     "--measured": (
         "the energy of the meter, in place of that of the model",
         {"action": "store_true"},
@@ -161,8 +162,8 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
     if len(spans):
         used = int(spans["predicted_import_microjoule"].sum()) / KWH
         page.note(
-            f"{used:.4f} kWh more lie in {counted(len(spans), 'span')} that no row holds: the "
-            f"recorder was off, the last until {local(int(spans['stop_ns'].max()))}"
+            f"{used:.4f} kWh more were used in {counted(len(spans), 'span')} while the recorder "
+            f"was off, the last until {local(int(spans['stop_ns'].max()))}; they are in no row"
         )
     unpriced = sum(r["predicted_import_microjoule"] - r.get("priced_microjoule", 0) for r in rows)
     if found.currency and unpriced:
@@ -329,7 +330,7 @@ def _check(args: Namespace) -> int:
             f"{folder}: {'; '.join(found[:3])}", "slots that add up to the registers",
             f"robot-energy history repair {folder}",
         )  # fmt: skip
-    console().print(f"{folder}: sums of all slots are those of the registers, to the microjoule")
+    console().print(f"{folder}: the sums of all slots equal the registers, to the microjoule")
     return 0
 
 
@@ -372,7 +373,7 @@ COMMAND = Group(
     lambda: (
         Command(
             "export",
-            "write it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
+            "export it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
             lambda args: export(args, _folder(args)),
             {**FOLDER, **EXPORT},
             epilog=EXAMPLES,
@@ -388,11 +389,18 @@ COMMAND = Group(
         ),
         Command("savings", "what a robot saved against earlier days, with its band", _savings,
                 SAVINGS),
-        Command("check", "whether its sums are the registers, to the microjoule", _check, FOLDER),
-        Command("repair", "keep what can be read, and make its sums right", _repair, FOLDER),
+        Command(
+            "check", "check that its sums equal the registers, to the microjoule", _check, FOLDER
+        ),
+        Command(
+            "repair",
+            "keep what can be read of a damaged history, and correct its sums",
+            _repair,
+            FOLDER,
+        ),
         Command(
             "tariff",
-            "show or add prices, CO2 and shifts, each from a day on",
+            "show or add prices, CO2 factors and shifts, each valid from a day on",
             _tariff,
             {**FOLDER, "--add FILE": "tariffs to add, also while the recorder runs"},
         ),

@@ -46,7 +46,7 @@ EXPORT: Options = {
     ),
     "--format": ("of the standard output, or of any name", {"choices": (*KINDS,), "default": ""}),
     "--resolution": (
-        f"one row of each of these: {', '.join(RESOLUTIONS)} (default: quarter)",
+        f"time that one row covers: {', '.join(RESOLUTIONS)} (default: quarter)",
         {"metavar": "NAME", "choices": RESOLUTIONS, "default": "quarter"},
     ),
     "--start DAY": f"first day (default: {DAYS_AGAIN} days before the stop)",

@@ -62,7 +62,12 @@ def _options(parser: ArgumentParser) -> None:
                 parser, f"--{kind.name}", f"the recordings are files of {kind.label}", **words
             )
     cutoff = {"type": frequency, "default": 5.0}
-    add_option(parser, "--cutoff HZ", "of the low-pass of the maps (default 5 Hz)", **cutoff)
+    add_option(
+        parser,
+        "--cutoff HZ",
+        "cut-off frequency of the low-pass of the maps (default 5 Hz)",
+        **cutoff,
+    )
     results = result_options("these drives", "draw the maps (.png, .svg, .pdf)")
     log: Options = {**LOG, "--mapping FILE": "what their columns mean"}
     log = {"from logs with torque, without a model": log}

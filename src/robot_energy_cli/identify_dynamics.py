@@ -60,9 +60,12 @@ OPTIONS: Options = {
         "speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
         {"default": 0.01},
     ),
-    "--cutoff HZ": ("low-pass on both sides of the equation (default: 10)", {"default": 10.0}),
+    "--cutoff HZ": (
+        "cut-off frequency of the low-pass on both sides of the equation (default: 10 Hz)",
+        {"default": 10.0},
+    ),
     "--delay MS": (
-        "look for delays of the torque up to this (default: 5; 0: do not)",
+        "search for delays of the torque up to this (default: 5 ms; 0: no search)",
         {"default": 5.0},
     ),
     "--details": "print every base parameter",

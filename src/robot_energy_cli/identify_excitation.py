@@ -50,7 +50,7 @@ FILES = {
     "--overwrite": "replace files of an earlier run",
 }
 SHAPE = {
-    "--period S": "length; the base frequency is one over it (default 10 s)",
+    "--period S": "length of the motion; its base frequency is 1 / length (default 10 s)",
     "--harmonics N": "default 5",
     "--rate HZ": "of the points (default 125)",
     "--loops N": "periods in the files (default 1)",
@@ -67,7 +67,8 @@ SEARCH = {
 LIMITS = {
     "--margin SHARE": "share of every limit that may be used (default 0.9)",
     "--acceleration A": (
-        "one value or one per joint [rad/s^2] (default: full speed in 0.5 s)",
+        "limit of the acceleration, one value or one per joint [rad/s^2] (default: full speed in "
+        "0.5 s)",
         LIST,
     ),
 }

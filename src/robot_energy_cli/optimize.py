@@ -28,19 +28,21 @@ examples:
 
 OPTIONS = {
     "--model FILE|NAME": ("model of the robot", REQUIRED),
-    "--temperature DEGC|A..B": "of all motors, or the range in which they work (default: that of "
-    "the model)",
+    "--temperature DEGC|A..B": "temperature of all motors, or the range in which they work "
+    "(default: that of the model)",
     "--cycle-time S": "time of one cycle with its wait (default: the next one begins at once)",
     "--standby": "rests may be spent on brakes, in standby or hibernation, with assumed figures",
     "--rest-states FILE": "figures of these states, for this robot",
-    "--regenerative": "judge a regenerative supply as well",
+    "--regenerative": "evaluate a regenerative supply as well",
     "--peak-limit W": "greatest power from the grid",
     "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
     "--level PROGRAM": (
         "program of another robot of this model on the same supply; starts within the cycle "
-        "time are shifted so that the peak is least; several times for several robots",
+        "time are shifted so that the peak is least; repeat the option for several robots",
         SEVERAL,
     ),
+    "--one-bus": "the robots of --level share one DC bus: starts are shifted so that least "
+    "energy is needed, as one accelerates while another brakes",
     "--any-order": "the configurations of point-to-point moves are independent: their order may "
     "change",
     "--place X,Y,Z": "the workpiece may be shifted by up to this to either side, in the base "
@@ -65,7 +67,7 @@ def _options(parser: ArgumentParser) -> None:
     add_option(tool, "--max-feed F", text, default=1.0)
     add_options(parser.add_argument_group("part of recorded joint states: one cycle"), PART)
     output = parser.add_argument_group("output")
-    add_option(output, "--out FILE", "write the chosen program in the form that went in")
+    add_option(output, "--out FILE", "write the chosen program in the form of the given one")
     add_options(output, OUTPUTS | {"--plot FILE": "draw savings and trade-offs: png, svg, pdf"})
 
 
@@ -89,6 +91,7 @@ def _run(args: Namespace) -> int:
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
             level=args.level,
+            one_bus=args.one_bus,
             any_order=args.any_order,
             time_law=args.time_law,
             place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),

@@ -46,11 +46,12 @@ examples:
 
 OPTIONS = {
     "--model FILE|NAME": (
-        "model of the robot; several times for several robots",
+        "model of the robot; repeat the option for several robots",
         SEVERAL_REQUIRED,
     ),
     "--temperature DEGC[,DEGC...]": (
-        "of all motors, or one per joint, held throughout; several times to compare",
+        "motor temperature, one for all or one per joint, held throughout; repeat the option to "
+        "compare",
         SEVERAL_REQUIRED,
     ),
     "--payload KG[,X,Y,Z][@LINK]": "what the robot carries, its centre of mass in the frame of "
@@ -61,7 +62,7 @@ OPTIONS = {
     ),
     "--repeat N": "how often (default: as the program says, or 1)",
     "--topic NAME": "of the JointTrajectory in a bag",
-    "--max-samples N": "longest prediction, all programs, robots and temperatures together "
+    "--max-samples N": "greatest number of samples, all programs, robots and temperatures together "
     "(default 5,000,000: hours of motion at 100 to 200 samples per second)",
 }
 SHAPE = {

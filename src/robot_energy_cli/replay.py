@@ -83,7 +83,7 @@ def _options(parser: ArgumentParser) -> None:
         parser,
         "averaging period of /energy/power (default 0.02 s)",
         "run a second time with friction fixed at this temperature (default: the model's "
-        "fallback temperature) and set both side by side",
+        "fallback temperature) and compare both",
     )
 
 

@@ -68,17 +68,17 @@ TOPICS: Options = {
 }
 PART: Options = {
     "--start S": "read the bag from here on: seconds after its start, negative: before its end",
-    "--end S": "read the bag up to here, likewise",
+    "--end S": "read the bag up to here, counted in the same way",
 }
 SETTINGS: Options = {
     "--derivative-window S": (
-        "window behind an acceleration (default 0.02 s), 2.5 times as long where the "
-        "messages have no velocities",
+        "length of the window over which acceleration is estimated (default 0.02 s); 2.5 times as "
+        "long where the messages have no velocities",
         POSITIVE,
     ),
     "--stamp-source": (
-        "what dates joint states: their header (default), or the time of the recording "
-        "for drivers that do not set it",
+        "where the stamps of joint states come from: their header (default), or the time of "
+        "recording, for drivers that do not set it",
         {"choices": ("header", "receive")},
     ),
     "--reorder-window S": (
@@ -107,8 +107,8 @@ SETTINGS: Options = {
 }
 PROCESSES: Options = {
     "--processes": (
-        "2: a process of its own reads the bag and computes torque, ahead of the one that "
-        "counts energy; 3: reading and torque are two; no figure changes (default 1)",
+        "2: one process reads the bag and computes torque, another counts energy; 3: reading and "
+        "torque run in two processes as well; the figures are the same (default 1)",
         {"type": int, "choices": (1, 2, 3), "default": 1},
     )
 }
@@ -149,13 +149,26 @@ def add_replay(
         )
     if either and compare:
         add_option(either, "--compare DEGC", compare, nargs="?", const=AT_FALLBACK, type=degc)
+    settings = add_reading(parser)
+    if period:
+        add_option(settings, "--power-period S", period, **POSITIVE)
+
+
+def add_reading(parser: ArgumentParser) -> Any:
+    """Add how bags are read, without their robot.
+
+    Args:
+        parser: Of a command that replays bags.
+
+    Returns:
+        The group of the settings.
+    """
     topics = parser.add_argument_group("topics")
     settings = parser.add_argument_group("settings, seldom needed")
     parts = parser.add_argument_group("part of the bag")
     for part, options in ((topics, TOPICS), (parts, PART), (settings, SETTINGS)):
         add_options(part, options)
-    if period:
-        add_option(settings, "--power-period S", period, **POSITIVE)
+    return settings
 
 
 def options_of(args: Namespace) -> dict[str, Any]:

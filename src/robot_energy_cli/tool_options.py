@@ -19,10 +19,10 @@ AT_ORIGIN = (
 START = "--start-position"
 TOOL: Options = {
     "--tool LINK": ("default tool0", {"default": "tool0"}),
-    "--tool-acceleration A": "greatest, default 2 m/s^2, assumed",
-    "--corner-tolerance MM": "greatest distance from a corner, default 3 mm; 0 stops in every "
-    "corner",
-    "--smoothing S": "of the tool's motion, default 0.02 s",
+    "--tool-acceleration A": "greatest acceleration of the tool [m/s^2], default 2, assumed",
+    "--corner-tolerance MM": "greatest distance of the path from a corner, default 3 mm; with 0 "
+    "the tool stops in every corner",
+    "--smoothing S": "time over which the tool's motion is smoothed, default 0.02 s",
     "--rapid M_PER_S": "speed of G0 where no F counts for it, default 0.25 m/s",
     "--flavor NAME": (
         "whose G-code it is: marlin, reprapfirmware, klipper, grbl or linuxcnc; default: found "

@@ -172,7 +172,7 @@ class Folders:
     def _failed(self, error: OSError) -> None:
         found = f"{error.filename} cannot be read ({error.strerror})"
         self.problems[str(error.filename)] = DatasetError(
-            found, "a folder or bag that can be read", "look at its rights"
+            found, "a folder or bag that can be read", "check its permissions"
         )
 
     def _file(self, path: str) -> None:

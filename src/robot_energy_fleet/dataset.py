@@ -318,7 +318,7 @@ def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
                 reason = shown(str(own).partition("\n")[0])
                 remedy = "move it away; the next run replays those of its bags that are still there"
                 if isinstance(own, OSError):
-                    remedy = "look at the rights of the file, and at the disk"
+                    remedy = "check the permissions of the file, and the disk"
                 raise DatasetError(
                     f"{file} cannot be read ({reason})", "rows of bags", remedy
                 ) from own

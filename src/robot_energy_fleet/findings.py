@@ -220,7 +220,7 @@ def _payload(robot: str, one: Deviation) -> FleetFinding:
     more = "more" if one.size > 0 else "less"
     text = (
         f"gravity says that it carries {abs(one.size):.1f} +- {one.std:.1f} kg {more} than its "
-        "sisters by the same model file: state its payload, or look at what it carries"
+        "sisters by the same model file: state its payload, or check what it carries"
     )
     return FleetFinding(robot, "payload", "", one.size, one.std, one.certainty, None, text)
 

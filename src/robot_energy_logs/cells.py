@@ -146,5 +146,5 @@ def number_remedy(cell: str) -> str:
     if THOUSANDS.fullmatch(text):
         return "write numbers without separators of thousands"
     if WITH_UNIT.fullmatch(text):
-        return "write numbers alone; their unit stands in the mapping"
+        return "write numbers only; the mapping states their unit"
     return ""

@@ -145,11 +145,12 @@ class Instants:
         self._named.add(key)
         begin = _shown(hour * 4 * QUARTER)
         if not line:
-            text = f"the hour from {begin} stands twice in {self._zone}: its rows are the first"
-            self.notes.append(f"{text}, of summer time, until the times step back")
+            text = f"the hour from {begin} occurs twice in {self._zone}: its rows count as the"
+            self.notes.append(f"{text} first, of summer time, until the times step back")
         else:
             self.notes.append(
-                f"from line {line} of {source} on, rows of the hour from {begin} are the second"
+                f"from line {line} of {source} on, rows of the hour from {begin} count as the "
+                "second"
             )
 
     def _assume(self, local: int, line: int, source: str) -> None:
@@ -166,7 +167,7 @@ class Instants:
             self.notes.append(
                 f"times step back from {_shown(self._last)} to {_shown(local)} at line {line} of "
                 f"{source}, as local times do at the end of summer time: set time.zone in the "
-                "mapping, and the doubled hour is read"
+                "mapping, so that both of these hours are read"
             )
         self._last = local
 

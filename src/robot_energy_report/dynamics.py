@@ -293,7 +293,7 @@ def excitation_document(report: ExcitationReport, page: Document) -> None:
     page.paragraph(f"no torque depends on: {', '.join(report.without_effect) or NOTHING}")
     if report.acceleration_assumed:
         page.note(
-            "a URDF knows no acceleration limits; full speed in 0.5 s is assumed, "
+            "a URDF has no acceleration limits; full speed in 0.5 s is assumed, "
             "--acceleration gives those of the robot"
         )
     if any(joint.use["torque"] is None for joint in report.joints):

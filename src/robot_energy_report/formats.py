@@ -270,7 +270,7 @@ def jobs_left_out(count: int) -> str:
     Args:
         count: How often a bag holds a part of a job only.
     """
-    return f"jobs that are not in a bag from begin to end, left out: {count}"
+    return f"jobs that are not in a bag from beginning to end, left out: {count}"
 
 
 def grouped(notes: Sequence[str]) -> list[str]:

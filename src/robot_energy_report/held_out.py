@@ -45,7 +45,7 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
     errors = [percent(test.mean_error(stage, test.within)) for stage in (GIVEN, last)]
     powers = [f"{test.mean_rms(stage, test.within):.3g} W" for stage in (GIVEN, last)]
     text = (
-        f"mean energy error at the meter, without its sign; {what}{where}: {errors[0]} as given, "
+        f"mean absolute energy error at the meter; {what}{where}: {errors[0]} as given, "
         f"{errors[1]} new; RMS error of power {powers[0]} as given, {powers[1]} new"
     )
     match test.less_energy_error, test.less_power_error:

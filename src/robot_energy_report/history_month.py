@@ -33,9 +33,9 @@ TERMS = (
     ("standby", "rest with the drives on for a minute or more; its energy can be saved"),
     ("observed", "time for which joint states came; nothing is known of the rest, and no energy is "
                  "assumed for it"),
-    ("change", "against the month before; a dash where not as much of the time was observed, "
-               "within 5 %"),
-    ("error", "predicted less measured energy at the meter, over measured"),
+    ("change", "compared with the month before; a dash where the observed times differ by more "
+               "than 5 %"),
+    ("error", "predicted minus measured energy at the meter, over measured"),
     ("cost, CO2", "energy of each quarter of an hour times the price and factor that held then"),
     ("peak", "the highest mean power of a minute"),
 )  # fmt: skip
@@ -216,8 +216,9 @@ def _quality(page: Document, answer: Figures) -> None:
         page.note(f"Some of the energy: {remark}.")
     if answer["span_count"]:
         page.note(
-            f"{_kwh(answer['span_energy'])} kWh lie in {counted(answer['span_count'], 'span')} "
-            "that no day holds, as the recorder was off; they are in no day above."
+            f"{_kwh(answer['span_energy'])} kWh were used in "
+            f"{counted(answer['span_count'], 'span')} while the recorder was off; they are in no "
+            "day above."
         )
     unpriced = answer["total"]["energy"] - answer["total"]["priced"]
     if answer["currency"] and unpriced > 1.0:

@@ -166,7 +166,7 @@ def _table(
     missing = sum(one.comparison.measured_energy is None for one in reports)
     if missing:
         page.note(
-            f"{counted(missing, 'recording')} without a measured energy: predicted only, and no "
+            f"{counted(missing, 'recording')} without a measured energy: predicted only, and not "
             "part of the errors"
         )
     bad = [_name(one) for one in reports if one.problems]

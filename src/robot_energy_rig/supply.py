@@ -1,4 +1,4 @@
-"""Rectifier, DC link and brake chopper of the plant.
+"""Rectifier, DC link, brake chopper and fan of the plant.
 
 Energy above the rectified voltage decides: excess of the drives charges the link; from
 ``chopper_on_voltage`` down to ``chopper_off_voltage`` the brake resistor takes its power,
@@ -15,7 +15,7 @@ import numpy as np
 
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig.config import RigConfig
-from robot_energy_rig.profile import PlantProfile
+from robot_energy_rig.profile import HardEffects, PlantProfile
 
 
 @dataclass(frozen=True)
@@ -117,3 +117,22 @@ class Supply:
                 self._braking = charge > 0
             left -= time
         return braked
+
+
+class Fan:
+    """A fan that switches with the warmest motor."""
+
+    def __init__(self, effects: HardEffects) -> None:
+        self._effects = effects
+        self._on = False
+
+    def power(self, motor_temperature_degc: Float) -> float:
+        """Return what it takes from the grid. [W]
+
+        Args:
+            motor_temperature_degc: Shape (n,). [degC]
+        """
+        effects = self._effects
+        limit = effects.fan_off_degc if self._on else effects.fan_on_degc
+        self._on = bool(motor_temperature_degc.max() > limit)
+        return effects.fan_power * self._on

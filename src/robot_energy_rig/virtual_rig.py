@@ -13,7 +13,7 @@ bit of the output. Temperatures are held over a block and then advanced by its m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -39,15 +39,40 @@ from robot_energy_rig.plant import (
     ThermalNetwork,
     longest_step,
 )
-from robot_energy_rig.profile import HardEffects, PlantProfile
+from robot_energy_rig.profile import PlantProfile
 from robot_energy_rig.sensors import GridMeter, JointSensors, TemperatureSensor
-from robot_energy_rig.supply import Supply
+from robot_energy_rig.supply import Fan, Supply
 
-BLOCK = 1.0  # s of samples computed at once, at most
+BLOCK = 1.0  # s of samples over which temperatures are held, at most
+AHEAD = 1024  # samples of the motion that are computed at once, at least a block
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001
 PLAUSIBLE_DEGC = (-20.0, 150.0)
 DIFFERENCE = 0.004  # s to either side, over which the wind-up of elastic joints is differentiated
 Waiting = TypeVar("Waiting", bound=Block)
+
+
+class Motion(NamedTuple):
+    """What a program makes the robot do from one sample on.
+
+    Attributes:
+        first: Number of the first sample.
+        links: Joint side.
+        motors: Joint side; that of the links if gears are rigid.
+        motor_velocity: Shape (N, n). [rad/s]
+        rigid_torque: Of bodies and rotors, motor side, shape (N, n). [N m]
+    """
+
+    first: int
+    links: Trajectory
+    motors: Trajectory
+    motor_velocity: Float
+    rigid_torque: Float
+
+    def part(self, first: int, rows: int) -> Motion:
+        """Return so many samples from one on."""
+        cut = slice(first - self.first, first - self.first + rows)
+        links, motors = self.links[cut], self.motors[cut]
+        return Motion(first, links, motors, self.motor_velocity[cut], self.rigid_torque[cut])
 
 
 class VirtualRig:
@@ -120,6 +145,7 @@ class VirtualRig:
         self._fan = Fan(profile.hard) if config.fan else None
         self._meter = GridMeter(config, seed, self._start_ns, self._period_ns, device)
         self._computed = 0
+        self._ahead: Motion | None = None
         self._ready: tuple[RigJoints, Truth] | None = None
         self._temperatures: TemperatureBlock | None = None
         self._readings: MeterBlock | None = None
@@ -153,6 +179,7 @@ class VirtualRig:
             self._thermal.ambient_degc = ambient_degc
         if payload is not None:
             self._robot = self._robot.with_payload(payload)
+            self._ahead = None
         if wear is not None:
             self._friction.wear = np.array(wear, dtype=np.float64)
 
@@ -184,7 +211,7 @@ class VirtualRig:
         left = n_samples
         while left:
             if self._ready is None:
-                self._ready = self._compute()
+                self._ready = self._compute(left)
             ready = self._ready
             used = min(left, len(ready[0]))
             joints.append(ready[0][slice(0, used)])
@@ -206,12 +233,21 @@ class VirtualRig:
         due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
         return waiting[slice(0, due)] if due else None, waiting[slice(due, None)]
 
-    def _compute(self) -> tuple[RigJoints, Truth]:
-        """Advance by one block."""
+    def _compute(self, wanted: int) -> tuple[RigJoints, Truth]:
+        """Advance by so many blocks that there are at least the samples wanted."""
+        blocks = [self._advance() for _ in range(-(-wanted // self._block))]
+        truth = Truth.concatenate([block[0] for block in blocks])
+        motors = Trajectory.concatenate([block[1] for block in blocks])
+        torque = np.concatenate([block[2] for block in blocks])
+        return self._joint_sensors.read(truth, motors, torque), truth
+
+    def _advance(self) -> tuple[Truth, Trajectory, Float]:
+        """Advance by one block; what happens, how the motors move, and the torque reported."""
         first, rows = self._computed, self._block
         self._computed += rows
         since_ns = np.arange(first, first + rows, dtype=np.int64) * self._period_ns
-        truth, drives, encoders = self._plant(since_ns)
+        motion = self._motion(first, rows)
+        truth, drives = self._plant(since_ns, motion)
         motor_before = self._thermal.motor_temperature_degc
         if self._warming:
             friction = truth.friction_power.mean(axis=0)
@@ -226,22 +262,33 @@ class VirtualRig:
             self._thermal.motor_temperature_degc,
         )
         self._temperatures = _joined(self._temperatures, temperatures)
-        measured = drives.measured_motor_torque
-        return self._joint_sensors.read(truth, encoders, measured), truth
+        return truth, motion.motors, drives.measured_motor_torque
 
-    def _plant(self, since_ns: Int) -> tuple[Truth, DriveFlows, Trajectory]:
-        time: Float = since_ns.astype(np.float64) * NANOSECOND
-        motion = self._program.sample(time)
-        position, velocity = motion.joint_position, motion.joint_velocity
-        acceleration = motion.joint_acceleration
+    def _motion(self, first: int, rows: int) -> Motion:
+        """Return the motion of a block. It does not depend on temperatures: many blocks at once."""
+        if self._ahead is None or first >= self._ahead.first + len(self._ahead.motor_velocity):
+            count = max(AHEAD // rows, 1) * rows
+            since_ns = np.arange(first, first + count, dtype=np.int64) * self._period_ns
+            time: Float = since_ns.astype(np.float64) * NANOSECOND
+            links = self._program.sample(time)
+            torque = self._robot.joint_torque(
+                links.joint_position, links.joint_velocity, links.joint_acceleration
+            )
+            motors = self._motors(time, links, torque)
+            self._ahead = Motion(
+                first,
+                links,
+                motors,
+                self._drivetrain.motor_velocity_from_joint(motors.joint_velocity),
+                self._drivetrain.motor_torque_from_joint(torque)
+                + self._drivetrain.rotor_torque(motors.joint_acceleration),
+            )
+        return self._ahead.part(first, rows)
+
+    def _plant(self, since_ns: Int, motion: Motion) -> tuple[Truth, DriveFlows]:
         motor_degc = self._thermal.motor_temperature_degc
         gear_degc = self._thermal.gear_temperature_degc
-        joint_torque = self._robot.joint_torque(position, velocity, acceleration)
-        encoders = self._motors(time, motion, joint_torque)
-        speed = self._drivetrain.motor_velocity_from_joint(encoders.joint_velocity)
-        rigid = self._drivetrain.motor_torque_from_joint(
-            joint_torque
-        ) + self._drivetrain.rotor_torque(encoders.joint_acceleration)
+        speed, rigid = motion.motor_velocity, motion.rigid_torque
         friction = self._friction.torque(speed, rigid, gear_degc)
         torque = rigid + friction
         drives = self._drives.flows(speed, torque, motor_degc)
@@ -252,9 +299,9 @@ class VirtualRig:
         fan = self._fan.power(motor_degc) if self._fan else 0.0
         truth = Truth(
             stamp_ns=since_ns + self._start_ns,
-            joint_position=position,
-            joint_velocity=velocity,
-            joint_acceleration=acceleration,
+            joint_position=motion.links.joint_position,
+            joint_velocity=motion.links.joint_velocity,
+            joint_acceleration=motion.links.joint_acceleration,
             motor_velocity=speed,
             motor_torque=torque,
             motor_torque_friction=friction,
@@ -269,7 +316,7 @@ class VirtualRig:
             loss_grid=np.full(rows, self.profile.supply.loss_grid + fan),
             **{**supply.__dict__, "grid_power": supply.grid_power + fan},
         )
-        return truth, drives, encoders
+        return truth, drives
 
     def _motors(self, time: Float, links: Trajectory, joint_torque: Float) -> Trajectory:
         """Return the motion of the motors, joint side; that of the links if gears are rigid."""
@@ -289,25 +336,6 @@ class VirtualRig:
             links.joint_velocity + self._compliance * slope,
             links.joint_acceleration + self._compliance * curvature,
         )
-
-
-class Fan:
-    """A fan that switches with the warmest motor."""
-
-    def __init__(self, effects: HardEffects) -> None:
-        self._effects = effects
-        self._on = False
-
-    def power(self, motor_temperature_degc: Float) -> float:
-        """Return what it takes from the grid. [W]
-
-        Args:
-            motor_temperature_degc: Shape (n,). [degC]
-        """
-        effects = self._effects
-        limit = effects.fan_off_degc if self._on else effects.fan_on_degc
-        self._on = bool(motor_temperature_degc.max() > limit)
-        return effects.fan_power * self._on
 
 
 def _compliance(profile: PlantProfile, robot: Robot) -> Float:

@@ -17,7 +17,14 @@ def test_there_are_six():
     assert len(EXAMPLES) == 6
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, marks=pytest.mark.long if path.stem == "wear_alarm" else ())
+        for path in EXAMPLES
+    ],
+    ids=lambda path: path.stem,
+)
 def test_example_runs(example, tmp_path):
     done = subprocess.run(
         [sys.executable, "-W", "error", str(example)], cwd=tmp_path, env={**os.environ},

@@ -27,7 +27,7 @@ TYPES = [
     "ros2_energy_msgs/msg/PowerReading",
 ]
 PROFILE = settings(
-    max_examples=60,
+    max_examples=30,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],

@@ -42,7 +42,7 @@ def test_valid_samples_are_taken(name):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@profile(12)
+@profile(6)
 @given(st.data())
 def test_damage_is_counted_or_refused(name, data):
     seed = data.draw(st.sampled_from(TARGETS[name].seeds()))
@@ -50,7 +50,7 @@ def test_damage_is_counted_or_refused(name, data):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@profile(5)
+@profile(3)
 @given(data=st.binary(max_size=400))
 def test_any_bytes_are_counted_or_refused(name, data):
     TARGETS[name].run(data)

@@ -103,7 +103,7 @@ def same(a, b, equal: Callable[..., None]) -> None:
 seeds = st.integers(0, 2**31)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(seed=seeds, cuts=st.lists(st.integers(0, 400), max_size=60))
 def test_any_cutting_gives_the_same_output(seed, cuts):
     block = motion(seed)
@@ -128,7 +128,7 @@ def test_any_cutting_gives_the_same_output(seed, cuts):
     same(means, means_cut, close)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(seed=seeds)
 def test_breakdown_sums_and_friction_never_gives_power(seed):
     pipeline, power, _ = run(motion(seed), seed, [])
@@ -145,7 +145,7 @@ def test_breakdown_sums_and_friction_never_gives_power(seed):
     assert time.observed_ns + time.gap_ns == int(elapsed[elapsed > 0].sum())
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(seed=seeds)
 def test_order_of_joints_in_the_model_does_not_matter(seed):
     data = robots.two_link_data()

@@ -35,7 +35,7 @@ def same(one, other):
 WHOLE = build().step(SIZE)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.lists(st.integers(1, 400), min_size=1, max_size=40))
 def test_any_cut_gives_the_same_bytes(cuts):
     rig, parts, left = build(), [], SIZE
@@ -47,7 +47,7 @@ def test_any_cut_gives_the_same_bytes(cuts):
     same(RigOutput.concatenate(parts), WHOLE)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.lists(st.integers(0, 400_000_000), min_size=0, max_size=30))
 def test_any_clock_gives_the_same_bytes(ticks):
     rig, parts, now = build(), [], build().stamp_ns
@@ -73,7 +73,7 @@ def test_seed_decides_the_noise_and_nothing_else(seed):
     np.testing.assert_array_equal(one.truth.grid_power, other.truth.grid_power)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.sets(st.sampled_from(SWITCHES)), st.floats(0.0, 90.0))
 def test_books_balance_whatever_is_switched_off(off, degc):
     rig = VirtualRig(PROFILE, PROGRAM, RigConfig().without(*off), 0, degc)
@@ -112,7 +112,7 @@ def motions(draw):
     return draw(vector), draw(vector), limits
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(motions())
 def test_motions_keep_their_limits_and_end_at_rest(case):
     start, goal, limits = case

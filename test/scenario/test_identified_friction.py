@@ -75,6 +75,7 @@ def test_an_unseen_run_at_an_unseen_temperature_is_predicted(identified, tmp_pat
         assert abs(error(bag, fixed)) > 2 * abs(aware)
 
 
+@pytest.mark.long
 def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys):
     out = tmp_path / "robot.yaml"
     words = ["identify", "friction", *map(str, bags), "--model", "kr16"]

@@ -239,7 +239,7 @@ def test_megawatts_are_refused_and_the_unit_is_asked_about(spoken):
         watts=(FLOAT64, packed(FLOAT64, readings.power), readings.stamp_ns),
     )
     refused = int((readings.power > 1000).sum())
-    said = f"{refused} of {len(readings)} readings of the meter say or imply more than max_power"
+    said = f"{refused} of {len(readings)} readings of the meter state or imply more than max_power"
     assert any(said in note for note in replay_report(result).notes)
 
 

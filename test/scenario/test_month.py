@@ -14,6 +14,7 @@ def missed():
     return run
 
 
+@pytest.mark.long
 def test_half_an_hour_is_booked_to_the_microjoule(missed):
     assert missed(3) == []
 

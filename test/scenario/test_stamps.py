@@ -77,7 +77,7 @@ def test_joint_states_received_at_time_zero_are_refused_and_said():
     assert monitors.joints.step(batch(rows, received=[0] * 5)) is None
     assert monitors.joints.rejections.rejected == {"zero_stamp": 5}
     (finding,) = monitors.joints.findings()
-    assert "let the clock run" in finding.sentence
+    assert "start the source of /clock" in finding.sentence
 
 
 def test_a_bad_temperature_stamp_in_a_friction_is_refused():

@@ -36,7 +36,7 @@ BOMBS = [
     ("a: !!binary aGk=", "the YAML tag"),
     ("%TAG ! tag:yaml.org,2002:python/object/\n---\na: !apply:os.system ['true']", "the YAML tag"),
     ("a: 1\n---\nb: 2", "another document"),
-    ("a: 1\nb: {c: 1, c: 2}", "'c' stands twice, again at line 2"),
+    ("a: 1\nb: {c: 1, c: 2}", "'c' is given twice, the second time at line 2"),
     ("a: 2020-99-99", "not valid YAML"),
     ("? [a]\n: b", "not valid YAML at line 1"),
     ("a: \0", "not valid YAML"),

@@ -152,8 +152,8 @@ class Checkpoints:
 
     def _recording(self) -> str:
         return (
-            f"{self._players} plays a recording: it is counted from zero and kept nowhere; the "
-            "registers of the robot stay as they are and go on when a robot publishes again"
+            f"{self._players} plays a recording: its energy is counted from zero and not stored; "
+            "the registers of the robot do not change and go on when a robot publishes again"
         )
 
     def change_period(self, period: float) -> None:
@@ -226,7 +226,7 @@ class Checkpoints:
             found.add(
                 ERROR,
                 f"a checkpoint in {store.folder} has been under way for {waiting:.1f} s",
-                "look at the disk",
+                "check the disk",
             )
         elif store.trouble:
             found.add(ERROR, store.cause.rstrip("."), store.remedy)

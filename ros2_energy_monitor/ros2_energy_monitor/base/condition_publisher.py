@@ -53,6 +53,7 @@ class ConditionPublisher:
         state_folder: str,
     ) -> None:
         self._node, self._model, self._learner = node, model, learner
+        self._thermal = thermal
         self._kept_things = [kept for kept in (learner, thermal) if kept.learns]
         self._folder = folder_of(state_folder)
         self._publisher: Any = None
@@ -135,6 +136,11 @@ class ConditionPublisher:
         }
         multipliers = zip(self._model.joint_names, learner.friction.filtered.tolist(), strict=True)
         found.values |= {f"multiplier_{name}": value for name, value in multipliers}
+        thermal = self._thermal
+        for place, name in enumerate(self._model.joint_names):
+            if thermal.gears[place]:
+                found.values[f"gear_degc_{name}"] = float(thermal.friction_degc[place])
+                found.values[f"gear_std_k_{name}"] = float(thermal.friction_std[place])
         for alarm in learner.wear.alarms:
             if alarm.warns:
                 found.add(WARN, alarm.sentence, REMEDY)
@@ -142,7 +148,7 @@ class ConditionPublisher:
                 found.notes.append(alarm.sentence)
         for store in self._stores:
             if store.trouble:
-                found.add(WARN, store.trouble.rstrip("."), "look at the state folder")
+                found.add(WARN, store.trouble.rstrip("."), "check the state folder")
         return found
 
     def _publish(self) -> None:

@@ -81,7 +81,7 @@ def _module(package: str, prefix: Path) -> ModuleType:
         raise MessageTypeError(
             f"Python has {path or 'no module'} for the messages of {package}",
             f"the package in {prefix}",
-            "start in another folder and with another PYTHONPATH",
+            "start in another folder, or take the other module out of PYTHONPATH",
         )
     return importlib.import_module(f"{package}.msg")
 

@@ -49,7 +49,7 @@ class PacketBound:
         elif packet["command"] & 0xF6 == PUBLISH_QOS_2:
             self._refuse("a message of QoS 2, which was not asked for")
         elif len(self._client._out_packet) > MAX_UNSENT:
-            self._refuse(f"requests but takes no answers: {MAX_UNSENT} wait")
+            self._refuse(f"requests but does not read the answers: {MAX_UNSENT} are waiting")
         return self._receive(count)
 
     def _refuse(self, what: str) -> None:

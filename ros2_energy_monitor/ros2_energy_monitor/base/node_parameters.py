@@ -28,8 +28,8 @@ class Common:
 
     model: str = parameter("Model file of the robot, or the name of a shipped model, e.g. kr16.")
     tick_rate: float = parameter(
-        "How often results are published; queued messages are taken at the last tick within 160 ms "
-        "[1/s].",
+        "How often results are published; waiting messages are processed together, at the last "
+        "tick within each 160 ms [1/s].",
         25.0,
         1.0,
         1000.0,
@@ -42,10 +42,14 @@ class Common:
         "Whether an unknown parameter, or a parameter file for other nodes, ends the node.", False
     )
     input_timeout: float = parameter(
-        "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
+        "Time without a message after which diagnostics report an input as missing [s].",
+        1.0,
+        0.05,
+        3600.0,
     )
     resubscribe_after: float = parameter(
-        "Silence of an input that has publishers after which it is subscribed again [s].",
+        "Time without a message after which the node subscribes again to an input that has "
+        "publishers [s].",
         10.0,
         0.5,
         3600.0,
@@ -70,8 +74,8 @@ class TorqueParameters(JointStateInputs, Common):
         1.0,
     )
     derivative_lag: float = parameter(
-        "How far that window reaches ahead of the sample, 2.5 times as far likewise; -1 for half "
-        "the window [s].",
+        "How far that window reaches beyond the sample; 2.5 times as far where velocities come "
+        "from the positions; -1 for half the window [s].",
         -1.0,
         -1.0,
         1.0,
@@ -88,8 +92,8 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
     """What the nodes that keep an energy account share."""
 
     power_rate: float = parameter(
-        "Rate of energy/power, whose powers are means over its period: tick_rate or a whole "
-        "fraction of it [1/s].",
+        "Rate of energy/power, whose powers are means over its period: tick_rate, or tick_rate "
+        "divided by a whole number [1/s].",
         25.0,
         0.1,
         1000.0,
@@ -98,12 +102,16 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
         "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
     )
     state_folder: str = parameter(
-        "Folder that keeps the registers across restarts; $ROS_HOME is ~/.ros where it is not "
-        "set. none keeps nothing.",
+        "Folder in which the registers are kept across restarts; $ROS_HOME is ~/.ros where it is "
+        "not set. none: they are not kept.",
         "$ROS_HOME/robot_energy",
     )
     checkpoint_period: float = parameter(
-        "How often the registers are brought to disk and published [s].", 1.0, 0.1, 3600.0
+        "Time from one checkpoint to the next: the registers are written to disk and published "
+        "[s].",
+        1.0,
+        0.1,
+        3600.0,
     )
     learning: str = parameter(
         "What is learned of friction and constant losses while the robot works: off for nothing; "
@@ -165,7 +173,7 @@ class RobotParameters:
     )
     ambient_degc: float = parameter("Temperature of the hall [degC].", 20.0, -20.0, 60.0)
     thermal_speedup: float = parameter(
-        "How many times faster than nature the robot warms up [-].", 1.0, 0.01, 10_000.0
+        "How many times faster than a real robot it warms up [-].", 1.0, 0.01, 10_000.0
     )
     plant_seed: int = parameter(
         "Seed by which friction, losses and constants are drawn at random; -1 takes those of the "
@@ -193,7 +201,7 @@ class ConsoleParameters:
         "How often the table is drawn on a terminal [1/s].", 4.0, 0.1, 20.0
     )
     line_period: float = parameter(
-        "How often a line is printed where there is no terminal [s].", 5.0, 0.5, 3600.0
+        "Time from one printed line to the next where there is no terminal [s].", 5.0, 0.5, 3600.0
     )
 
 
@@ -202,7 +210,7 @@ class DashboardParameters:
     """Parameters of the energy dashboard."""
 
     address: str = parameter(
-        "IP address to listen on; other than 127.0.0.1 needs a token.", "127.0.0.1"
+        "IP address to listen on; any other than 127.0.0.1 needs a token.", "127.0.0.1"
     )
     port: int = parameter("TCP port; 0 for any free one.", 8421, 0, 65535)
     token_file: str = parameter("File with the token of the page; empty for none.", "")
@@ -210,12 +218,12 @@ class DashboardParameters:
         "Whether the page has buttons for job intervals and the reset; they need the token.", False
     )
     allowed_hosts: tuple[str, ...] = parameter(
-        "Further names in the Host header that are served, such as that of a proxy.", ()
+        "Further host names under which the page is served, such as that of a proxy.", ()
     )
     robots: tuple[str, ...] = parameter(
         "Namespaces of the robots to show; empty shows all whose energy/power is found.", ()
     )
-    update_rate: float = parameter("How often the page is sent news [1/s].", 10.0, 1.0, 20.0)
+    update_rate: float = parameter("How often the page is updated [1/s].", 10.0, 1.0, 20.0)
     page_settings: str = parameter(
         "File with prices, emission factor and length of a shift; empty for none.", ""
     )
@@ -249,15 +257,19 @@ class RecorderParameters:
         4000.0,
     )
     min_free: int = parameter(
-        "Free space that is left on the disk; with less nothing is written [MB].",
+        "Free space to leave on the disk; nothing is written while there is less [MB].",
         200,
         0,
         1_000_000,
     )
-    take_period: float = parameter("How often messages are taken [s].", 20.0, 0.1, 30.0)
-    write_period: float = parameter("How often what was taken is written [s].", 60.0, 1.0, 900.0)
+    take_period: float = parameter(
+        "Time from one processing of waiting messages to the next [s].", 20.0, 0.1, 30.0
+    )
+    write_period: float = parameter(
+        "Time from one write to the history to the next [s].", 60.0, 1.0, 900.0
+    )
     look_period: float = parameter(
-        "How often robots and job intervals are looked for [s].", 20.0, 1.0, 900.0
+        "Time from one search for robots and job intervals to the next [s].", 20.0, 1.0, 900.0
     )
 
 
@@ -269,6 +281,6 @@ def _check_power_rate(parameters: AccountParameters) -> None:
         near = sorted({tick_rate / max(1, whole + step) for step in (-1, 0, 1)})
         raise ParameterError(
             f"power_rate is {rate:g} at a tick_rate of {tick_rate:g}",
-            f"tick_rate or a whole fraction of it, such as "
+            f"tick_rate, or tick_rate divided by a whole number, such as "
             f"{' or '.join(f'{value:.6g}' for value in near)}",
         )

@@ -78,7 +78,7 @@ def _half_made(folder: Path) -> Iterator[Path]:
 
 
 def _remove(path: Path) -> str:
-    what = f"{path}, shared memory of the middleware that a killed process left half made"
+    what = f"{path}, shared memory of the middleware that a killed process left incomplete"
     try:
         os.unlink(path)
     except FileNotFoundError:

@@ -218,7 +218,8 @@ def _tell(expected: Expected, found: Any) -> bool:
     )
     live = found.predicted_energy_at_meter / found.measured_energy - 1.0
     reached = found.measured_energy / expected.measured
-    why = "" if same else f"   differs: the nodes met {100 * reached:.2f} % of the measured energy"
+    counted = f"   differs: the nodes counted {100 * reached:.2f} % of the measured energy"
+    why = "" if same else counted
     print(f"{start}   {live:+11.2%}{why}", flush=True)
     return same
 

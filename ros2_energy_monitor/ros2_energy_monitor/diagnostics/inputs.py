@@ -92,7 +92,7 @@ class InputWatch:
                 WARN,
                 f"{after.lost - before.lost} messages on {inbox.topic} were lost in transport in "
                 f"the last second{full}",
-                "raise the depth of the queue or tick_rate" if full else "look at the network",
+                "raise the depth of the queue or tick_rate" if full else "check the network",
             )
 
     def _presence(self, found: StatusBuilder) -> None:

@@ -72,7 +72,7 @@ class NodeWatch:
             found.add(WARN, f"ticks take {share} of the time", "lower tick_rate")
         if self._node.bad_clocks > self._bad_clocks:
             new, self._bad_clocks = self._node.bad_clocks - self._bad_clocks, self._node.bad_clocks
-            found.add(WARN, f"{new} times on /clock were left out: not {RANGE}")
+            found.add(WARN, f"{new} times on /clock were ignored: not {RANGE}")
         if not self._node.get_clock().now().nanoseconds:
             found.add(
                 WARN,

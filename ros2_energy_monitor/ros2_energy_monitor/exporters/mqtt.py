@@ -66,16 +66,20 @@ class MqttParameters:
         "Beginning of the discovery topics of Home Assistant; empty for none.", "homeassistant"
     )
     credentials_file: str = parameter(
-        "YAML file with username and password that only its owner can read; empty for none.", ""
+        "YAML file, readable by its owner only, with username and password; empty for none.", ""
     )
     tls: bool = parameter("Whether the connection to the broker is encrypted.", False)
     ca_file: str = parameter(
-        "Certificates of the authority that signed the broker's; empty for the system's.", ""
+        "File of certificates of the authority that signed that of the broker; empty for those of "
+        "the system.",
+        "",
     )
     cert_file: str = parameter("Certificate of this client; empty for none.", "")
-    key_file: str = parameter("Its key, a file that only its owner can read; empty for none.", "")
+    key_file: str = parameter(
+        "Key of that certificate, in a file that only its owner can read; empty for none.", ""
+    )
     allow_plain_password: bool = parameter(
-        "Whether a password may go without tls to a broker that is not on this machine.", False
+        "Whether a password may be sent without tls to a broker that is not on this machine.", False
     )
 
 
@@ -116,7 +120,7 @@ class MqttExporter(Exporter):
         if secret is not None:
             if not (given.tls or given.host in LOOPBACK or given.allow_plain_password):
                 raise ExporterError(
-                    f"a password would go to {given.host} in plain text",
+                    f"a password would be sent to {given.host} in plain text",
                     "tls: true, a broker on this machine, or allow_plain_password: true",
                 )
             client.username_pw_set(secret.username, secret.password)

@@ -60,19 +60,21 @@ class OpcUaParameters:
     """Parameters of the OPC UA exporter."""
 
     address: str = parameter(
-        "Address to serve at; another than that of this machine needs security.", "127.0.0.1"
+        "IP address to listen on; any other than 127.0.0.1 needs security.", "127.0.0.1"
     )
-    port: int = parameter("Port to serve at.", 4840, 1, 65535)
+    port: int = parameter("Port to listen on.", 4840, 1, 65535)
     security: str = parameter(
-        "What connections must do, by the policy Basic256Sha256.",
+        "Security that connections must have, by the policy Basic256Sha256.",
         NONE,
         choices=(NONE, SIGN, ENCRYPT),
     )
     certificate_file: str = parameter("Certificate of the server; empty for none.", "")
-    key_file: str = parameter("Its key, a file that only its owner can read; empty for none.", "")
+    key_file: str = parameter(
+        "Key of that certificate, in a file that only its owner can read; empty for none.", ""
+    )
     credentials_file: str = parameter(
-        "YAML file with the username and password of clients that only its owner can read; empty "
-        "lets in anybody who can connect.",
+        "YAML file, readable by its owner only, with the username and password of clients; if "
+        "empty, anybody who can connect may read.",
         "",
     )
     period: float = parameter("Time from one update to the next [s].", 1.0, 0.1, 3600.0)
@@ -290,8 +292,9 @@ def _check(given: OpcUaParameters) -> None:
     if not loopback and given.security == NONE:
         raise ExporterError(
             f"opcua.address is {given.address} and opcua.security is none",
-            "127.0.0.1, or sign or sign_and_encrypt",
-            "without it everybody in the network reads power and energy of the robot",
+            "address 127.0.0.1, or security sign or sign_and_encrypt",
+            "set one of them: otherwise everybody in the network can read power and energy of the "
+            "robot",
         )
     if bool(given.certificate_file) != bool(given.key_file) or (
         given.security != NONE and not given.certificate_file

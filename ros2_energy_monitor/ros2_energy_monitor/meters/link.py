@@ -34,7 +34,8 @@ class Endpoint:
         device: Name of the meter in the topics of an MQTT broker.
         credentials: Name and password; None for none.
         tls: Whether the connection is encrypted.
-        ca_file: Certificates of the authority that signed the server's; empty for the system's.
+        ca_file: File of certificates of the authority that signed that of the server; empty for
+            those of the system.
     """
 
     host: str

@@ -47,7 +47,8 @@ class MeterDriverParameters:
         1e9,
     )
     max_power: float = parameter(
-        "Power beyond which a reading is refused and a fall of the counter is not a wrap [W].",
+        "Highest plausible power: readings above it are refused, and a fall of the counter that "
+        "implies more is not a wrap [W].",
         1e6,
         1.0,
         1e9,
@@ -59,7 +60,8 @@ class MeterDriverParameters:
         "Longest time for a connection, and for all answers of one reading [s].", 2.0, 0.05, 60.0
     )
     max_round_trip: float = parameter(
-        "Longest time from request to answer whose middle is used as a stamp [s].",
+        "Longest time from a request to its answer; the stamp is the middle of it, and slower "
+        "readings are refused [s].",
         0.5,
         0.001,
         60.0,
@@ -68,12 +70,14 @@ class MeterDriverParameters:
         "Longest time between two attempts to connect [s].", 30.0, 0.5, 3600.0
     )
     credentials_file: str = parameter(
-        "YAML file with username and password that only its owner can read; empty for none.", ""
+        "YAML file, readable by its owner only, with username and password; empty for none.", ""
     )
     allow_plain_password: bool = parameter(
-        "Whether a password may go readable to a host that is not this machine.", False
+        "Whether a password may be sent unencrypted to a host that is not this machine.", False
     )
     tls: bool = parameter("Whether the connection is encrypted (HTTP and MQTT).", False)
     ca_file: str = parameter(
-        "Certificates of the authority that signed the server's; empty for the system's.", ""
+        "File of certificates of the authority that signed that of the server; empty for those of "
+        "the system.",
+        "",
     )

@@ -198,8 +198,8 @@ class EnergyRecorder(ManagedNode):
             self._begin(work).result(CLOSING)
         except TimeoutError:
             self.get_logger().error(
-                f"the disk has been at work on the history for over {CLOSING:.0f} s; what it does "
-                "not write now is in the next reading"
+                f"writing the history has taken over {CLOSING:.0f} s; what is not written now is "
+                "in the next reading"
             )
 
     def _written(self, newest: bool = False) -> None:
@@ -247,17 +247,21 @@ class EnergyRecorder(ManagedNode):
             found.add(
                 ERROR,
                 f"a write has been under way for {time.monotonic() - self._begun:.0f} s",
-                "look at the disk",
+                "check the disk",
             )
         if store.trouble:
             found.add(ERROR, store.trouble.rstrip("."))
         if self._left_out:
-            found.add(WARN, f"more than {MAX_ROBOTS} robots, {self._left_out} among them")
+            found.add(
+                WARN,
+                f"more than {MAX_ROBOTS} robots: {self._left_out} is not recorded",
+                "name the robots to record (parameter robots)",
+            )
         silent = [robot.name for robot in robots if not now - robot.heard < SILENCE]
         if self.active and not robots:
             found.add(WARN, "no energy/registers is published", "start a monitor")
         elif silent and len(silent) == len(robots):
-            found.add(WARN, f"no energy/registers arrive, of {', '.join(silent[:3])}")
+            found.add(WARN, f"no energy/registers arrive from {', '.join(silent[:3])}")
         return found
 
 

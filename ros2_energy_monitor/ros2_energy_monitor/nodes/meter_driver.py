@@ -102,7 +102,7 @@ class MeterDriver(Node):
         hidden = given.tls or profile.hides_password or given.host in LOOPBACK
         if credentials is not None and not (hidden or given.allow_plain_password):
             raise ParameterError(
-                f"the password for {given.host} would go over the network readable",
+                f"the password for {given.host} would be sent over the network unencrypted",
                 "tls, or allow_plain_password: true",
             )
         endpoint = Endpoint(

@@ -243,13 +243,17 @@ def main(args: Sequence[str] | None = None) -> int:
         *("--start", "--start-offset"), type=float, metavar="S",
         help="play from here on: seconds after its start, negative: before its end",
     )  # fmt: skip
-    parser.add_argument("--end", type=float, metavar="S", help="play up to here, likewise")
+    parser.add_argument(
+        "--end", type=float, metavar="S", help="play up to here, counted in the same way"
+    )
     parser.add_argument(
         "--clock", type=_positive, nargs="?", const=CLOCK_RATE, default=0.0, metavar="HZ",
-        help=f"publish /clock so often in a second ({CLOCK_RATE:g} where no number follows), for "
-        "nodes with use_sim_time",
+        help=f"rate at which /clock is published [1/s] ({CLOCK_RATE:g} where no number follows), "
+        "for nodes with use_sim_time",
     )  # fmt: skip
-    parser.add_argument("-p", "--start-paused", action="store_true", help="stand still at first")
+    parser.add_argument(
+        "-p", "--start-paused", action="store_true", help="wait at the first message until resumed"
+    )
     words = list(sys.argv[1:] if args is None else args)
     options = parser.parse_args(remove_ros_args([parser.prog, *words])[1:])
     stop = StopSignal()
@@ -318,7 +322,7 @@ def _play(bag: BagReader, options: argparse.Namespace, node: Node, stop: StopSig
         while not player.heard() and time.monotonic() < limit and pause(0.05):
             pass
         if not player.heard() and not stop.received:
-            print(shown_lines(f"nobody listens to {', '.join(player.topics)}"), flush=True)
+            print(shown_lines(f"no node subscribes to {', '.join(player.topics)}"), flush=True)
             return 1
         with player.clock.space_key(sys.stdin.fileno() if sys.stdin else -1) as has_key:
             if has_key:

@@ -121,7 +121,9 @@ class RegisterServices:
             response.persisted = kept
             if not kept:
                 late = self._checkpoints.store.busy
-                why = "in memory only so far: the disk is at work" if late else "in memory only"
+                why = "in memory only" + (
+                    " so far: the disk has not finished writing" if late else ""
+                )
                 response.message += f"; it is {why}"
             response.message = shown(response.message, MAX_LINE)
             self._node.get_logger().info(response.message)

@@ -117,7 +117,7 @@ def test_a_password_goes_readable_only_where_that_was_said(bench, tmp_path):
     secret.write_text("username: admin\npassword: secret\n")
     secret.chmod(0o600)
     given = {"profile": "tasmota_http", "host": "192.0.2.1", "credentials_file": str(secret)}
-    with pytest.raises(ParameterError, match="would go over the network readable"):
+    with pytest.raises(ParameterError, match="would be sent over the network unencrypted"):
         bench.add(MeterDriver, **given)
     bench.remove(bench.add(MeterDriver, **given, allow_plain_password=True))
     bench.remove(bench.add(MeterDriver, **{**given, "profile": "shelly_pro_3em_http"}))

@@ -124,9 +124,9 @@ class MeterDiagnostics:
         if self._predicted_returned or share < MIN_RETURNED:
             return ""
         return (
-            f"the meter reads {100 * share:.0f} % of the energy drawn as fed "
-            "back, the model predicts none: does the supply or a battery take energy back? Then "
-            "state cabinet.regeneration_efficiency in the model file"
+            f"by the meter, {100 * share:.0f} % of the energy drawn is fed back, but the model "
+            "predicts none: if the supply or a battery takes energy back, state "
+            "cabinet.regeneration_efficiency in the model file"
         )
 
     def _clock(self, comparison: Comparison) -> str:
@@ -148,8 +148,8 @@ class MeterDiagnostics:
             )
         if silent and curve.gaps - idle.gaps >= readings - 1:
             return (
-                f"nothing is compared: readings of the meter come {period_ns * NANOSECOND:.1f} s "
-                "apart, further than meter_max_gap bridges"
+                f"nothing is compared: readings of the meter are {period_ns * NANOSECOND:.1f} s "
+                "apart, which is more than meter_max_gap: raise it"
             )
         still = curve.counter.still_since_ns
         newest = curve.newest_ns
@@ -185,7 +185,7 @@ class MeterDiagnostics:
         if not settled and max(factor, 1 / factor) < GROSS_FACTOR:
             return ""
         text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
-        return f"the meter reads about {text} times the prediction: is it in {unit}?"
+        return f"the meter reads about {text} times the prediction: is its unit {unit}?"
 
     def _turned(self) -> bool:
         """Whether power is drawn in every second, and returned by the meter."""
@@ -199,6 +199,6 @@ def _refused(comparison: Comparison) -> str:
     if count < READINGS or count < REFUSED_SHARE * curve.rejections.received:
         return ""
     return (
-        f"{count} of {curve.rejections.received} readings of the meter say or imply more than "
-        "max_power: is its unit right?"
+        f"{count} of {curve.rejections.received} readings of the meter state or imply more than "
+        "max_power: check the unit of the meter"
     )

@@ -275,7 +275,7 @@ class McapFile:
         if opcode >= records.FIRST_PRIVATE and opcode ^ records.FIRST_PRIVATE not in _IN_DATA:
             return ""  # of an application; one flipped bit makes another one of a record
         return (
-            f"a record of kind {opcode} with {length} bytes at byte {pos} does not belong into the "
+            f"a record of kind {opcode} with {length} bytes at byte {pos} does not belong in the "
             "data; what it may have held was left out"
         )
 
@@ -385,14 +385,14 @@ class McapFile:
 
     def _cut(self, error: RecordError, pos: int, count: int, resume: int | None) -> str:
         if resume is not None:
-            return f"bytes {pos} to {resume} were left out: {error.args[0]} lies there"
+            return f"bytes {pos} to {resume} were left out because of {error.args[0]}"
         if isinstance(error, EndOfFileError):
             return (
                 f"the file ends inside {error.args[0]} at byte {pos} of {self.size}; {count} "
                 "messages before it were read"
             )
         return (
-            f"reading stopped at byte {pos} of {self.size}, where {error.args[0]} lies; {count} "
+            f"reading stopped at byte {pos} of {self.size} because of {error.args[0]}; {count} "
             "messages before it were read"
         )
 

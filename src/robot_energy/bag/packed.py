@@ -219,5 +219,5 @@ def _check_room(path: Path, folder: Path, size: int) -> None:
         raise BagError(
             f"{path} cannot be unpacked: {folder.parent} has {free} bytes free",
             f"what it unpacks to and {reserve} bytes that are left free",
-            "make room, or set TMPDIR to a folder on another disk",
+            "free space there, or set TMPDIR to a folder on another disk",
         )

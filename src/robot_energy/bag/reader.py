@@ -253,7 +253,7 @@ class BagReader:
                 places[place] = file
                 like.append(file)
             elif same.name == file.name:
-                self._report(f"{file.name} stands several times in {FILE_NAME}; it was read once")
+                self._report(f"{file.name} is listed several times in {FILE_NAME}; read once")
             else:
                 self._report(f"{file.name} is the same as {same.name}; it was left out")
         return kept

@@ -217,7 +217,7 @@ class SqliteSource:
         query = f"SELECT id, name, type, serialization_format FROM topics LIMIT {MAX_TOPICS + 1}"
         topics = base.execute(query).fetchall()
         if len(topics) > MAX_TOPICS:
-            self._report(f"only the first {MAX_TOPICS} topics were looked at")
+            self._report(f"only the first {MAX_TOPICS} topics were read")
         for key, name, msgtype, encoding in topics[:MAX_TOPICS]:
             self._ids[key] = (str(name), str(msgtype))
             info = TopicInfo(str(msgtype), counts.pop(key, 0), str(encoding))

@@ -216,7 +216,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self.discard()
         return BagError(
             f"{self.path / self._name} cannot be written ({error.strerror or error})",
-            remedy="make room on the disk; nothing was left of this bag",
+            remedy="free space on the disk and write the bag again; the incomplete one was removed",
         )
 
     def _check_open(self) -> None:

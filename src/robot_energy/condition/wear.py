@@ -64,7 +64,7 @@ class WearAlarm:
         )
 
 
-REMEDY = "look at the lubricant, the bearings, the brake and the belt of this axis"
+REMEDY = "check the lubricant, the bearings, the brake and the belt of this axis"
 
 
 class DriftRecord(ConditionPart):

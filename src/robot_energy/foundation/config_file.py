@@ -41,7 +41,8 @@ class _Loader(_Base):
             text = str(key.value)
             if text in seen:
                 raise ModelFileError(
-                    f"the key '{text}' stands twice, again at line {key.start_mark.line + 1}",
+                    f"the key '{text}' is given twice, the second time at line "
+                    f"{key.start_mark.line + 1}",
                     "each key once",
                 )
             seen.add(text)

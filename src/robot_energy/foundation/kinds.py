@@ -162,5 +162,5 @@ def _run(path: Path) -> None:
         raise KindError(
             f"{path} cannot be run ({type(error).__name__}: {error})",
             "a Python file that registers kinds",
-            f"mend it, or leave it out of {VARIABLE}",
+            f"correct it, or leave it out of {VARIABLE}",
         ) from error

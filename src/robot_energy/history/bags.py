@@ -109,7 +109,8 @@ def give_way(
     for number, origin, begin, end in _epochs(connection, robot):
         if origin.startswith(BAG) and begin < end_ns and end > begin_ns:
             take_out(connection, rolled, robot, number)
-            text = f"a bag of {(end - begin) / 1e9:.0f} s gave way to what was recorded live"
+            seconds = f"{(end - begin) / 1e9:.0f} s"
+            text = f"a bag of {seconds} was removed, as its time was also recorded live"
             put_events(connection, robot, [Event(begin, "overlap", text)])
 
 
@@ -122,7 +123,8 @@ def take_out(connection: sqlite3.Connection, rolled: Rolled, robot: int, epoch: 
     begin, end = next((b, e) for number, _, b, e in _epochs(connection, robot) if number == epoch)
     if begin < rolled.quarters_from_ns:
         raise HistoryError(
-            "a bag whose quarter hours are not kept is there already", "a bag of later days",
+            "the history holds this bag already, and its quarter hours are no longer kept",
+            "a bag of later days",
             "put bags into a history without keep_quarters",
         )  # fmt: skip
     where = "WHERE robot = ? AND start >= ? AND start < ? AND epoch = ?"

@@ -122,7 +122,7 @@ def fit_baseline(energy: Float, drivers: Mapping[str, Float]) -> EnergyBaseline:
         raise HistoryError(
             f"a baseline of {len(energy)} days with {np.sum(energy):.3f} kWh",
             f"at least {least} days on which the robot used energy",
-            "a longer baseline, or fewer drivers",
+            "name a longer baseline, or fewer of what explains the energy (--drivers)",
         )
     scale: Float = np.linalg.norm(rows, axis=0)
     inverse: Float = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)

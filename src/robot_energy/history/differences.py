@@ -133,7 +133,7 @@ def begun(reading: Reading, known: bool) -> EpochStep:
 
 def gone_back(reading: Reading) -> EpochStep:
     """Return a new beginning where registers have lost what was recorded: none counts twice."""
-    text = "the registers went back behind what was recorded, as from an older state file"
+    text = "the registers fell below the recorded values, as from an older state file"
     event = Event(reading.stamp_ns, "went_back", text)
     epoch = Epoch(reading, reading, reading.known_until_ns, reading.stamp_ns)
     return EpochStep(epoch, new=True, events=(event,))
@@ -186,7 +186,8 @@ def step(epoch: Epoch, reading: Reading) -> EpochStep | None:
     if tuple(last.joints) != tuple(reading.joints):
         new = True
     if span.slot(SLOT_NS)[2] & UNRESOLVED:
-        text = f"not recorded for {(span.end_ns - span.begin_ns) / 1e9:.0f} s; one span holds it"
+        seconds = f"{(span.end_ns - span.begin_ns) / 1e9:.0f} s"
+        text = f"not recorded for {seconds}; one span holds the energy of that time"
         events.append(Event(reading.stamp_ns, "not_resolved", text))
     first = last if new else epoch.first
     newest = max(epoch.newest_ns, reading.stamp_ns)

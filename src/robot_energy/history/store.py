@@ -375,7 +375,8 @@ class HistoryStore:
             raise HistoryError(
                 f"{self.folder} has {free // 2**20} MB of free space",
                 f"at least {self._min_free // 2**20} MB",
-                "free some; energy is counted on, and recorded as one span then",
+                "free space on the disk; counting goes on, and this energy is then recorded as one "
+                "span",
             )
 
     def _disconnect(self) -> None:
@@ -394,5 +395,6 @@ def _unusable(folder: Path, error: Exception) -> HistoryError:
         "a folder that can be written, on a disk with space",
         f"stop the recorder and run: robot-energy history repair {folder}"
         if damaged
-        else "energy is counted on, and recorded as one span once it can be",
+        else "counting goes on; this energy is recorded as one span once the history can be "
+        "written",
     )

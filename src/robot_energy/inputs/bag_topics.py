@@ -103,7 +103,8 @@ def find_temperatures(
         info = bag.topics.get(topic)
         if info is not None and info.msgtype in TEMPERATURE_KINDS and info.msgtype not in known:
             raise MissingTopicError(
-                f"{bag.path} has {topic} as {info.msgtype}, which does not say all by itself",
+                f"{bag.path} has {topic} as {info.msgtype}, which does not state joints and unit "
+                "by itself",
                 f"type {' or '.join(known)}",
                 "say what it means in a parameter file and name that with --inputs",
             )

@@ -65,11 +65,14 @@ class JointStateSource:
         choices=(MESSAGES, POSITIONS),
     )
     reorder_window: float = parameter(
-        "Window in which joint states that overtook each other are sorted [s].", 0.0, 0.0, 0.5
+        "How long a joint state waits for older ones that arrive later, to sort them [s].",
+        0.0,
+        0.0,
+        0.5,
     )
     max_velocity_ratio: float = parameter(
-        "Joint states with a joint faster than so many times its velocity limit in the URDF are "
-        "refused, unless its positions say the same [-].",
+        "Joint states in which a joint is faster than this many times its velocity limit in the "
+        "URDF are refused, unless its positions confirm the velocity [-].",
         3.0,
         1.0,
         1e6,

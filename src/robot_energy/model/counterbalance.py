@@ -28,10 +28,11 @@ class TorsionSpring(ModelEntry):
 
 
 class LeverSpring(ModelEntry):
-    """A tension spring on a lever, slack at no length: the drive adds ``moment cos(q - angle)``.
+    """A tension spring on a lever, its force proportional to its length.
 
-    A weight has the same form; a spring that carries one has the opposite angle. With a
-    stiffness k between two points at distances a and b from the axis the moment is k a b.
+    The drive adds ``moment cos(q - angle)``. A weight has the same form; a spring that carries
+    one has the opposite angle. With a stiffness k between two points at distances a and b from
+    the axis the moment is k a b.
 
     Attributes:
         kind: ``lever``.

@@ -117,7 +117,9 @@ class RecordedJobs:
             ]
         if not self.left_out:
             return []
-        return [f"jobs that are not in the recording from begin to end, left out: {self.left_out}"]
+        return [
+            f"jobs that are not in the recording from beginning to end, left out: {self.left_out}"
+        ]
 
     def cuts(self, stamp_ns: Int) -> Int:
         """Return where to cut samples, so that steps are short while a job begins or ends.

@@ -226,7 +226,7 @@ class AccountStore(SlotStore[AccountRecord]):
         try:
             if record is not None:
                 for what in record.repairs:
-                    limit = "the state held more than can be kept; at its limit now"
+                    limit = "the state held values beyond their limits; they are set to the limit"
                     self.notices.append(f"{limit}: {what}")
                     self._note("repaired", self.notices[-1])
                 record = self._fitting(record)
@@ -283,7 +283,9 @@ class AccountStore(SlotStore[AccountRecord]):
             )
             added = new - old
             if added & DEVIATION_KEYS:
-                self._note("register_added", "how sure the energies are counts from here")
+                self._note(
+                    "register_added", "the standard deviation of the energies counts from here"
+                )
             for name in sorted(added - DEVIATION_KEYS):
                 self._note("register_added", f"register '{name}' counts from here")
             return record.arranged(mine.joint_names, self._loads(record))

@@ -112,8 +112,8 @@ def of_all(
         most,
         energy=scale * float(saved.sum()),
         columns=np.array([common, spread]),
-        found=f"in {len(found)} of {count} bags that were looked at, of {bags}; where it saves "
-        f"most: {most.found}",
+        found=f"in {len(found)} of {count} analysed bags, of {bags} in all; where it saves most: "
+        f"{most.found}",
     )
 
 
@@ -146,15 +146,15 @@ def dataset_evidence(
     sample, without_inputs = _bag_sample(folder, keys, options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
-        f"{len(sample)} of its {len(runs)} bags are looked at, spread over robots and time; "
-        "the bands hold how much they differ"
+        f"{len(sample)} of its {len(runs)} bags are analysed, spread over robots and time; the "
+        "bands include how much they differ"
         if sample
         else f"name bags instead, such as {largest}, which took most energy: fewer than {MIN_BAGS} "
-        "are where they were and can be read again"
+        "can still be read at their places"
     )
     what = "history" if is_history(folder) else "dataset"
     if what == "history":
-        bags = "name bags: a history does not say where those of this robot are"
+        bags = "name bags instead: a history does not state where those of this robot are"
     found = RecordedEvidence(
         recordings=len(runs),
         observed_time=float(runs["observed_time"].sum()),
@@ -173,8 +173,8 @@ def dataset_evidence(
     )
     if without_inputs:
         found.notes.append(
-            f"not looked at: {counted(without_inputs, 'bag')} replayed with a file of "
-            "inputs, which a dataset does not keep; name bags instead, and that file with --inputs"
+            f"not analysed: {counted(without_inputs, 'bag')} replayed with a file of inputs, which "
+            "a dataset does not keep; name bags instead, and that file with --inputs"
         )
     found.notes += counted_twice(runs)
     hours = tables.hours.join(runs.select("key"), on="key", how="semi")

@@ -48,7 +48,7 @@ def speeds(
             path, model, degc, cycle_time=end - start, topic=topic, start=start, end=end
         )
     except MotionError as error:
-        evidence.notes.append(f"speeds were not looked at: {error}")
+        evidence.notes.append(f"speeds were not analysed: {error}")
         return None
     measures = {one.name: one for one in found.report.measures}
     one = measures["move_overrides"].saving

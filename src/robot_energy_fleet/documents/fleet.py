@@ -361,10 +361,11 @@ def _method(report: FleetReport, page: Document) -> None:
         )
         page.paragraph(
             "Robots with the same model are compared by payload, friction of each joint, standby "
-            "and energy of a job, in the last quarter of the time and with temperature and speed "
-            "taken off. One differs where chance would set it so far apart in fewer than one of "
-            "a hundred reports, all comparisons together. A load that the model lacks keeps its "
-            "sign where a joint turns back, friction changes it: so a wrong payload is not wear. "
+            "and energy of a job, in the last quarter of the time, with the effects of temperature "
+            "and speed removed. A robot is listed if chance alone would make any robot differ so "
+            "much in fewer than one of a hundred reports, over all comparisons. When a joint "
+            "reverses, the torque of a load that the model lacks keeps its sign and that of "
+            "friction changes it: so a wrong payload is not reported as wear. "
             "A change of friction is found by the test of the live monitor, over all bags."
         )
 

@@ -29,7 +29,9 @@ class Advice(Result):
     """One change, and what it would save."""
 
     name: Annotated[
-        str, "``standby``, ``regenerative``, ``warm_up``, ``speeds`` or ``waiting_pose``."
+        str,
+        "``standby``, ``regenerative``, ``shared_bus``, ``warm_up``, ``speeds`` or "
+        "``waiting_pose``.",
     ]
     label: Annotated[str, "In words."]
     energy: Annotated[float, "Saved in the recordings. [J]"]
@@ -60,10 +62,8 @@ class AdviceReport(Result, name="advice"):
     model: Annotated[ModelUsed, "With which they were replayed."]
     basis: Annotated[AdviceBasis, "How they stand for a year."]
     advice: Annotated[tuple[Advice, ...], "What is claimed, the largest saving first."]
-    unproven: Annotated[
-        tuple[Advice, ...], "What was looked at and is smaller than its own uncertainty."
-    ]
-    without: Annotated[Texts, "What these recordings say nothing of, and why, one sentence each."]
+    unproven: Annotated[tuple[Advice, ...], "Savings that are smaller than their own uncertainty."]
+    without: Annotated[Texts, "What these recordings do not show, and why, one sentence each."]
     energy_per_hour: Annotated[float, "Of all that is claimed and does not overlap. [J]"]
     half_per_hour: Annotated[float, "Of its 90 % band: the sum, as all rest on one model. [J]"]
     energy_per_year: Annotated[Number, "The same in a year; None where that is not known. [J]"]

@@ -71,7 +71,7 @@ class ProgrammeEnergy(Result):
 class ShiftEnergy(Result):
     """Energy of all robots in one shift of the day."""
 
-    name: Annotated[str, "Its begin and end, local time."]
+    name: Annotated[str, "Its beginning and end, local time."]
     observed_time: Annotated[float, "Predicted. [s]"]
     grid_energy: Annotated[float, "From the grid. [J]"]
     cost: Annotated[Number, "At the price of each hour; None without prices. [currency]"]
@@ -158,7 +158,7 @@ class FleetReport(Result, name="fleet_report"):
     model_errors: Annotated[tuple[ModelError, ...], "From cold to warm."]
     findings: Annotated[
         tuple[FleetFinding, ...],
-        "Robots that need somebody, those of one robot together, the surest first.",
+        "Findings that need attention, those of one robot together, the most certain first.",
     ]
     friction: Annotated[tuple[FrictionCurve, ...], "Of each joint, in the order of the model."]
     comparisons: Annotated[int, "Kinds of figures that robots were compared by."]

@@ -136,7 +136,7 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
         return [unjudged("meter_clock", ("meter",), "the clock of the meter", why)]
 
     if wrong:
-        return unknown(f"mend {wrong[0]} first")
+        return unknown(f"correct {wrong[0]} first")
     if time[-1] - time[0] < MIN_SPAN:
         return unknown(f"{time[-1] - time[0]:.1f} s of readings, {MIN_SPAN:.0f} s are needed")
     lags = np.arange(-MAX_LAG, MAX_LAG + 1e-9, LAG_STEP)
@@ -148,7 +148,9 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
     near = [left[place] for place in (best - away, best + away) if 0 <= place < len(lags)]
     needed = MIN_LAG_GAIN + float(left[best])  # friction and losses that are off look like a lag
     if 1.0 - float(left[best]) / min(near) < needed:
-        return unknown(f"{LEAST_LAG:g} s change too little of what the prediction explains")
+        return unknown(
+            f"a shift of {LEAST_LAG:g} s changes too little of what the prediction explains"
+        )
     now = float(left[int(np.argmin(np.abs(lags)))])
     lag, gain = float(lags[best]), 1.0 - float(left[best]) / now if now > 0.0 else 0.0
     if abs(lag) < MIN_LAG or gain < needed:

@@ -253,7 +253,7 @@ def _rest(evidence: Evidence) -> Iterator[Finding]:
     yield Finding(
         "standstill_velocity", WARNING, names,
         f"at rest the velocity of {', '.join(names)} still varies by up to "
-        f"{1e3 * worst:.2g} mrad/s, near or above standstill_velocity: rest is hardly found",
+        f"{1e3 * worst:.2g} mrad/s, near or above standstill_velocity: rest is rarely detected",
         worst, float("nan"),
         *remedies.standstill(names, float(f"{4.0 * worst:.1g}")),
     )  # fmt: skip

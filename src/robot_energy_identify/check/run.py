@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag.time_range import TimeRange
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -108,6 +109,7 @@ def check(
     return check_together([path], model, effort, inputs, time_range)[0]
 
 
+@one_thread
 def check_together(
     paths: Sequence[str | Path],
     model: RobotModel,
@@ -205,7 +207,7 @@ def checks_of(evidence: Evidence) -> Checks:
     for name, one in CHECKS.items():
         spoilt = next((cause for cause in wrong if cause in SPOILING), "")
         if spoilt and name in (TORQUE, METER):
-            skipped[name] = f"mend {spoilt} first"
+            skipped[name] = f"correct {spoilt} first"
             continue
         found[name], why = one(evidence) if name != METER else check_meter(evidence, wrong)
         wrong += [entry.cause for entry in found[name] if _spoils(entry)]
@@ -257,7 +259,7 @@ def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
         findings.append(
             Finding(
                 "temperature_stuck", WARNING, remarks.stuck,
-                f"the motor temperature of {', '.join(remarks.stuck)} stands still although the "
+                f"the motor temperature of {', '.join(remarks.stuck)} does not change although the "
                 "losses must have warmed it",
                 float(len(remarks.stuck)), float("nan"), "check these sensors",
             )

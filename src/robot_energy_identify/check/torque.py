@@ -1,6 +1,6 @@
 """Does the recorded torque fit the bodies, gears and payload of the model?
 
-What a cause must explain to be named: `robot_energy_identify.check.search`.
+What a cause must explain to be named: `robot_energy_identify.check.cause_search`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,14 @@ import numpy as np
 
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import remedies
+from robot_energy_identify.check.cause_search import (
+    MAX_SURPRISE,
+    OFFSET,
+    Found,
+    SearchResult,
+    contradicts,
+    search,
+)
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import (
     EFFORT,
@@ -21,15 +29,7 @@ from robot_energy_identify.check.finding import (
     Finding,
     unjudged,
 )
-from robot_energy_identify.check.hypotheses import MAX_FACTOR, Cause, scale_words
-from robot_energy_identify.check.search import (
-    MAX_SURPRISE,
-    OFFSET,
-    Found,
-    SearchResult,
-    contradicts,
-    search,
-)
+from robot_energy_identify.check.possible_causes import MAX_FACTOR, Cause, scale_words
 from robot_energy_identify.check.torque_fit import MIN_MOTION, MIN_SAMPLES, OWN, TorqueFit
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
@@ -108,7 +108,10 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
         others = [_words(evidence, one) for one in found.alternatives]
         if found.links:
             which = ", ".join(evidence.names[link] for link in found.links)
-            others.append(f"the bodies behind {which} are further off than their priors say")
+            others.append(
+                f"the bodies behind {which} differ from the model by more than their "
+                "standard deviations allow"
+            )
         alike = tuple(
             dict.fromkeys([one.name for one in found.alternatives] + ["bodies"] * bool(found.links))
         )
@@ -119,7 +122,8 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
             cause.value, float("nan"), "record more poses and faster motion, and check again",
             alternatives=alike,
         )  # fmt: skip
-    proof = f"as it is, the model explains {_explained(found.fit, joints)} of its torque"
+    explained = _explained(found.fit, joints)
+    proof = f"without the correction the model explains {explained} of its torque"
     if found.fit.errors.surprise > 1.0:
         proof += (
             " and needs errors of its bodies of "
@@ -128,7 +132,8 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
     sentence = f"{sentence} ({proof})"
     if why := _not_mended(last, joints):
         return Finding(
-            cause.name, WARNING, names, f"{sentence}; corrected on trial, {why}: more is wrong",
+            cause.name, WARNING, names,
+            f"{sentence}; with the correction, {why}: there are further mistakes",
             cause.value, float("nan"),
         )  # fmt: skip
     severity = ERROR
@@ -267,7 +272,10 @@ def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
         shown = what.format(", ".join(dict.fromkeys(_named(evidence, one) for one in causes)))
         size = SIZE.get(name, "a mistake")
         yield unjudged(
-            name, subject, shown, f"{size} changes the torque by no more than the model leaves open"
+            name,
+            subject,
+            shown,
+            f"{size} changes the torque by no more than the uncertainty of the model",
         )
     if np.isfinite(result.payload):
         sentence = f"a payload that is off by less than {result.payload:.2g} kg would not be found"

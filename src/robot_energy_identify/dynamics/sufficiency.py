@@ -162,24 +162,26 @@ def remarks(
     if delay.at_edge:
         found.append(
             f"the delay of the torque is at the limit of its search, {delay_span * 1e3:g} ms, and "
-            "is not applied: search further with --delay; if it stays at every limit, it is no "
-            "delay but a filter of the drive or bodies that give: then record faster, or leave it"
+            "is not applied: search further with --delay; if it reaches every limit, the cause is "
+            "not a delay but a filter of the drive or elastic bodies: then record faster, or "
+            "leave it"
         )
     if in_sample.total > POOR:
         found.append(
-            f"the fit leaves {100 * in_sample.total:.0f} % of the torque: check units, gear "
+            f"the fit leaves {100 * in_sample.total:.0f} % of the torque unexplained: check "
+            "units, gear "
             "ratios, signs and zero offsets"
         )
     if poor:
         found.append(
-            f"the recording says less than the URDF about {', '.join(poor)}; record "
+            f"the recording determines less precisely than the URDF: {', '.join(poor)}; record "
             "faster and wider motion of the joints from there to the base"
         )
     half = result.interval()
     unsure = int((np.abs(result.values) < half).sum())
     if unsure:
         found.append(
-            f"{unsure} of {len(half)} base parameters may be 0 at 95 %, because they "
-            "are small or the recording says little of them"
+            f"{unsure} of {len(half)} base parameters have a 95 % interval that contains 0, "
+            "because they are small or the recording hardly determines them"
         )
     return found

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -43,7 +44,7 @@ from robot_energy_identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
-from robot_energy_identify.stats.regression import Fit, one_thread
+from robot_energy_identify.stats.regression import Fit
 
 MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
 MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
@@ -221,8 +222,8 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
             "the temperatures at which it was recorded; name their topic with --inputs"
             if np.isnan(span[0])
             else f"{moving.name}: the range of its motor temperature is below {MIN_RANGE:g} K, so "
-            "its friction is taken as constant; record it cold and warm, or lend it the shape of "
-            "others (--share-shape)"
+            "its friction is taken as constant; record it cold and warm, or give it the "
+            "temperature shape of the other axes (--share-shape)"
         )
     laws: dict[str, LawEntry] = {}
     fits: dict[str, Fit] = {}

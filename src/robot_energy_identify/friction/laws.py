@@ -193,7 +193,8 @@ def fit_falling(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit, Stri
                 break
     if not tried:
         raise NotIdentifiableError(
-            f"the friction of {data.name} falls with speed otherwise than a Stribeck term does",
+            f"the friction of {data.name} falls with speed in another way than a Stribeck term "
+            "does",
             "a fall towards a Coulomb torque >= 0",
         )
     _, velocity, viscous = min(tried)

@@ -142,7 +142,7 @@ class CabinetReport(Result, name="cabinet"):
     link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not determined."]
     link_taken: Annotated[bool, "Whether the model has it."]
     link_reason: Annotated[str, "Why not; empty if it has."]
-    link_note: Annotated[str, "What was taken for its voltages; empty if it has it not."]
+    link_note: Annotated[str, "Where its voltages come from; empty if the model has none."]
 
 
 def cabinet_report(found: SupplyFound) -> CabinetReport:

@@ -151,7 +151,8 @@ def _remarks(names: Sequence[str], mass: Sequence[float]) -> list[str]:
     wheels = [name for name in names if any(word in name.lower() for word in WHEELS)]
     if wheels:
         remarks.append(
-            f"{', '.join(wheels)}: by the name a wheel; the model takes the base to stand still, "
-            "so the power of driving is missing; name the joints of the arm alone with --joints"
+            f"{', '.join(wheels)}: by its name a wheel; the model assumes that the base stands "
+            "still, so the power of driving is missing; name the joints of the arm alone with "
+            "--joints"
         )
     return remarks

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
@@ -20,7 +21,6 @@ from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.stats.cross_validation import GAIN, rms_of
-from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.thermal.windows import ThermalRun
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading
@@ -123,8 +123,8 @@ def fit_network(
     rms, held_rms = orders[order], rms_of(held - measured)
     if not rms < GAIN * held_rms:
         raise NotIdentifiableError(
-            f"a free run of {name} errs by {rms:.2f} K on what the fit has not seen, and its first "
-            f"reading held by {held_rms:.2f} K",
+            f"a free run of {name} is {rms:.2f} K off on what the fit has not seen, and its first "
+            f"reading, held, is {held_rms:.2f} K off",
             "a network that predicts better",
             "record longer, with work and rest, and identify friction and drives first",
         )

@@ -113,7 +113,7 @@ class ProgramMachine:
         moving = [code for code in codes if code in MOTIONS]
         if len(moving) > 1 or (moving and {4, 92} & set(codes)):
             raise self._error(
-                f"{' and '.join(f'G{code}' for code in codes)} stand in one line",
+                f"{' and '.join(f'G{code}' for code in codes)} are in one line",
                 "one of them",
                 "write two lines",
             )
@@ -228,7 +228,7 @@ class ProgramMachine:
             if word.letter in "GMNT":
                 continue
             if word.letter in values:
-                raise self._error(f"{word.letter} stands twice", "each word once")
+                raise self._error(f"{word.letter} is given twice", "each word once")
             values[word.letter] = word.value
         return values
 

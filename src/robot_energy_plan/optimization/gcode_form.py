@@ -121,8 +121,8 @@ class GcodeForm(WrittenTrajectory):
             jerk=acceleration / DEFAULT_JERK_TIME,
             notes=(
                 *loaded.notes,
-                "all feeds are multiplied by one factor; what the process allows, the model cannot "
-                "say",
+                "all feeds are multiplied by one factor; the model does not know which feeds the "
+                "process allows",
             ),
         )
 

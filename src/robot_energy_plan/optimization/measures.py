@@ -83,7 +83,7 @@ def _with_supply(task: Task, plan: CyclePlan) -> Cost:
         return task.table.cost(plan)
     model = task.chain.model
     share = PositiveFigure(
-        value=task.regeneration, tag="assumed", source="a regenerative supply under judgement"
+        value=task.regeneration, tag="assumed", source="a regenerative supply under evaluation"
     )
     supply = model.cabinet.model_copy(update={"regeneration_efficiency": share})
     chain = PowerChain(model.changed(cabinet=supply), task.chain.motor_temperature_degc)
@@ -109,7 +109,7 @@ MEASURES: Kinds[Measure] = Kinds(
     Measure(
         name="move_overrides",
         label="speed and acceleration of each move",
-        line="own shares of speed and acceleration for each move, no slower than now in all",
+        line="separate shares of speed and acceleration for each move, in all no slower than now",
         changes="speed, acceleration",
         plan=_move_overrides,
     ),
@@ -157,14 +157,14 @@ MEASURES: Kinds[Measure] = Kinds(
     Measure(
         name="slack",
         label="slower moves instead of waiting",
-        line="own shares for each move, within the cycle time",
+        line="separate shares for each move, within the cycle time",
         changes="speed, acceleration, wait",
         plan=_slack,
     ),
     Measure(
         name="time_law",
         label="best time law along each path",
-        line="how fast each place of a path is passed, within speed, acceleration, torque and jerk",
+        line="speed along each path, within the limits of speed, acceleration, torque and jerk",
         changes="time law",
         plan=_time_law,
     ),

@@ -117,13 +117,13 @@ def page_access(
     token = _token(token_file) if token_file else ""
     if not token and not found.is_loopback:
         raise PageError(
-            f"the page was to listen on {address}, where others can read it, without a token",
+            f"the page would listen on {address}, where others can read it, but it has no token",
             "a file with a token",
             MAKE_TOKEN,
         )
     if not token and allow_control:
         raise PageError(
-            "the page was to have buttons that change the registers, without a token",
+            "the page would have buttons that change the registers, but it has no token",
             "a file with a token",
             MAKE_TOKEN,
         )

@@ -20,7 +20,7 @@ QUALITY_REMEDIES: dict[Quality, tuple[str, str]] = {
     ),
     Quality.TEMPERATURE_STALE: (
         "a motor temperature is too old; friction is that of the fallback temperature",
-        "look whether the driver still publishes it; see the status of the motor temperatures",
+        "check whether the driver still publishes it; see the status of the motor temperatures",
     ),
     Quality.TEMPERATURE_IMPLAUSIBLE: (
         "the last reading of a motor temperature was refused",
@@ -51,7 +51,7 @@ QUALITY_REMEDIES: dict[Quality, tuple[str, str]] = {
         "check the unit of positions and velocities, and that the model is of this robot",
     ),
     Quality.TEMPERATURE_STUCK: (
-        "a motor temperature stands still although the motor must have warmed",
+        "a motor temperature does not change although the motor must have warmed",
         "check the sensor and its driver",
     ),
     Quality.TEMPERATURE_ESTIMATED: (
@@ -61,13 +61,14 @@ QUALITY_REMEDIES: dict[Quality, tuple[str, str]] = {
 }
 OUTSIDE_FIT = "outside_fit."  # keys of a status that names motors outside their friction law
 SUBJECT_REMEDIES = {
-    "joint states": "check the driver, its topic and its rate (ros2 topic hz); a lost message "
-    "asks for a larger joint_state_depth",
+    "joint states": "check the driver, its topic and its rate (ros2 topic hz); if messages are "
+    "lost, raise joint_state_depth",
     "motor temperatures": "check the topics under temperature_sources, and their units",
     "energy": "check the topic of the meter, its unit and what it states (meter.*)",
     "auxiliary loads": "check the topics of their meters and states (auxiliary_meters, "
     "auxiliary_states)",
-    "registers": "check space and permissions of the state folder; one monitor writes to it",
+    "registers": "check space and permissions of the state folder, and that only one monitor "
+    "writes to it",
     "node": "read the log of the node; set the node active where a life cycle manager runs it",
 }
 

@@ -26,7 +26,7 @@ SENTENCES = {
     ),
     Remark.METER_STALE: (
         "the newest reading of its meter is too old",
-        "look whether the driver of the meter still publishes",
+        "check whether the driver of the meter still publishes",
     ),
     Remark.METER_REFUSED: (
         "the newest reading of its meter was refused",

@@ -12,6 +12,7 @@ from importlib.resources import files
 from typing import Any
 
 from robot_energy_report.page.json_numbers import json_text
+from robot_energy_report.page.terms import TERMS, with_hints
 
 SCRIPTS = (
     "format.js",
@@ -114,7 +115,17 @@ def inline_parts(scripts: tuple[str, ...] = REPORT_SCRIPTS) -> tuple[str, str]:
 
 
 def _content(name: str) -> bytes:
-    return (files("robot_energy_report.page") / "static" / name).read_bytes()
+    content = (files("robot_energy_report.page") / "static" / name).read_bytes()
+    return _explained(content.decode()).encode() if name.endswith(".html") else content
+
+
+def _explained(html: str) -> str:
+    """Return a page with hints at its terms, and with the list of all of them."""
+    rows = "".join(
+        f"<div><dt>{term}</dt><dd>{meaning}</dd></div>" for term, meaning in TERMS.items()
+    )
+    terms = f'<details id="terms" class="card"><summary>Terms</summary><dl>{rows}</dl></details>\n'
+    return with_hints(html)[0].replace("</main>", f"{terms}</main>")
 
 
 def _text(name: str) -> str:

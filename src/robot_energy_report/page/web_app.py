@@ -100,8 +100,8 @@ class PageApp:
         hosts, host = headers.getlist("host"), headers.get("host")
         if len(hosts) != 1 or not self._access.knows_host(host):
             return PlainTextResponse(
-                "this page is not served under that name; name it as the start of the monitor "
-                "states it, or add the name to the hosts of the page\n",
+                "this page is not served under that name; use the address that was printed at its "
+                "start, or add the name to its hosts (allowed_hosts)\n",
                 403,
             )
         if not self._access.same_origin(headers.get("origin"), host):
@@ -162,7 +162,8 @@ class PageApp:
             async with asyncio.timeout(BODY_TIMEOUT):
                 done, sentence = await asyncio.wrap_future(control(*found))
         except (TimeoutError, asyncio.CancelledError):
-            done, sentence = False, "the monitor did not answer; look at the list of intervals"
+            done = False
+            sentence = "the monitor did not answer; see in the list of intervals what was done"
         return Response(
             json_text({"done": done, "message": sentence}), media_type="application/json"
         )

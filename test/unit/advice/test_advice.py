@@ -16,9 +16,21 @@ from robot_energy.model import load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
-from robot_energy_fleet.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy_fleet.advice.claims import (
+    Claim,
+    regenerative,
+    shared_bus,
+    standby,
+    waiting_pose,
+    warm_up,
+)
 from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
-from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy_fleet.advice.evidence import (
+    DEGC_BINS,
+    DEMAND_BINS,
+    RecordedEvidence,
+    RecordedRest,
+)
 from robot_energy_fleet.advice.run import _advice, _basis
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.documents.advice import TITLES, advice_document
@@ -192,12 +204,38 @@ def test_no_supply_is_advised_where_there_is_one():
     assert regenerative(evidence, MODEL.changed(cabinet=cabinet)) is None
 
 
+def demand(*parts):
+    """Evidence of so many seconds at each demand on the bus [W]."""
+    value, time = np.array(parts).T
+    found = RecordedEvidence(observed_time=time.sum(), brake_columns=np.array([30.0]))
+    found.brake_energy = float(np.maximum(-value, 0.0) @ time)
+    found.demand = np.stack(
+        [np.histogram(value, DEMAND_BINS, weights=each)[0] for each in (time, value * time)]
+    )
+    return found
+
+
+def test_two_robots_on_one_bus_by_hand():
+    # a quarter of the time both brake 400 W, half of it one brakes while the other draws 600 W:
+    # 100 J/s go into each resistor in the mean of four cases instead of 200
+    claim = shared_bus(demand((600.0, 50.0), (-400.0, 50.0)), MODEL)
+    assert claim.energy == pytest.approx(100.0 * 100.0)
+    assert claim.half == pytest.approx(1.645 * np.hypot(0.5 * 30.0, 0.15 * 1e4), rel=1e-3)
+    # 100 W less than the other brakes: of two in three cases 300 W are left, one keeps 100 W
+    little = shared_bus(demand((100.0, 50.0), (-400.0, 50.0)), MODEL)
+    assert little.energy == pytest.approx(0.5 * 100.0 * 0.5 * 100.0)
+    assert shared_bus(RecordedEvidence(), MODEL) is None
+    kept = demand((600.0, 50.0), (-400.0, 50.0))
+    kept.brake_energy /= 4.0  # a capacitor keeps the rest
+    assert shared_bus(kept, MODEL).energy == pytest.approx(2500.0)
+
+
 def test_a_recording_with_rests_gives_a_ranked_list(poses):
     result = re.advise(poses, LOSSY, price=0.5, co2=0.4, hours_per_day=10.0, days_per_year=200.0)
     report = result.report
     everything = (*report.advice, *report.unproven)
     names = {one.name for one in everything}
-    assert names == {"standby", "speeds", "waiting_pose", "regenerative"}
+    assert names == {"standby", "speeds", "waiting_pose", "regenerative", "shared_bus"}
     energies = [one.energy for one in report.advice]
     assert energies == sorted(energies, reverse=True)
     assert all(one.energy > one.half for one in report.advice)
@@ -242,7 +280,7 @@ def test_what_overlaps_is_counted_once():
         RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
     )
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
-    assert _advice(claim, basis).overlaps == ("warm_up", "regenerative")
+    assert _advice(claim, basis).overlaps == ("warm_up", "regenerative", "shared_bus")
     assert _advice(claim, basis).energy_per_year == pytest.approx(100.0)
 
 
@@ -307,7 +345,7 @@ def test_bags_of_a_dataset_say_what_its_sums_do_not(tmp_path):
     assert len(bags) == evidence.recordings >= 3
     assert bags[0].options == {"max_gap": 0.5}
     report = re.advise(out, LOSSY).report
-    assert any("4 of its 4 bags are looked at" in note for note in report.notes)
+    assert any("4 of its 4 bags are analysed" in note for note in report.notes)
     several = re.advise([bag.address for bag in bags], LOSSY, max_gap=0.5).report
     each = [energies(re.advise(bag.address, LOSSY, max_gap=0.5).report) for bag in bags]
     for name in ("speeds", "waiting_pose"):
@@ -332,10 +370,10 @@ def test_bags_of_a_dataset_are_opened_without_files_of_which_it_has_a_hash(tmp_p
     re.fleet_run(tmp_path / "hall", with_inputs, LOSSY, workers=0, inputs=inputs, max_gap=0.5)
     found, bags = dataset_evidence(with_inputs, LOSSY)
     assert bags == []
-    assert any("not looked at: 3 bags replayed with a file of inputs" in one for one in found.notes)
+    assert any("not analysed: 3 bags replayed with a file of inputs" in one for one in found.notes)
     found, bags = dataset_evidence(with_inputs, LOSSY, {"inputs": inputs, "max_gap": None})
     assert [bag.options for bag in bags] == [{"max_gap": 0.5, "inputs": inputs}] * 3
-    assert not any("not looked at" in one for one in found.notes)
+    assert not any("not analysed" in one for one in found.notes)
 
 
 def test_each_robot_of_a_bag_is_looked_at_with_its_own_options(tmp_path):
@@ -362,7 +400,7 @@ def test_some_bags_speak_for_all_of_a_dataset():
     # model: 10 (5 + 5); spread: residuals 4, 0, -4, so 10 sqrt(0.9 * 1.5 * 32), t of two degrees
     spread = 10.0 * np.sqrt(0.9 * 1.5 * 32.0) * 2.92
     assert both.half == pytest.approx(np.hypot(1.6448536 * 100.0, spread), rel=1e-4)
-    assert "2 of 3 bags that were looked at, of 30" in both.found
+    assert "2 of 3 analysed bags, of 30 in all" in both.found
     assert of_all(claims, [10.0, 10.0], 300.0, 30) is None  # too few to know their spread
     assert of_all([None] * 3, [10.0] * 3, 300.0, 30) is None
 
@@ -388,7 +426,7 @@ def test_the_page_names_what_is_not_proven(tmp_path):
 def test_what_saves_next_to_nothing_is_not_listed():
     report = re.advise(ROOT / "bags/drawn_train_warm", MODEL).report
     names = {one.name for one in (*report.advice, *report.unproven)}
-    assert names == {"regenerative"}
+    assert names == {"regenerative", "shared_bus"}
     assert sum("less than 0.05 % of the energy" in sentence for sentence in report.without) == 2
 
 

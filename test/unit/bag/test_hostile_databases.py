@@ -122,7 +122,7 @@ def test_odd_names_and_many_topics_do_no_harm(tmp_path):
     odd = "INSERT INTO topics VALUES(-1, NULL, 3, x'ff'), (-2, CAST(x'ff' AS TEXT), 't', 'cdr');"
     found, reader = read(database(tmp_path / "ba?g#%.db3", PLAIN + odd + many))
     assert found == []
-    assert reader.problems == ["ba?g#%.db3: only the first 10000 topics were looked at"]
+    assert reader.problems == ["ba?g#%.db3: only the first 10000 topics were read"]
 
 
 def test_a_recording_that_was_not_closed_says_so(tmp_path):

@@ -73,6 +73,7 @@ def test_a_remedy_replaces_the_entry_that_is_there(tmp_path):
     }
 
 
+@pytest.mark.long
 def test_the_size_of_a_mistake_is_found(tmp_path):
     sizes = {
         "zero offset 0.1 rad": 0.1,
@@ -86,8 +87,17 @@ def test_the_size_of_a_mistake_is_found(tmp_path):
         assert first.evidence == pytest.approx(size, rel=0.15)
 
 
-@pytest.mark.parametrize("joint", [1, 2, 4])
-@pytest.mark.parametrize("factor", [0.5, 2.0])
+LONG = pytest.mark.long
+
+
+@pytest.mark.parametrize(
+    ("joint", "factor"),
+    [
+        (1, 0.5),
+        (4, 2.0),
+        *(pytest.param(*case, marks=LONG) for case in [(1, 2.0), (2, 0.5), (2, 2.0), (4, 0.5)]),
+    ],
+)
 def test_a_wrong_gear_ratio_is_named(joint, factor):
     def gears(data):
         data["joints"][joint]["gear_ratio"]["value"] *= factor
@@ -100,7 +110,7 @@ def test_a_wrong_gear_ratio_is_named(joint, factor):
     assert not loud(check(SOUND, mended(found[0].remedy, model), MOTOR_TORQUE))
 
 
-@pytest.mark.parametrize("mass", [11.0, 19.0])
+@pytest.mark.parametrize("mass", [pytest.param(11.0, marks=LONG), 19.0])
 def test_a_wrong_payload_is_named_with_its_size(mass):
     def payload(data):
         data["payload"][0]["mass"] = mass

@@ -37,6 +37,7 @@ def test_bodies_of_a_urdf_that_are_off_are_not_blamed_on_anything(robot, seed, w
     assert words in source(result)
 
 
+@pytest.mark.long
 def test_a_payload_of_two_kilograms_is_named_with_such_bodies(tmp_path):
     one = foreign("ur5e", 203, "random", tmp_path, carried=2.0)
     (found,) = check(one.bag, one.model, one.effort).errors
@@ -58,7 +59,7 @@ def test_velocities_that_are_held_blame_nothing_else(tmp_path):
     bag = rewrite(SOUND, tmp_path / "bag", held, None, SECONDS)
     result = check(bag, MODEL, MOTOR_TORQUE)
     assert [one.cause for one in result.findings if one.severity != "note"] == ["velocity_held"]
-    assert result.skipped["torque"] == "mend velocity_held first"
+    assert result.skipped["torque"] == "correct velocity_held first"
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +78,7 @@ def test_a_cause_that_all_recordings_show_is_blamed_in_all(off):
         assert found.evidence == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.long
 def test_a_cause_that_one_recording_shows_against_the_others_is_not_blamed(off):
     sound, other = check_together([SOUND, off], MODEL, MOTOR_TORQUE)
     assert not sound.errors

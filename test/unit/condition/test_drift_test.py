@@ -86,6 +86,7 @@ def test_slow_wear_is_found_and_followed():
     assert not test.drift.fell
 
 
+@pytest.mark.long
 def test_five_percent_in_a_hundred_hours_is_found_within_a_day_of_motion():
     """The size stated is that of the whole rise so far."""
     test, found = outcome(series(12 * 85, lambda hours: 0.0005 * max(hours - 60.0, 0.0)))
@@ -95,6 +96,7 @@ def test_five_percent_in_a_hundred_hours_is_found_within_a_day_of_motion():
     assert test.drift.size == pytest.approx(0.0005 * 25.0, abs=0.004)
 
 
+@pytest.mark.long
 def test_slow_wear_is_found_within_a_day_where_records_scatter():
     """By 1.4 % and nothing that lasts: the mean of hours is known well."""
     rng = np.random.default_rng(2)
@@ -188,6 +190,7 @@ def programs_in_turn(hours_each, shown, hours=52.0, rise=0.15):
         yield record(number, excess)._replace(work=tuple(work[now]) if shown else ())
 
 
+@pytest.mark.long
 def test_another_program_is_no_wear_but_wear_is_found_in_it():
     """A large step counts at once; without the programs, their levels are taken for wear."""
     found = outcome(programs_in_turn(9.0, True, 64.0))[1]
@@ -202,6 +205,7 @@ def test_a_smaller_step_counts_once_it_has_lasted():
     assert 55.5 < found[0] < 62.0
 
 
+@pytest.mark.long
 def test_scatter_is_separated_from_what_lasts_half_an_hour():
     """Of pairs of records: scatter falls with their length, a payload does not."""
     rng = np.random.default_rng(5)

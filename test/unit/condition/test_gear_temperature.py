@@ -105,6 +105,7 @@ def test_a_meter_corrects_where_no_torque_is_read():
     assert off[1] < 0.7 * off[0]
 
 
+@pytest.mark.long
 def test_friction_that_stays_high_is_not_taken_for_a_cold_gear():
     """Wear of 15 %: once the start is forgotten, the temperature stays that of the figures."""
     truth = integrated(3 * 3600.0, MOTOR, MOTOR)

@@ -104,7 +104,7 @@ def test_jobs_that_a_bag_holds_in_part_are_counted(tmp_path, capsys):
     words = ["fleet", "run", str(bag), "--model", str(model), "--out", str(tmp_path / "d")]
     written = tmp_path / "run.json"
     assert main([*words, "--workers", "0", "--jobs", str(jobs), "--json", str(written)]) == 0
-    said = "jobs that are not in a bag from begin to end, left out: 2"
+    said = "jobs that are not in a bag from beginning to end, left out: 2"
     assert said in capsys.readouterr().out
     assert json.loads(written.read_text())["jobs_left_out"] == 2
     report = re.fleet_report(tmp_path / "d")
@@ -141,6 +141,7 @@ def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     assert (row["bag"], row["robot"], row["problems"]) == (str(recording), "r1", [])
 
 
+@pytest.mark.long
 def test_a_generated_fleet_is_replayed_from_another_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["--robots", "1", "--weeks", "1", "--seed", "1"]

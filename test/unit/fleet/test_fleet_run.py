@@ -142,6 +142,7 @@ def test_a_history_has_what_the_dataset_has(tmp_path):
     assert report.robots[0].jobs == 2
 
 
+@pytest.mark.long
 def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, tmp_path):
     """Dask alone would wait for ever."""
     seen = set()
@@ -219,6 +220,7 @@ def deadly(bag, model, max_scratch):
     return replay_bag(bag, model, max_scratch)
 
 
+@pytest.mark.long
 def test_a_bag_under_which_workers_die_is_refused_alone(hall, sequential, tmp_path, monkeypatch):
     """Others wait at the same worker each time it dies."""
     monkeypatch.setattr("robot_energy_fleet.workers.replay_bag", deadly)
@@ -257,6 +259,7 @@ def test_a_run_that_was_stopped_is_continued(hall, sequential, tmp_path):
     assert content(tmp_path / "d") == content(sequential[0])
 
 
+@pytest.mark.long
 def test_few_bags_are_at_the_scheduler_however_many_there_are(hall, tmp_path, monkeypatch):
     """They are taken from the list as others are finished."""
     taken, most = [], []

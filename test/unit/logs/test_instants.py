@@ -45,7 +45,7 @@ def test_no_hour_is_lost_at_the_end_of_summer_time(start, zone, block):
         found += part
     assert found == expected
     again = 2 + next(k for k in range(1, 18) if texts[k] < texts[k - 1])
-    assert f"stands twice in {zone}" in reader.notes[0]
+    assert f"occurs twice in {zone}" in reader.notes[0]
     assert f"from line {again} of log.csv on" in reader.notes[1]
 
 

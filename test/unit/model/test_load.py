@@ -53,7 +53,7 @@ def test_wrong_entry_is_named_with_found_and_expected(path, value, words):
     ("text", "words"),
     [
         ("a: [1", "not valid YAML at line"),
-        ("a: 1\na: 2", "'a' stands twice"),
+        ("a: 1\na: 2", "'a' is given twice"),
         ("a: &x 1\nb: *x", "alias"),
         ("!!python/object/apply:os.system ['true']", "the YAML tag"),
         ("- 1", "is a list"),

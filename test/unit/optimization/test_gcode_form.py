@@ -72,6 +72,7 @@ def test_what_is_written_costs_what_was_promised(tmp_path):
     assert (tmp_path / "fast.gcode").read_text().count("Written by") == 1
 
 
+@pytest.mark.long
 def test_without_leave_a_program_never_becomes_faster_and_slack_makes_it_slower(tmp_path):
     layer = tmp_path / "corner.gcode"
     layer.write_text("G21\nG90\nG0 X0 Y0 Z0\nG1 X100 F7500\nG1 Y50\nM2\n")

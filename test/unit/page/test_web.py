@@ -163,9 +163,9 @@ def test_actions_need_the_token_on_loopback_too(serve, token_file):
 @pytest.mark.parametrize(
     ("wanted", "words"),
     [
-        ({"address": "0.0.0.0"}, "without a token"),
-        ({"address": "192.168.1.4"}, "without a token"),
-        ({"allow_control": True}, "without a token"),
+        ({"address": "0.0.0.0"}, "it has no token"),
+        ({"address": "192.168.1.4"}, "it has no token"),
+        ({"allow_control": True}, "it has no token"),
         ({"address": "localhost"}, "IP address"),
         ({"token_file": "/nowhere/token"}, "cannot be read .*umask 077"),
     ],

@@ -50,6 +50,7 @@ def test_every_claim_is_counted(found):
     assert page.count("<img ") == 1
 
 
+@pytest.mark.long
 def test_learned_figures_beat_mistaken_ones(found):
     for row in found[0]["learning"]:
         assert abs(row["error_with"][-1]) < abs(row["error_without"][-1])

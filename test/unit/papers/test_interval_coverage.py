@@ -46,6 +46,7 @@ def test_with_exact_sensors_the_figures_are_those_that_are_called_true(plant, re
     assert np.mean([entry.held for entry in by_group["bodies"]]) > 0.9
 
 
+@pytest.mark.long
 def test_a_further_recording_gives_no_disjoint_intervals(plant, bags, result):
     three = identify_everything(bags[:3], plant.given_model(), ("capacitor",), strict=False)
     fewer, more = plant.judged(three), plant.judged(result)
@@ -57,6 +58,7 @@ def test_a_further_recording_gives_no_disjoint_intervals(plant, bags, result):
     assert apart
 
 
+@pytest.mark.long
 def test_cabinet_and_drives_agree_when_the_turns_end(bags, result):
     """Once more, each with the other, the constants stay where they are."""
     steps = {step.subject: step for step in result.steps}

@@ -40,6 +40,7 @@ def quick(tmp_path_factory):
     return folder, json.loads((folder / "figures.json").read_text())
 
 
+@pytest.mark.long
 def test_the_papers_result_comes_out_on_held_out_motions(quick):
     _, data = quick
     assert "virtual rig" in data["label"]
@@ -55,6 +56,7 @@ def test_the_papers_result_comes_out_on_held_out_motions(quick):
     assert {axis["chosen"] for axis in data["friction"]["axes"]} == {"exponential"}
 
 
+@pytest.mark.long
 def test_a_model_of_one_temperature_predicts_one_energy(quick):
     """The motions are the same at every temperature, and so is what it says of them."""
     _, data = quick
@@ -65,6 +67,7 @@ def test_a_model_of_one_temperature_predicts_one_energy(quick):
     assert measured == sorted(measured, reverse=True)
 
 
+@pytest.mark.long
 def test_what_unmodelled_effects_cost_has_the_sign_of_physics(quick):
     _, data = quick
     rows = {row["rig"]: row for row in data["effects"]}
@@ -78,6 +81,7 @@ def test_what_unmodelled_effects_cost_has_the_sign_of_physics(quick):
     assert rows["all effects"]["fixed_20"][-1] - rows["all effects"]["follows"][-1] > 0.4
 
 
+@pytest.mark.long
 def test_drawn_plants_are_judged_by_models_identified_from_them(quick):
     """What beats fixed friction on a plant that stands nowhere near a shipped model."""
     _, data = quick
@@ -89,6 +93,7 @@ def test_drawn_plants_are_judged_by_models_identified_from_them(quick):
     assert spread["losses"]["median"] < 0.4 * spread["fixed_20"]["median"]
 
 
+@pytest.mark.long
 def test_the_identified_model_is_the_tested_one(quick):
     """Replaying a test bag with the model file that was written gives the figure on the page."""
     folder, data = quick
@@ -103,6 +108,7 @@ def test_the_identified_model_is_the_tested_one(quick):
         assert joint.friction.coulomb.value != before.friction.coulomb.value
 
 
+@pytest.mark.long
 def test_what_would_give_the_numbers_of_the_paper(quick):
     folder, data = quick
     tables = data["sensitivity"]
@@ -120,6 +126,7 @@ def test_what_would_give_the_numbers_of_the_paper(quick):
     assert "Each of these alone gives the 2.00 K of the paper" in text
 
 
+@pytest.mark.long
 def test_the_page_holds_all_of_it_and_needs_nothing_else(quick):
     folder, _ = quick
     text = (folder / "report.html").read_text()
@@ -132,10 +139,14 @@ def test_the_page_holds_all_of_it_and_needs_nothing_else(quick):
     ElementTree.parse(folder / "front.svg")
 
 
-def test_the_command_refuses_in_one_sentence(quick, capsys, tmp_path):
+@pytest.mark.long
+def test_the_command_overwrites_nothing(quick, capsys):
     folder, _ = quick
     assert main(["reproduce", "paper-a", "--out", str(folder)]) == 2
     assert "give --overwrite" in capsys.readouterr().err  # all of it is ours
+
+
+def test_the_command_refuses_in_one_sentence(capsys, tmp_path):
     (tmp_path / "file").write_text("")
     assert main(["reproduce", "paper-a", "--out", str(tmp_path / "file")]) == 2
     assert "is not a folder" in capsys.readouterr().err

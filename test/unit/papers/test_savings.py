@@ -51,6 +51,7 @@ def test_the_short_form_writes_figures_and_a_page(found):
     assert page.count("<img ") == 2
 
 
+@pytest.mark.long
 def test_waits_are_judged_alone(tmp_path):
     folder = tmp_path / "out"
     assert main(["reproduce", "savings", "--quick", "--waits", "--out", str(folder)]) == 0
@@ -64,6 +65,7 @@ def test_waits_are_judged_alone(tmp_path):
     assert "--quick --waits" in page
 
 
+@pytest.mark.long
 def test_faster_is_cheaper_with_much_standby_and_a_cold_robot_wants_to_be_slower(found):
     best = {(row["standing"], row["degc"]): row["best"] for row in found[0]["curves"]}
     assert best[1.0, 70.0] > best[1.0, 10.0] > best[0.1, 10.0]

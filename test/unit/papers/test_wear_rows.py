@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from robot_energy.condition.learner import Learning
 from robot_energy.model import load
@@ -60,6 +61,7 @@ def test_temperatures_go_on_from_one_program_to_the_next():
     assert np.abs(degc[4:] - degc[:-4]).max() < 4.0  # a minute
 
 
+@pytest.mark.long
 def test_wear_in_the_plant_raises_the_excess_of_its_axis_alone():
     def excess(wear):
         records = records_of(WearRows(PROFILE, SEED).days(1, wear), PROFILE.n_joints)

@@ -7,7 +7,8 @@ import pytest
 from places import ROOT
 from robot_energy_report.document import Document
 from robot_energy_report.html import page_html
-from robot_energy_report.terms import TERMS, with_hints
+from robot_energy_report.page.saved_page import static_file
+from robot_energy_report.page.terms import TERMS, with_hints
 
 GLOSSARY = (ROOT / "src/doc/glossary.md").read_text(encoding="utf-8")
 ROWS = [
@@ -45,3 +46,11 @@ def test_what_is_no_text_is_left_as_it_is():
     ):  # fmt: skip
         assert with_hints(html) == (html, [])
     assert with_hints("<p><br/>hold</p>")[1] == ["hold"]
+
+
+@pytest.mark.parametrize("path", ["/", "/history"])
+def test_live_pages_list_all_terms_and_have_hints(path):
+    html = static_file(path).content.decode()
+    assert all(f"<dt>{term}</dt><dd>{meaning}</dd>" in html for term, meaning in TERMS.items())
+    assert f'<abbr title="{TERMS["standby" if path == "/history" else "drive loss"]}">' in html
+    assert not re.search(r"<option[^>]*>[^<]*<abbr", html)

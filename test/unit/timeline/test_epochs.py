@@ -92,7 +92,7 @@ def test_of_two_clocks_that_take_turns_one_is_believed(burst):
     assert len(strays) > 0.45 * len(turns)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
     cuts=st.lists(st.integers(0, 200), max_size=20),
@@ -108,7 +108,7 @@ def test_any_cutting_gives_the_same(seed, cuts, reach, share):
     assert sort(EpochSplitter(reach), stamps) == sort(EpochSplitter(reach), stamps, cuts)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 10**6), reach=st.sampled_from(REACHES))
 def test_outliers_that_stand_alone_cost_themselves_only(seed, reach):
     """Up to one in four, at any place but the first three, by any time: no right message lost."""

@@ -58,7 +58,7 @@ def _open_pipe(target: Path) -> BinaryIO:
                 raise
             attempts += 1
             if attempts >= MAX_READER_ATTEMPTS:
-                raise OSError(errno.ENXIO, "nobody reads the pipe", str(target)) from trouble
+                raise OSError(errno.ENXIO, "no program reads the pipe", str(target)) from trouble
             time.sleep(_LOOK_PERIOD)
             continue
         os.set_blocking(number, True)

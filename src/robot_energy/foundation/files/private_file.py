@@ -35,7 +35,7 @@ def require_private(path: str, what: str, remedy: str = "") -> Path:
     if mode & 0o077:
         raise CredentialsError(
             f"the {what} {full} has the permissions {mode:04o}",
-            "0600: nobody but its owner reads it",
+            "0600: only its owner can read it",
             f"chmod 600 {shlex.quote(str(full))}",
         )
     if status.st_uid not in (os.getuid(), 0):

@@ -37,18 +37,18 @@ REFUSED = {  # what was expected instead of messages refused for a reason, and w
     ),
     "repeated_joint": ("each joint name once in a message", "let the driver name each joint once"),
     "not_finite": ("finite positions and velocities", "let the driver leave out what it lacks"),
-    OLDER: ("stamps that rise", "set joint_states.reorder_window, or end one of two publishers"),
+    OLDER: ("stamps that rise", "set joint_states.reorder_window, or stop one of two publishers"),
     "conflicting_stamp": (
         "a stamp of its own for each state",
-        "set joint_states.stamp_source to receive, or end one of two publishers",
+        "set joint_states.stamp_source to receive, or stop one of two publishers",
     ),
     "conflicting_publisher": (
         "one publisher for each joint",
-        "end one of two publishers, or name the topics in joint_states.topics",
+        "stop one of two publishers, or name the topics in joint_states.topics",
     ),
     ZERO_STATE: (
         "states of the robot",
-        "end the publisher of zeros, or name the topics in joint_states.topics",
+        "stop the publisher of zeros, or name the topics in joint_states.topics",
     ),
     "impossible_position": (
         "positions that a motion reaches",

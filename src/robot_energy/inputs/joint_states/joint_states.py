@@ -25,7 +25,7 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
     IMPOSSIBLE_POSITION,
     PublisherConflictFilter,
 )
-from robot_energy.inputs.joint_states.velocities import VelocityCheck
+from robot_energy.inputs.joint_states.velocity_check import VelocityCheck
 from robot_energy.inputs.joint_states.zero_states import ZeroStateFilter
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -184,7 +184,8 @@ class JointStateIngest:
         zero = self.rejections.rejected["zero_stamp"]
         if zero and not self.rejections.accepted:
             sentence = (
-                f"all {zero} joint states were received at time zero: let the clock run"
+                f"all {zero} joint states were received at time zero: start the source of /clock, "
+                "or set use_sim_time to false"
                 if self._receive_time
                 else f"all {zero} joint states have a zero stamp: let the driver set it, "
                 "or set joint_states.stamp_source to receive"
@@ -201,8 +202,8 @@ class JointStateIngest:
             setting = "joint_states: {stamp_source: receive}"
             sentence = (
                 f"{same} joint states have the stamp of the one before and other positions, "
-                f"{same + refused} are refused for it: where stamps are coarse or stand still, "
-                "set joint_states.stamp_source to receive; of two publishers, end one"
+                f"{same + refused} are refused for it: if stamps are coarse or do not change, set "
+                "joint_states.stamp_source to receive; if there are two publishers, stop one"
             )
         elif self.conflicts.last_ns is not None:
             sentence = (

@@ -135,7 +135,7 @@ class Plausibility:
             found += self._beyond.finding(self._beyond_sentence())
         found += self._zeros.finding(
             "all joints have been exactly zero (position and velocity) for "
-            f"{self._zero_for * NANOSECOND:.0f} s: does the driver speak to a robot?"
+            f"{self._zero_for * NANOSECOND:.0f} s: is the driver connected to a robot?"
         )
         if self._astray.first_ns is not None:
             found += self._astray.finding(self._ratio_sentence())
@@ -272,13 +272,13 @@ class Plausibility:
         if ratio == 0:
             return f"{ALWAYS_ZERO.format(name)}: set joint_states.velocity_source to {POSITIONS}"
         if ratio < 0:
-            return f"the velocity of {name} has the opposite sign of what its positions do"
+            return f"the velocity of {name} has the opposite sign of the change of its positions"
         looks = ""
         if abs(ratio / DEGREES - 1) < 0.2:
             looks = ": it looks like degrees per second"
         if abs(ratio * DEGREES - 1) < 0.2:
             looks = ": the positions look like degrees"
-        return f"the velocity of {name} is {ratio:.3g} times what its positions do{looks}"
+        return f"the velocity of {name} is {ratio:.3g} times the change of its positions{looks}"
 
 
 def _crossings(block: JointBlock, before: int) -> Int:

@@ -62,7 +62,7 @@ class ZeroStateFilter:
             return ""
         return (
             f"{self.count} joint states in which all joints are exactly zero come between others, "
-            "as of a second publisher: they are left out; end it, or name the topics in "
+            "as of a second publisher: they are left out; stop it, or name the topics in "
             "joint_states.topics"
         )
 

@@ -63,7 +63,9 @@ class MeterSource:
         "",
     )
     quantity: str = parameter(
-        "What the number is; by_type: what its unit is of.", BY_TYPE, choices=(BY_TYPE, *QUANTITIES)
+        "Quantity of the number; by_type: the quantity that its unit measures.",
+        BY_TYPE,
+        choices=(BY_TYPE, *QUANTITIES),
     )
     unit: str = parameter(
         "Unit of the number.", BY_TYPE, choices=(BY_TYPE, *POWER_UNITS, *ENERGY_UNITS)
@@ -122,7 +124,11 @@ class MeterSource:
         1e18,
     )
     max_power: float = parameter(
-        "Readings that say or imply more, either way, are refused [W].", 1e6, 1.0, 1e6
+        "Highest plausible power, drawn or fed back; readings that state or imply more are refused "
+        "[W].",
+        1e6,
+        1.0,
+        1e6,
     )
 
     def __post_init__(self) -> None:
@@ -151,7 +157,8 @@ class MeterSource:
         wrong = [name for name, given in spoken.items() if given]
         if wrong:
             raise ParameterError(
-                f"{', '.join(wrong)} given for {_name(self.type)}, which says all that by itself",
+                f"{', '.join(wrong)} given for {_name(self.type)}, whose messages state that "
+                "themselves",
                 f"another type, such as {FLOAT64}",
             )
 

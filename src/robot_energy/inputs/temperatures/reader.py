@@ -112,7 +112,7 @@ class TemperatureReader:
         topic, scale = self.source.topic, self.source.scale
         if self._nameless:
             return (
-                f"{topic} says no joint (its frame_id is empty): name the joint under joints of "
+                f"{topic} names no joint (its frame_id is empty): name the joint under joints of "
                 "this source in the parameter file"
             )
         said: list[str] = []

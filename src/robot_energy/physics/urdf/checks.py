@@ -108,9 +108,10 @@ class Inventory:
             lines.append(f"{self.fixed_joints} fixed joint(s): their links move with their parents")
         carried = [name for name in self.massless_links if name not in self.allowed_massless]
         if carried:
-            lines.append(f"no mass of their own: {', '.join(carried)}; the body they sit on has")
+            lines.append(f"links without mass, on a body that has one: {', '.join(carried)}")
         if self.allowed_massless:
-            lines.append(f"move without mass, on purpose: {', '.join(self.allowed_massless)}")
+            allowed = ", ".join(self.allowed_massless)
+            lines.append(f"links that move without mass, as massless_links allows: {allowed}")
         return lines
 
 

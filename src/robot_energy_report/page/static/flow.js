@@ -3,8 +3,11 @@
 import { DASH, drawn, number, percent } from "./format.js";
 
 const NODE_WIDTH = 13;
-const GAP = 15;
+const GAP = 18;
 const TOP = 24;
+const WIDE = [0, 1 / 3, 2 / 3, 1];
+const NARROW = [0, 0.28, 0.57, 1]; // the labels on the right are the longest
+const LETTER = 6.6; // width of one of a label, on average
 const ORDER = ["grid", "capacitor", "bus", "friction", "drives", "motion", "capacitor_in", "grid_back", "brake", "cabinet"];
 
 function kindOf(node) {
@@ -24,8 +27,9 @@ function rankOf(id) {
 }
 
 // Stops of a band: its nodes, and a place of its own in every column between them, so that no
-// band runs behind a node.
-function layout(picture, width, height) {
+// band runs behind a node. Columns stand at these shares of the width; the outer ones leave room
+// for labels of so many letters.
+function layout(picture, width, height, places, letters) {
   const nodes = new Map();
   for (const id of Object.keys(picture.labels)) {
     const into = picture.flows.filter((flow) => flow[1] === id);
@@ -49,6 +53,11 @@ function layout(picture, width, height) {
     stops.push(to);
     return { source, target, units, stops };
   });
+  const room = (number) => {
+    const longest = Math.max(0, ...columns[number].filter((stop) => stop.id).map((stop) => letters(stop)));
+    return longest ? longest * LETTER + 8 : 0;
+  };
+  const [left, right] = [room(0), room(3)];
   const gaps = (column) => column.reduce((total, stop, index) => total + (index ? gapOf(stop) : 0), 0);
   const scale = Math.min(...columns.filter((column) => column.length).map((column) =>
     (height - TOP - 8 - gaps(column)) / column.reduce((total, stop) => total + stop.size, 0)));
@@ -56,7 +65,7 @@ function layout(picture, width, height) {
     let y = TOP;
     column.sort((a, b) => a.rank - b.rank).forEach((stop, index) => {
       if (index) y += gapOf(stop);
-      stop.x = (number / 3) * (width - NODE_WIDTH);
+      stop.x = left + places[number] * (width - left - right - NODE_WIDTH);
       stop.y = stop.left = stop.right = y;
       stop.height = Math.max(1, stop.size * scale);
       y += stop.size * scale;
@@ -119,10 +128,11 @@ export function drawFlow(host, picture, isEnergy) {
   const width = Math.max(300, host.clientWidth);
   const narrow = width < 560;
   const height = narrow ? 470 : 420;
-  const { nodes, bands } = layout(picture, width, height);
   const total = fromGrid(picture);
   const text = (units) => sizeText(units, picture.unit, isEnergy, picture.energy);
   const label = (id) => picture.labels[id];
+  const words = (node) => [label(node.id), `${text(node.size)}${node.column === 1 ? "" : `, ${percent(node.size / total, 0)}`}`];
+  const { nodes, bands } = layout(picture, width, height, narrow ? NARROW : WIDE, (node) => (narrow ? 0 : words(node).join(" ").length));
   const main = [...nodes.values()].filter((node) => node.column === 3).map((node) => `${label(node.id)} ${text(node.into)}`);
   const svg = drawn("svg", {
     viewBox: `0 0 ${width} ${height}`, role: "img", height,
@@ -140,7 +150,7 @@ export function drawFlow(host, picture, isEnergy) {
       class: `node ${kindOf(node.id)}`, x: node.x, y: node.y, width: NODE_WIDTH, height: node.height, rx: 2,
       "data-node": node.id, "data-in": node.into, "data-out": node.out, "data-inner": node.inner,
     }));
-    svg.append(...nodeLabel(node, label(node.id), text(node.size), percent(node.size / total, 0), narrow));
+    svg.append(...nodeLabel(node, ...words(node), narrow));
   }
   host.replaceChildren(svg);
   host.dataset.net = picture.net;
@@ -148,21 +158,23 @@ export function drawFlow(host, picture, isEnergy) {
   return true;
 }
 
-function nodeLabel(node, name, size, share, narrow) {
-  const middle = node.y + node.height / 2;
-  if (node.column === 1) {
-    return [drawn("text", { x: node.x + NODE_WIDTH / 2, y: node.y - 6, "text-anchor": "middle" }, narrow ? name : `${name} ${size}`)];
+// Outside of the picture where it has room, else above the node, where its own bands do not run.
+function nodeLabel(node, name, size, narrow) {
+  const [start, end] = [node.column === 0, node.column === 3];
+  if (narrow || !(start || end)) {
+    const anchor = start ? "start" : end || narrow ? "end" : "middle";
+    const x = node.x + { start: 0, middle: NODE_WIDTH / 2, end: NODE_WIDTH }[anchor];
+    return [drawn("text", { x, y: node.y - 5, "text-anchor": anchor },
+      ...(narrow ? [name] : [`${name} `, drawn("tspan", { class: "soft" }, size)]))];
   }
-  const end = node.column === 3;
-  const x = end ? node.x - 6 : node.x + NODE_WIDTH + 6;
-  const anchor = end ? "end" : "start";
-  if (node.column === 2 && narrow) return [drawn("text", { x: node.x - 4, y: middle + 4, "text-anchor": "end" }, name)];
+  const x = start ? node.x - 6 : node.x + NODE_WIDTH + 6;
+  const anchor = start ? "end" : "start";
+  const middle = node.y + node.height / 2;
   if (node.height >= 30) {
     return [
       drawn("text", { x, y: middle - 2, "text-anchor": anchor }, name),
-      drawn("text", { x, y: middle + 13, "text-anchor": anchor, class: "soft" }, narrow ? size : `${size}, ${share}`),
+      drawn("text", { x, y: middle + 13, "text-anchor": anchor, class: "soft" }, size),
     ];
   }
-  return [drawn("text", { x, y: middle + 4, "text-anchor": anchor },
-    ...(narrow ? [name] : [`${name} `, drawn("tspan", { class: "soft" }, `${size}, ${share}`)]))];
+  return [drawn("text", { x, y: middle + 4, "text-anchor": anchor }, `${name} `, drawn("tspan", { class: "soft" }, size))];
 }

@@ -112,7 +112,7 @@ function showIntervals(robot) {
     n(watts(job.predicted_peak_power)),
   ]));
   setText(byId("intervals-note"), robot.intervals === null ? "The monitor offers no list of job intervals here."
-    : intervals.length ? "" : "None yet: open one at the begin of a job, close it at its end.");
+    : intervals.length ? "" : "None yet: open one at the beginning of a job, close it at its end.");
 }
 
 export function showAlarms(robot) {

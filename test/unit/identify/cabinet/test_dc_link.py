@@ -138,6 +138,7 @@ def test_means_over_seconds_still_say_it_if_the_motion_varies():
     assert low < 120.0 < high
 
 
+@pytest.mark.long
 def test_a_meter_as_slow_as_the_cycle_is_refused_with_the_interval_that_would_do():
     part = solved_by_hand(120.0, [0.4] * 40, [1.0] * 40, interval=2.5)
     noise = np.random.default_rng(0).normal(0.0, 2.0, len(part.meter))

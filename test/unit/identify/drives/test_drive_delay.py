@@ -66,6 +66,7 @@ def test_power_in_time_is_left_as_it_is(runs):
     assert with_delay_undone(data, found.applied) is data
 
 
+@pytest.mark.long
 def test_undoing_a_delay_gives_back_the_quality_of_the_fit(runs):
     def rms(data):
         return fit_drives(data).comparisons[0].scores["losses"].rms
@@ -116,6 +117,7 @@ def test_gaps_are_not_bridged(runs):
     assert np.isfinite(back[994:1096, 1]).all()
 
 
+@pytest.mark.long
 def test_the_command_reports_the_delay_of_a_bag(tmp_path, capsys):
     """Messages of the array are recorded 32 ms after the joint states that they belong to."""
     rig, output = drive_reports.run(1, 20.0)

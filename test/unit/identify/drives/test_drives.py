@@ -248,6 +248,7 @@ def test_a_meter_at_the_dc_bus_gives_a_model_that_predicts_it(rig):
     assert np.sum(predicted) == pytest.approx(np.sum(total.measured), rel=0.02)
 
 
+@pytest.mark.long
 def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys):
     out, plot = tmp_path / "robot.yaml", tmp_path / "maps.png"
     words = ["identify", "drives", *map(str, bags), "--model", "kr16", "--effort", "motor_torque"]

@@ -289,4 +289,4 @@ def test_what_a_recording_hardly_says_is_marked_by_name():
     assert full.poorly_known == ()
     slow = identify_dynamics([recorded(arm(), noise=2.0, memory=0.99)], arm(), QUICK)
     assert "Iyy elbow" in slow.poorly_known
-    assert any("less than the URDF about" in n and "Iyy elbow" in n for n in slow.notes)
+    assert any("less precisely than the URDF" in n and "Iyy elbow" in n for n in slow.notes)

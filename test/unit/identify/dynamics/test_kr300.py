@@ -130,6 +130,7 @@ def cross_errors(recordings, sense=1.0, zero=0.0):
     return np.array(errors)
 
 
+@pytest.mark.long
 def test_the_conventions_of_the_axes_are_those_that_predict_best(recordings):
     """Sense of axes 1 to 5 and zero of axes 2 to 5; axis 6 turns a load that is round about it."""
     as_published = cross_errors(recordings)

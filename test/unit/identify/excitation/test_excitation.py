@@ -226,6 +226,7 @@ def six_axes():
     }
 
 
+@pytest.mark.long
 def test_six_axes(six_axes):
     """58 base parameters; the condition number falls to less than a fifth."""
     for result in six_axes.values():

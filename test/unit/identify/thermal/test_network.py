@@ -82,7 +82,7 @@ def test_what_cannot_say_is_refused_with_what_to_record():
     rng = np.random.default_rng(0)
     noise = rng.normal(scale=4.0, size=(2, len(flat)))  # nothing to do with the heat
     others = [replace(flat, motor_temperature_degc=40.0 + part, start_degc=40.0) for part in noise]
-    with pytest.raises(NotIdentifiableError, match="first reading held"):
+    with pytest.raises(NotIdentifiableError, match="first reading, held"):
         fit_network("axle", others, AIR)
     with pytest.raises(NotIdentifiableError, match="no motor temperature is known"):
         fit_networks(["axle"], [[]])

@@ -271,7 +271,8 @@ def test_velocities_in_degrees_are_recognised_by_limit_and_by_position():
     ingest = JointStateIngest(NAMES)  # no limits at all
     take(ingest, moving(q, fast))
     assert sentences(ingest) == [
-        "the velocity of a is 57.3 times what its positions do: it looks like degrees per second"
+        "the velocity of a is 57.3 times the change of its "
+        "positions: it looks like degrees per second"
     ]
 
 
@@ -279,7 +280,9 @@ def test_velocity_of_the_wrong_sign_is_found():
     q = sway()
     ingest = JointStateIngest(NAMES, limits=limits())
     take(ingest, moving(q, -np.gradient(q, 0.01)))
-    assert sentences(ingest) == ["the velocity of a has the opposite sign of what its positions do"]
+    assert sentences(ingest) == [
+        "the velocity of a has the opposite sign of the change of its positions"
+    ]
 
 
 def test_velocities_that_stay_zero_are_found():

@@ -202,7 +202,7 @@ def disturbed(seed):
     return entries
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=12)
 @given(
     seed=st.integers(0, 2**31),
     cuts=st.lists(st.integers(0, 160), max_size=20),
@@ -241,7 +241,7 @@ def test_any_cutting_gives_the_same_samples(seed, cuts, reorder, whole):
         assert (np.diff(block_a.stamp_ns)[within] > 0).all()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(seed=st.integers(0, 2**31))
 def test_interleaving_of_topics_does_not_matter(seed):
     """Each topic in order, neither ahead by more than a second: the same samples."""

@@ -60,7 +60,7 @@ def test_a_topic_that_says_no_joint_is_named():
     ingest = ingest_of("/ta", "/tb", type=STANDARD)
     ingest.step([standard("/ta", [1.0], [30.0], "a"), standard("/tb", [1.0], [40.0], "")])
     (doubt,) = ingest.doubts
-    assert "/tb says no joint" in doubt
+    assert "/tb names no joint" in doubt
     assert ingest.ignored_joints == set()
     assert ingest.rejections.rejected == {"unknown_joint": 1}
 

@@ -41,8 +41,8 @@ _TERM = re.compile(
 _BY_GROUP = sorted(TERMS, key=len, reverse=True)
 _TAG = re.compile(r"(<[^>]*>)")
 LEFT_AS_THEY_ARE = (
-    *("a", "abbr", "button", "code", "figure", "h1", "h2", "h3", "h4", "pre", "script", "style"),
-    "title",
+    *("a", "abbr", "button", "code", "figure", "h1", "h2", "h3", "h4", "option", "pre", "script"),
+    *("style", "title"),
 )
 
 

@@ -101,7 +101,7 @@ def common_shape(fits: Sequence[FrictionFit]) -> TemperatureShape:
     if len(lent) < MIN_LENDERS:
         raise NotIdentifiableError(
             f"{len(lent)} of {len(fits)} axes show an exponential law over {MIN_LENT_RANGE:g} K",
-            f"at least {MIN_LENDERS}, to lend their temperature shape with its spread",
+            f"at least {MIN_LENDERS}, to give others their temperature shape with its spread",
             "record cold and warm",
         )
     laws = list(lent.values())
@@ -117,7 +117,7 @@ def common_shape(fits: Sequence[FrictionFit]) -> TemperatureShape:
     if spread > MAX_SPREAD:
         raise NotIdentifiableError(
             f"the temperature shapes of {', '.join(lent)} differ by {100 * spread:.0f} %",
-            f"at most {100 * MAX_SPREAD:.0f} %, to lend one",
+            f"at most {100 * MAX_SPREAD:.0f} %, to give others one shape",
         )
     scales = np.array([law.c.value for law in laws])
     ratios = np.array([law.a.value / law.b.value for law in laws])
@@ -206,7 +206,10 @@ def share_shape(
         shape = common_shape([fit for fit in fits if fit.name not in poor])
     except NotIdentifiableError as error:
         return [
-            _said(fit, f"no shape is lent: {error}") if fit.name in poor else fit for fit in fits
+            _said(fit, f"the shape of the others is not taken: {error}")
+            if fit.name in poor
+            else fit
+            for fit in fits
         ]
     return [
         _borrowed(fit, poor[fit.name], shape, source) if fit.name in poor else fit for fit in fits
@@ -225,9 +228,13 @@ def _borrowed(
         fold = folds_of_axis(data)[1]
         error = held_out_law(lambda part: fit_shared(part, shape), data, fold)
     except NotIdentifiableError as problem:
-        return _said(fit, f"no shape is lent: {problem.found}")
+        return _said(fit, f"the shape of the others is not taken: {problem.found}")
     if error.rms > fit.errors[fit.chosen].rms / GAIN:
-        return _said(fit, "no shape is lent: it predicts held-out torque worse than its own law")
+        return _said(
+            fit,
+            "the shape of the others is not taken: it predicts held-out torque worse "
+            "than the axis's own law",
+        )
     return replace(
         fit,
         coulomb=float(found.values[0]),
