@@ -94,6 +94,7 @@ setup(
         "dashboard": DASHBOARD,
         "fleet": FLEET,
         "papers": PAPERS,
+        "studies": [*PAPERS, "mujoco>=3.2,<4"],  # of robot_energy_studies, in the clone
         "all": [*PAPERS, *DASHBOARD, *FLEET, *PRINTING],
         # Not `tests_require`: with it newer setuptools make colcon find no tests.
         "test": ["pytest", "hypothesis"],

@@ -174,3 +174,44 @@ def run_course(folder, course: Course, seed: int, start: int = START) -> tuple[i
     assert store.write(robot.now, newest=True), store.trouble
     store.close()
     return done, robot
+
+
+def record_days(folder, robots, days=90, better_from=60):
+    """Days of robots with parts of 1 kWh and 5 kWh besides, less by a share from a day on.
+
+    Args:
+        robots: Share that each saves, by name.
+
+    Friction of its elbow grows by 2 % in ten days, over model m1, and over m2 from the middle on.
+    """
+    from robot_energy.history.friction import LearnedFriction
+    from robot_energy.history.schema import JOB_COLUMNS
+    from robot_energy.history.store import HistoryStore
+
+    store = HistoryStore(folder)
+    store.open()
+    for place, (name, saving) in enumerate(robots.items()):
+        robot, draw = Robot(), random.Random(place)
+        for day in range(days):
+            parts = draw.randint(2, 20)
+            kwh = 5.0 + parts + draw.gauss(0.0, 0.2)
+            robot.advance(HOUR // 4, round(4000 * kwh * (1 - saving * (day >= better_from))))
+            store.add(name, [robot.read(robot.now)])
+            robot.step_clock(DAY - HOUR // 4)
+            stop = START + day * DAY + HOUR
+            job = dict.fromkeys(JOB_COLUMNS, 0) | {"name": "weld", "start": stop - HOUR}
+            job |= {"stop": stop, "observed_ns": MINUTE}
+            store.add_jobs(
+                name,
+                [
+                    job | {"id": number, "predicted_import_microjoule": round(3.6e12 * kwh / parts)}
+                    for number in range(parts)
+                ],
+            )
+            ratios = {"elbow": 1.0 + 0.002 * day, "wrist": 1.0}
+            model = "m1" if day < days // 2 else "m2"
+            store.add_friction(name, [LearnedFriction(stop, model, ratios)])
+        assert store.write(robot.now), store.trouble
+    for _ in range(days // 7):
+        assert store.write(START + (days + 1) * DAY), store.trouble
+    store.close()

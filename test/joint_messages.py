@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,13 +28,17 @@ def message(
 ) -> bytes:
     """One serialised JointState."""
     arrays = {"position": position, "velocity": velocity, "effort": effort}
-    encoder = Encoder(
-        JOINT_STATE, {"name": tuple(names)}, {key: len(array) for key, array in arrays.items()}
-    )
+    encoder = _encoder(tuple(names), *map(len, arrays.values()))
     columns = stamp_columns(np.array([round(stamp_s * SECOND)])) | {
         key: np.asarray(array, dtype=float).reshape(1, -1) for key, array in arrays.items()
     }
     return encoder.encode(columns, 1)[0].tobytes()
+
+
+@cache
+def _encoder(names: tuple[str, ...], position: int, velocity: int, effort: int) -> Encoder:
+    lengths = {"position": position, "velocity": velocity, "effort": effort}
+    return Encoder(JOINT_STATE, {"name": names}, lengths)
 
 
 def batch(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,13 @@ def serialise(msgtype: str, **fields: Any) -> bytes:
     return bytes(store.serialize_cdr(store.types[msgtype](**fields), msgtype))
 
 
+@cache
+def _encoder(names: tuple[str, ...]) -> Encoder:
+    return Encoder(MOTOR_TEMPERATURES, {"joint_names": names}, {"temperature_degc": len(names)})
+
+
 def motor_temperatures(stamp_ns: int, values: Values, names: Sequence[str]) -> bytes:
-    encoder = Encoder(
-        MOTOR_TEMPERATURES, {"joint_names": tuple(names)}, {"temperature_degc": len(names)}
-    )
+    encoder = _encoder(tuple(names))
     stamp = stamp_columns(np.array([stamp_ns]))
     return encoder.encode({**stamp, "temperature_degc": np.array([values])}, 1)[0].tobytes()
 

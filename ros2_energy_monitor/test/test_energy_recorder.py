@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import threading
 from collections.abc import Callable
 from contextlib import closing
@@ -18,15 +19,16 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from ros2_energy_msgs.msg import EnergyRegisters, JointEnergy
+from rclpy.serialization import serialize_message
+from ros2_energy_msgs.msg import EnergyRegisters, FrictionCondition, JointCondition, JointEnergy
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.api import history, history_events
+from robot_energy.history.api import history, history_events, history_friction
 from robot_energy.history.check import check
 from robot_energy.history.files import open_reader
 from robot_energy.history.store import HistoryStore
-from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.base.publishers import latched, reliable
 from ros2_energy_monitor.nodes import energy_recorder
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
@@ -167,6 +169,7 @@ def test_alarms_and_restarts_are_events(
 ) -> None:
     monkeypatch.setattr(alarm_watch, "LASTING", 0.3)
     monkeypatch.setattr(alarm_watch, "OVER", 0.3)
+    monkeypatch.setattr(energy_recorder, "STATUS_PERIOD", 0.1)
     recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
     publish("/left/energy/registers", registers(60))
     bench.spin_until(lambda: recorder.store.robots == ("left",), "the robot")
@@ -198,10 +201,72 @@ def test_alarms_and_restarts_are_events(
     assert texts["restart"] == "energy_monitor was started again"
 
 
+def test_learned_friction_is_kept_but_for_that_of_a_recording(
+    bench: Any, publish: Any, tmp_path: Any
+) -> None:
+    recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
+    learned = bench.tester.create_publisher(FrictionCondition, "/left/energy/condition", latched(1))
+
+    def learn(day: int, ratio: float) -> None:
+        message = FrictionCondition(model_id="m1")
+        message.header.stamp.sec = 1_700_000_000 + 86_400 * day
+        message.joints = [
+            JointCondition(name="a", multiplier=ratio, valid=True),
+            JointCondition(name="b", multiplier=1.0, valid=False),
+            JointCondition(name="c", multiplier=float("nan"), valid=True),
+        ]
+        learned.publish(message)
+
+    def ratios() -> list[float]:
+        return history_friction(tmp_path, 0, 2**62, "day")["ratio"].tolist()
+
+    publish("/left/energy/registers", registers(60))
+    bench.spin_until(lambda: recorder.store.robots == ("left",), "the robot")
+    learn(0, 1.25)
+    bench.spin_until(lambda: ratios() == [1.25], "what was learned")
+    played = registers(120)
+    played.header.frame_id = "recording"
+    publish("/left/energy/registers", played)
+    robot = recorder._robots["left"]
+    bench.spin_until(lambda: robot.played, "the recording")
+    learn(1, 1.5)
+    bench.spin_until(lambda: robot._condition.received > 1, "what a recording taught")
+    publish("/left/energy/registers", registers(180))
+    bench.spin_until(lambda: not robot._recording, "the robot again")
+    learn(2, 1.75)
+    bench.spin_until(lambda: len(ratios()) == 2, "what was learned later")
+    found = history_friction(tmp_path, 0, 2**62, "day")
+    assert found["ratio"].tolist() == [1.25, 1.75]
+    assert set(found["joint"].tolist()) == {"a"}
+
+
+def test_heads_of_statuses_are_those_of_the_message() -> None:
+    message = DiagnosticArray()
+    message.header.stamp.sec, message.header.frame_id = 12, "abc"
+    message.header.stamp.nanosec = 34
+    for number, text in enumerate(("", "a", "Gr\u00f6\u00dfe", "x" * 300)):
+        values = [KeyValue(key=f"k{one}", value=text) for one in range(number)]
+        message.status.append(
+            DiagnosticStatus(level=bytes([number]), name=f"n{text}: s", message=text,
+                             hardware_id=text[:3], values=values)
+        )  # fmt: skip
+    message.status[2].values.append(KeyValue(key="restarts", value="7"))
+    data = serialize_message(message)
+    stamp_ns, heads = alarm_watch.status_heads(data)
+    assert stamp_ns == 12 * SECOND + 34
+    assert [(one.name, one.level, one.message) for one in heads] == [
+        (one.name, one.level, one.message) for one in message.status
+    ]
+    assert [one.restarts for one in heads] == ["", "", "7", ""]
+    for length in range(len(data) - 3):  # up to three bytes fill the last word
+        with pytest.raises((ValueError, struct.error, IndexError)):
+            alarm_watch.status_heads(data[:length])
+
+
 def test_an_alarm_is_noted_once_it_lasts_and_one_that_comes_again_is_the_same() -> None:
     watch = alarm_watch.AlarmWatch("/left/")
     ok, bad = (
-        [DiagnosticStatus(name="left/energy_monitor: energy", level=level, message="odd")]
+        [alarm_watch.StatusHead("left/energy_monitor: energy", level, "odd")]
         for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
     )
     kinds = []

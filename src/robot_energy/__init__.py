@@ -33,7 +33,13 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
-    from robot_energy.history.api import History, history, history_events, history_jobs
+    from robot_energy.history.api import (
+        History,
+        history,
+        history_events,
+        history_friction,
+        history_jobs,
+    )
     from robot_energy.history.baseline import EnergyBaseline
     from robot_energy.history.savings import EnergySavings, history_savings
     from robot_energy.model import RobotModel
@@ -71,10 +77,12 @@ if TYPE_CHECKING:
     from robot_energy_identify.stats.systematic import SensorLimits
     from robot_energy_plan.api.optimize import OptimizationResult, optimize
     from robot_energy_plan.api.predict import PredictionResult, predict
+    from robot_energy_plan.api.shared_bus import SharedBusResult, shared_bus
     from robot_energy_plan.motion.load_motion import ToolOptions
     from robot_energy_plan.optimization.rest_states import RestState
     from robot_energy_plan.results.optimization import OptimizationReport
     from robot_energy_plan.results.prediction import PredictionReport
+    from robot_energy_plan.results.shared_bus import SharedBusReport
 
 # Public names by their module; `:` where a name is another one there. Those of the companions are
 # found by this table alone: the core imports none of them.
@@ -86,7 +94,9 @@ _NAMES = {
         "NotIdentifiableError", "ParameterError", "PayloadError", "ReportError",
         "RobotDescriptionError", "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
-    "robot_energy.history.api": ("History", "history", "history_events", "history_jobs"),
+    "robot_energy.history.api": (
+        "History", "history", "history_events", "history_friction", "history_jobs",
+    ),
     "robot_energy.history.baseline": ("EnergyBaseline",),
     "robot_energy.history.savings": ("EnergySavings", "history_savings"),
     "robot_energy.model": ("RobotModel", "load_model:load", "save_model:save"),
@@ -114,10 +124,12 @@ _NAMES = {
     "robot_energy_identify.stats.systematic": ("SensorLimits",),
     "robot_energy_plan.api.optimize": ("OptimizationResult", "optimize"),
     "robot_energy_plan.api.predict": ("PredictionResult", "predict"),
+    "robot_energy_plan.api.shared_bus": ("SharedBusResult", "shared_bus"),
     "robot_energy_plan.motion.load_motion": ("ToolOptions",),
     "robot_energy_plan.optimization.rest_states": ("RestState",),
     "robot_energy_plan.results.optimization": ("OptimizationReport",),
     "robot_energy_plan.results.prediction": ("PredictionReport",),
+    "robot_energy_plan.results.shared_bus": ("SharedBusReport",),
 }  # fmt: skip
 _EXPORTS = {
     public: (module, original or public)
@@ -133,11 +145,12 @@ __all__ = [
     "OptimizationReport", "OptimizationResult", "ParameterError", "Payload", "PayloadError",
     "Phase", "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
     "ReplayReport", "ReplayResult", "ReportError", "RestState", "RobotDescriptionError",
-    "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "TimeSeries", "ToolOptions",
-    "UnknownJointError", "advise", "evaluate", "fleet_identify", "fleet_report", "fleet_run",
-    "history", "history_events", "history_jobs", "history_savings", "identify_all",
-    "identify_auxiliary", "identify_cabinet", "identify_dynamics", "identify_friction",
-    "identify_thermal", "load_model", "optimize", "physics", "predict", "replay", "save_model",
+    "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "SharedBusReport",
+    "SharedBusResult", "TimeSeries", "ToolOptions", "UnknownJointError", "advise", "evaluate",
+    "fleet_identify", "fleet_report", "fleet_run", "history", "history_events", "history_friction",
+    "history_jobs", "history_savings", "identify_all", "identify_auxiliary", "identify_cabinet",
+    "identify_dynamics", "identify_friction", "identify_thermal", "load_model", "optimize",
+    "physics", "predict", "replay", "save_model", "shared_bus",
 ]  # fmt: skip
 
 

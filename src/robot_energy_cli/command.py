@@ -49,12 +49,15 @@ class Command:
         Args:
             commands: Sub-commands that it joins, as `ArgumentParser.add_subparsers` returned them.
         """
-        parser: ArgumentParser = commands.add_parser(
+        commands.add_parser(
             self.name,
             help=self.text,
             description=self.description or self.text,
             epilog=self.epilog,
+            options=self._add_options,
         )
+
+    def _add_options(self, parser: ArgumentParser) -> None:
         add_option(parser, "--debug", "show the traceback of an error")
         parser.set_defaults(run=self.run)
         if callable(self.options):
@@ -86,9 +89,11 @@ class Group:
         Args:
             commands: Sub-commands that it joins.
         """
-        parser: ArgumentParser = commands.add_parser(
-            self.name, help=self.text, description=self.description
+        commands.add_parser(
+            self.name, help=self.text, description=self.description, options=self._add_parts
         )
+
+    def _add_parts(self, parser: ArgumentParser) -> None:
         own = parser.add_subparsers(
             title=self.title, metavar=self.metavar, required=self.default is None
         )

@@ -27,6 +27,7 @@ from robot_energy_cli import (
     predict,
     replay,
     report,
+    shared_bus,
     simulate,
     test,
 )
@@ -55,6 +56,6 @@ FLEET = Group(
 COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
     test.COMMAND, IDENTIFY, FLEET, history.COMMAND, predict.COMMAND, optimize.COMMAND,
-    advise.COMMAND, models.LIST, models.MODEL, listings.KINDS, info.COMMAND, simulate.COMMAND,
-    listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
+    simulate.COMMAND, listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
 )  # fmt: skip

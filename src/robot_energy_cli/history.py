@@ -148,6 +148,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             ]
             page.rows("Jobs that ended", columns, ended)
     if args.start:
+        _friction(args, page, asked, names)
         known = list(_rows(history_events(*asked, names, args.timezone)))
         if known:
             columns = [
@@ -168,6 +169,28 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
     if found.currency and unpriced:
         page.note(f"{unpriced / KWH:.4f} kWh have no cost: when they were used is not known, or no "
                   "tariff holds")  # fmt: skip
+
+
+def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
+    """Add what was learned of the friction of each joint, by month."""
+    from robot_energy.history.api import history_friction
+    from robot_energy_report.document import Column
+    from robot_energy_report.formats import fixed
+
+    found = list(_rows(history_friction(*asked, "month", names, args.timezone)))
+    zone = ZoneInfo(args.timezone)
+    if not found:
+        return
+    columns = [
+        Column(
+            "month", lambda row: f"{datetime.fromtimestamp(row['stamp_ns'] // 10**9, zone):%Y-%m}"
+        ),
+        *(Column(name, itemgetter(name)) for name in ("robot", "joint")),
+        Column("over the model file", itemgetter("ratio"), fixed(3)),
+        Column("days", itemgetter("days")),
+        Column("model file", lambda row: row["model_id"][:8]),
+    ]
+    page.rows("Learned friction", columns, found)
 
 
 def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:

@@ -81,7 +81,7 @@ def _run(args: Namespace) -> int:
     model = None
     if args.log:
         from robot_energy_identify.friction.friction import fit_axes
-        from robot_energy_identify.friction.shape import share_shape
+        from robot_energy_identify.friction.shared_shape import share_shape
         from robot_energy_identify.plausibility import check_friction
 
         axes = _log(given)

@@ -11,6 +11,7 @@ from argparse import (
     ArgumentError,
     ArgumentParser,
     Namespace,
+    _SubParsersAction,
 )
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
@@ -53,11 +54,28 @@ class Parser(ArgumentParser):
 
     Wrong words, such as names of files, are quoted without what acts on a terminal.
     Sub-commands have this class too, and with it the same form of help.
+
+    Args:
+        options: Adds the options, once they are needed: a command needs those of no other.
     """
 
-    def __init__(self, **words: Any) -> None:
+    def __init__(
+        self, options: Callable[[ArgumentParser], None] | None = None, **words: Any
+    ) -> None:
         words.setdefault("formatter_class", WrappedHelp)
         super().__init__(**words)
+        self._options = options
+
+    def complete(self) -> None:
+        """Add the options that are still missing."""
+        options, self._options = self._options, None
+        if options is not None:
+            options(self)
+
+    def format_help(self) -> str:
+        """Return the help, with all options."""
+        self.complete()
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and where the help is, and exit."""
@@ -76,6 +94,7 @@ class Parser(ArgumentParser):
         Returns:
             The values, and no words that are left.
         """
+        self.complete()
         words = list(sys.argv[1:] if args is None else args)
         for word in words:
             if word == "--" or (self._subparsers is not None and not word.startswith("-")):
@@ -123,7 +142,20 @@ class _Version(Action):
 
 
 def build_parser() -> ArgumentParser:
-    """Return the parser of the command and all sub-commands."""
+    """Return the parser of the command and all sub-commands, with all options."""
+    parser = _parser()
+    waiting = [parser]
+    while waiting:
+        one = waiting.pop()
+        one.complete()
+        for action in one._actions:  # argparse has no other way to them
+            if isinstance(action, _SubParsersAction):
+                waiting += action.choices.values()
+    return parser
+
+
+def _parser() -> Parser:
+    """Return the same; a sub-command has its options once it is asked for."""
     parser = Parser(
         prog="robot-energy",
         description="Compute where each watt of a robot goes, from recorded bags, and compare the "
@@ -144,7 +176,7 @@ def build_parser() -> ArgumentParser:
 def _run_help(args: Namespace) -> int:
     """Show the help of a command, or of the whole."""
     try:
-        build_parser().parse_args([*getattr(args, "words", ()), "--help"])
+        _parser().parse_args([*getattr(args, "words", ()), "--help"])
     except SystemExit as exit_:
         return exit_.code if isinstance(exit_.code, int) else REFUSED
     return DONE
@@ -177,7 +209,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # names may hold any letter
     try:
         load_kinds()
-        args = build_parser().parse_args(argv)
+        args = _parser().parse_args(argv)
     except KindError as error:
         return _fail(str(error), REFUSED)
     except SystemExit as exit_:  # --help, --version, or a wrong argument

@@ -41,6 +41,8 @@ OPTIONS = {
         "time are shifted so that the peak is least; repeat the option for several robots",
         SEVERAL,
     ),
+    "--one-bus": "the robots of --level share one DC bus: starts are shifted so that least "
+    "energy is needed, as one accelerates while another brakes",
     "--any-order": "the configurations of point-to-point moves are independent: their order may "
     "change",
     "--place X,Y,Z": "the workpiece may be shifted by up to this to either side, in the base "
@@ -89,6 +91,7 @@ def _run(args: Namespace) -> int:
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
             level=args.level,
+            one_bus=args.one_bus,
             any_order=args.any_order,
             time_law=args.time_law,
             place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),

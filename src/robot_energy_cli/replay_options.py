@@ -149,13 +149,26 @@ def add_replay(
         )
     if either and compare:
         add_option(either, "--compare DEGC", compare, nargs="?", const=AT_FALLBACK, type=degc)
+    settings = add_reading(parser)
+    if period:
+        add_option(settings, "--power-period S", period, **POSITIVE)
+
+
+def add_reading(parser: ArgumentParser) -> Any:
+    """Add how bags are read, without their robot.
+
+    Args:
+        parser: Of a command that replays bags.
+
+    Returns:
+        The group of the settings.
+    """
     topics = parser.add_argument_group("topics")
     settings = parser.add_argument_group("settings, seldom needed")
     parts = parser.add_argument_group("part of the bag")
     for part, options in ((topics, TOPICS), (parts, PART), (settings, SETTINGS)):
         add_options(part, options)
-    if period:
-        add_option(settings, "--power-period S", period, **POSITIVE)
+    return settings
 
 
 def options_of(args: Namespace) -> dict[str, Any]:

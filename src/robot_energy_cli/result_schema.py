@@ -39,6 +39,7 @@ from robot_energy_identify.results.identification import (
 )
 from robot_energy_plan.results.optimization import OptimizationReport
 from robot_energy_plan.results.prediction import PredictionsReport
+from robot_energy_plan.results.shared_bus import SharedBusReport
 
 RESULTS: dict[str, type[Result]] = {
     kind.NAME: kind
@@ -46,6 +47,7 @@ RESULTS: dict[str, type[Result]] = {
         ReplayReport,
         PredictionsReport,
         OptimizationReport,
+        SharedBusReport,
         AdviceReport,
         FrictionReport,
         FrictionStudyReport,

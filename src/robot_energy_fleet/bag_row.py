@@ -15,6 +15,7 @@ from typing import Any
 from robot_energy import __version__
 from robot_energy.accounting.totals import Totals
 from robot_energy.bag.metadata import FILE_NAME
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
@@ -34,7 +35,6 @@ from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
-from robot_energy_identify.stats.regression import one_thread
 
 Row = dict[str, Any]
 

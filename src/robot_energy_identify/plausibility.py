@@ -17,7 +17,8 @@ from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.timeline.blocks import EffortMeaning, Float, TorqueBlock
 from robot_energy_identify.cabinet.cabinet import CabinetFit
-from robot_energy_identify.data.recordings import Recording, still_joints
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.rest import still_joints
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.drives import DrivesFit
 from robot_energy_identify.drives.total_sums import Sums

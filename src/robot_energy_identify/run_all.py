@@ -30,6 +30,7 @@ from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.cabinet.cabinet import fit_cabinet
 from robot_energy_identify.cabinet.dc_link import Voltages
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
+from robot_energy_identify.data.recordings import spread
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.drives.delays import meter_lags, with_response
 from robot_energy_identify.drives.drive_data import DriveData, drive_data
@@ -164,7 +165,8 @@ def _meter_lags(bags: Sequence[Bag], model: RobotModel) -> tuple[Delay | None, D
 
     def read(constant: float) -> DriveData:
         undone = [replace(bag, meter_time_constant=constant) for bag in bags]
-        return drive_data(*powers_of(undone, model), measured_torque=False)
+        recordings, powers = powers_of(undone, model)
+        return drive_data(spread(recordings), powers, measured_torque=False)
 
     return meter_lags(read)
 

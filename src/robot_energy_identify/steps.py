@@ -24,7 +24,7 @@ from robot_energy_identify.cabinet.cabinet import (
     with_cabinet,
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy_identify.data.bags import Bag, powers_of, read_all
+from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import Recording, channels_of
 from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
 from robot_energy_identify.drives.drive_data import drive_data
@@ -34,7 +34,7 @@ from robot_energy_identify.dynamics.validation import TorqueError
 from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
 from robot_energy_identify.friction.samples import friction_data
-from robot_energy_identify.friction.shape import share_shape
+from robot_energy_identify.friction.shared_shape import share_shape
 from robot_energy_identify.plausibility import (
     check_cabinet,
     check_drives,
@@ -58,7 +58,6 @@ Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "the
 SUBJECTS: tuple[Subject, ...] = (
     "dynamics", "friction", "cabinet", "drives", "capacitor", "thermal",
 )  # fmt: skip
-MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more adds little, and memory grows with it
 
 
 @dataclass(frozen=True)
@@ -252,14 +251,16 @@ def _warm(recordings: Sequence[Recording]) -> bool:
 def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     """Bodies are taken if they predict torque better than those of the model."""
     recordings = _measured(bags, model)
-    spans = [part.span_ns for part in recordings]
-    total = sum(end - start for start, end in spans) * 1e-9
-    seconds = MAX_MOTION_TIME / len(recordings) if total > MAX_MOTION_TIME else np.inf
+    seconds = motion_time(recordings)
     check_signs(recordings, bags[0].effort)
-    level, notes = _at_one_temperature(recordings)
-    result = identify_dynamics(
-        channels_of(level, seconds), model, DynamicsSettings(sensors=bags[0].sensors)
-    )
+    starts = [
+        part
+        for bag in bags
+        if bag.effort is not EffortMeaning.NONE
+        for part in bag.starts(model, seconds)
+    ]
+    level, notes = _at_one_temperature(recordings, starts)
+    result = identify_dynamics(channels_of(level), model, DynamicsSettings(sensors=bags[0].sensors))
     found = DynamicsFound(
         result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
     )
@@ -279,9 +280,9 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
 
 
 def _at_one_temperature(
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording], starts: Sequence[Recording]
 ) -> tuple[list[Recording], tuple[str, ...]]:
-    """Measured torque as if every motor always had its median temperature.
+    """Measured torque of the starts as if every motor always had its median temperature.
 
     The dynamics know one viscous friction fv per joint. Where friction follows the temperature
     T, ``(fv(T) - fv(T_median)) w`` is taken off, by laws fitted with the bodies as given. Their
@@ -291,26 +292,27 @@ def _at_one_temperature(
     try:
         fits, _ = fit_axes(axes)
     except NotIdentifiableError:
-        return list(recordings), ()
+        return list(starts), ()
     warm = {
         fit.name: viscous_law(fit.law)
         for fit in fits
         if FRICTION_LAWS[fit.chosen].follows_temperature
     }
     if not warm:
-        return list(recordings), ()
-    torques = [part.torque.motor_torque_measured.copy() for part in recordings]
+        return list(starts), ()
+    torques = [part.torque.motor_torque_measured.copy() for part in starts]
     for joint, name in enumerate(recordings[0].model.joint_names):
         if name not in warm:
             continue
         degc = [part.power.motor_temperature_degc[:, joint] for part in recordings]
         usual = float(warm[name].viscous(float(np.nanmedian(np.concatenate(degc)))))
-        for part, torque, own in zip(recordings, torques, degc, strict=True):
+        for part, torque in zip(starts, torques, strict=True):
+            own = part.power.motor_temperature_degc[:, joint]
             known = np.where(np.isfinite(own), warm[name].viscous(own), usual)
             torque[:, joint] -= (known - usual) * part.torque.motor_velocity[:, joint]
     level = [
         replace(part, torque=replace(part.torque, motor_torque_measured=torque))
-        for part, torque in zip(recordings, torques, strict=True)
+        for part, torque in zip(starts, torques, strict=True)
     ]
     return level, (
         f"the effect of temperature on the friction of {', '.join(warm)} was removed first, so the "
@@ -396,7 +398,7 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
         for part in recordings
     )
     data = drive_data(recordings, powers, measured)
-    found = find_drives(data, model, source)
+    found = find_drives(data, model, source, in_time=True)
     reason = ""
     if found.drives is not None:
         check_drives(data, found.drives)

@@ -164,7 +164,7 @@ class FigureLine:
     """One curve over time.
 
     Attributes:
-        time: Shape (N,). [s]
+        time: Shape (N,) [s], or what else the figure is drawn over. [m]
         values: Shape (N,), in the unit of the figure.
         width: Width of the line; a wide one below a thin one shows where they part. [pt]
     """
@@ -196,6 +196,7 @@ def over_time(
     columns: int = 2,
     limits: tuple[float, float] | None = None,
     cut: bool = False,
+    along: str = "time [s]",
 ) -> None:
     """Draw curves over time in panels.
 
@@ -204,11 +205,12 @@ def over_time(
         columns: Panels side by side.
         limits: Limits of the vertical axes, in the unit of the values [-]; None fits the curves.
         cut: Whether the highest peaks may lie outside.
+        along: Over what they are drawn.
 
     Raises:
         ReportError: If the file cannot be written.
     """
-    labels = ("time [s]", unit)
+    labels = (along, unit)
     with panels(path, [*curves], (0.0, 2.5), (WIDE, 0.5), labels, columns, title) as (figure, grid):
         for panel, lines in zip(grid, curves.values(), strict=True):
             for line in lines:

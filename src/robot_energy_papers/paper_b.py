@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from robot_energy.model import RobotModel, load
+from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
 from robot_energy_papers.drive_study import DriveTest, StudiedDrives, identify_drives, tested
@@ -104,6 +107,8 @@ class MachineResult:
         layer: One layer at the bottom, predicted by the shipped model.
         rig: The same layer on the virtual rig.
         heights: One layer at each of the heights of the scale, predicted.
+        joint_ranges: Least and greatest joint positions in each of these layers, shape (2, n).
+            [rad] or [m]
         wall: The whole wall: all its layers, or those at several heights as their mean.
     """
 
@@ -111,6 +116,7 @@ class MachineResult:
     curve: Curve
     rig: Energies
     heights: tuple[Energies, ...]
+    joint_ranges: tuple[Float, ...]
     wall: Energies
 
     @property
@@ -267,14 +273,19 @@ def _machine(key: str, scale: PaperBStudySize, seed: int) -> MachineResult:
     model = load(machine.model)
     bottom, curve = predicted(model, layer(key))
     rig, _ = played(machine, layer(key), seed)
-    heights = (bottom,) * len(scale.heights)
+    layers = [(bottom, curve)] * len(scale.heights)
     if scale.layers or key == ARM:  # heights matter to the arm only (full form)
-        heights = tuple(
-            predicted(model, wall_motion(machine, height=height).blocks())[0] if height else bottom
+        layers = [
+            predicted(model, wall_motion(machine, height=height).blocks())
+            if height
+            else (bottom, curve)
             for height in scale.heights
-        )
+        ]
+    heights = tuple(energies for energies, _ in layers)
+    positions = [of_layer.joint_position for _, of_layer in layers]
+    ranges = tuple(np.stack([one.min(axis=0), one.max(axis=0)]) for one in positions)
     if scale.layers:
         wall, _ = predicted(model, wall_motion(machine, scale.layers).blocks())
     else:
         wall = sum(heights[1:], heights[0])
-    return MachineResult(bottom, curve, rig, heights, wall)
+    return MachineResult(bottom, curve, rig, heights, ranges, wall)

@@ -1,20 +1,17 @@
-"""The studies of paper B as JSON, what their templates name, and the front picture."""
+"""What the templates of paper B name, and the front picture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drives import Way
-from robot_energy_papers.accuracy import DEFINITIONS, Accuracy
+from robot_energy_papers.accuracy import DEFINITIONS
 from robot_energy_papers.drawings import (
     GREY,
     FigureLine,
@@ -24,7 +21,7 @@ from robot_energy_papers.drawings import (
     stacked,
 )
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
-from robot_energy_papers.machines import ARM, MACHINES, PARTS, Energies
+from robot_energy_papers.machines import ARM, MACHINES, PARTS
 from robot_energy_papers.pages import Piece, hundred
 from robot_energy_papers.paper_b import (
     BOTH,
@@ -33,12 +30,13 @@ from robot_energy_papers.paper_b import (
     WALL,
     WALL_HELD,
     PaperB,
-    Trained,
 )
+from robot_energy_papers.paper_b_figures import distributions, figures, moving
 from robot_energy_report.canvas import COLOURS, SERIES
 from robot_energy_report.drives import efficiency_maps
 from robot_energy_report.formats import NOTHING
 
+__all__ = ["context", "figures", "front_picture", "pieces"]
 PAPER_JOINTS, PAPER_TOTAL = (0.868, 0.855, 0.935), 0.837  # accuracies, paper B
 RIG = "virtual rig, Printing Mantis class"
 MEASURED, OURS, OTHER = COLOURS["measured"], COLOURS["predicted"], COLOURS["fixed"]
@@ -54,9 +52,7 @@ SHOWN: dict[Way, str] = {
 }
 DRAWN: dict[Way, str] = {"none": GREY, "written": OTHER, "losses": OURS}
 SMOOTH = 0.2  # s, of powers and efficiencies over time
-MIN_SHAFT_SHARE = 0.01  # of the shafts' energy; below it a drive has no accuracy of its own
 POINTS = 500  # of the path of the tool
-QUARTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 MIN_POWER = 0.5  # W, below which an efficiency is not drawn
 MACHINE_POWERS = {
     "net": "mechanical, net over the joints",
@@ -118,26 +114,6 @@ def context(result: PaperB) -> dict[str, Any]:
         "energy_parts": PARTS,
         "relative": {stage: result.relative(stage) for stage in ("wall", "layer", "rig")},
         "wall_name": _wall_name(result),
-    }
-
-
-def distributions(plants: Mapping[int, DriveTest]) -> dict[Way, dict[str, list[float]]]:
-    """Return least value, quartiles and greatest value over plants, by way.
-
-    Args:
-        plants: By seed.
-
-    Returns:
-        Of ``accuracy`` [-] and ``rms`` [W].
-    """
-    return {
-        way: {
-            key: np.quantile(
-                [getattr(test.ways[way], key) for test in plants.values()], QUARTILES
-            ).tolist()
-            for key in ("accuracy", "rms")
-        }
-        for way in WAY_NAMES
     }
 
 
@@ -265,7 +241,27 @@ def _machine_figures(result: PaperB) -> dict[str, Piece]:
             powers, "power [W]", path, "models", columns=1, cut=True
         ),
         "positions": lambda path: over_time(positions, "from start [rad, m]", path),
+        "heights": lambda path: over_time(
+            _over_height(result), "[rad]", path, "model of the arm", along="height of the layer [m]"
+        ),
     }  # fmt: skip
+
+
+def _over_height(result: PaperB) -> dict[str, list[FigureLine]]:
+    """Configuration of the arm at the heights of the scale."""
+    ranges = np.stack(result.machines[ARM].joint_ranges)  # (heights, 2, joints)
+    middle, height = ranges.mean(axis=1), np.array(result.scale.heights)
+    joints = [f"joint {joint + 1}" for joint in range(ranges.shape[2])]
+    return {
+        name: [
+            FigureLine(joint, height, column, colour)
+            for joint, column, colour in zip(joints, values.T, SERIES, strict=False)
+        ]
+        for name, values in (
+            ("middle of the joint's range in a layer, from the bottom", middle - middle[0]),
+            ("way of the joint within a layer", np.ptp(ranges, axis=1)),
+        )
+    }
 
 
 def _tool_path(result: PaperB) -> list[FigureLine]:
@@ -290,7 +286,7 @@ def _efficiency(test: DriveTest) -> Float:
     """Measured efficiency of each drive and of all, smoothed, shape (N, n + 1). [-]"""
     shaft = _smoothed(_with_sum(test.shaft), test.time)
     given = _smoothed(_with_sum(test.measured), test.time)
-    drawn = (given > MIN_POWER) & np.append(_moving(test), True)
+    drawn = (given > MIN_POWER) & np.append(moving(test), True)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(drawn, shaft / given, np.nan)
 
@@ -301,94 +297,3 @@ def _smoothed(values: Float, time: Float) -> Float:
     weight = np.convolve(np.ones(len(values)), window, mode="same")
     columns = [np.convolve(column, window, mode="same") / weight for column in values.T]
     return np.stack(columns, axis=1)
-
-
-def figures(result: PaperB) -> dict[str, Any]:
-    """Return everything that was found, JSON-ready. Units: J, W, s, shares of 1."""
-    return {
-        "about": "virtual rig and models of machine classes: nothing was measured on a robot",
-        "seed": result.seed,
-        "quick": result.quick,
-        "layers_simulated": result.scale.layers,
-        "heights": list(result.scale.heights),
-        "weighted_fit_on_validation": {
-            name: _accuracy(found) for name, found in result.weighted.items()
-        },
-        "trained": {name: _trained(found) for name, found in result.trained.items()},
-        "plants": {
-            run: {str(seed): _test(test) for seed, test in plants.items()}
-            for run, plants in result.plants.items()
-        },
-        "distributions": {run: distributions(found) for run, found in result.plants.items()},
-        "machines": {
-            key: {
-                "layer": _energies(found.layer),
-                "wall": _energies(found.wall),
-                "rig_layer": _energies(found.rig),
-                "electrical_at_heights": found.at_heights,
-                "paper_relative_to_arm": MACHINES[key].paper,
-            }
-            for key, found in result.machines.items()
-        },
-        "sensitivity": json_value({"gantry_over_arm": result.gantry, "map_accuracy": result.maps}),
-        "relative_to_arm": {stage: result.relative(stage) for stage in ("layer", "wall", "rig")},
-    }
-
-
-def _moving(test: DriveTest) -> NDArray[np.bool_]:
-    """Which drives move enough in a run for an accuracy of their own, shape (n,)."""
-    shaft = np.abs(test.joint_efficiency * test.energy)
-    return np.asarray(shaft > MIN_SHAFT_SHARE * shaft.sum())
-
-
-def _trained(found: Trained) -> dict[str, Any]:
-    return {
-        "mechanical": {
-            run: {name: _accuracy(value) for name, value in test.accuracy.items()}
-            for run, test in found.mechanical.items()
-        },
-        "drives": {run: _test(test) for run, test in found.tests.items()},
-    }
-
-
-def _test(test: DriveTest) -> dict[str, Any]:
-    return {
-        "measured_energy": float(test.energy.sum()),
-        "joint_energy": test.energy.tolist(),
-        "efficiency": test.efficiency,
-        "joint_efficiency": test.joint_efficiency.tolist(),
-        "outside_of_map": test.outside,
-        "ways": {
-            way: {
-                "accuracy": found.accuracy,
-                "joint_accuracy": [
-                    value if known else None
-                    for value, known in zip(found.joint.tolist(), _moving(test), strict=True)
-                ],
-                "rms": found.rms,
-                "energy": float(found.energy.sum()),
-            }
-            for way, found in test.ways.items()
-        },
-    }
-
-
-def _accuracy(found: Accuracy) -> dict[str, Any]:
-    return {
-        "joint": found.joint.tolist(),
-        "total_of_sums": found.total,
-        "summed_power": found.summed,
-        "mean_of_joints": found.mean,
-    }
-
-
-def _energies(found: Energies) -> dict[str, Any]:
-    return {
-        "duration": found.duration,
-        **found.figures,
-        "net": found.net.tolist(),
-        "positive": found.positive.tolist(),
-        "electrical": found.electrical.tolist(),
-        "parts": found.parts,
-        "cabinet": found.cabinet,
-    }

@@ -24,6 +24,7 @@ from robot_energy.model.payload import Payload, several_carried
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.limit_utilisation import LimitUse
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.pipeline.work_sums import WorkSums
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
 from robot_energy_plan.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
 from robot_energy_plan.motion.ptp import Trajectory
@@ -46,6 +47,7 @@ class Prediction:
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
         pipeline: After its last step.
+        work: Path of the tool and work on the bodies.
         notes: What a reader should know, one sentence each.
         payload: What was given: instead of what the model has on the same link, and besides what
             it has on others.
@@ -60,6 +62,7 @@ class Prediction:
     repeat: int
     pipeline: EnergyPipeline
     limits: LimitUse
+    work: WorkSums
     means: MeanBlock | None = None
     notes: list[str] = field(default_factory=list[str])
     payload: tuple[Payload, ...] = ()
@@ -138,12 +141,14 @@ def predict(
         repeat=repeat,
         pipeline=pipeline,
         limits=LimitUse(model, pipeline.torque.robot.limits, START_NS),
+        work=WorkSums(pipeline.torque.robot),
         notes=[*notes, *_besides(model, payload)],
         payload=tuple(payload),
     )
     means: list[MeanBlock] = []
 
     def take(output: Output) -> None:
+        result.work.take(output)
         if output.torque is not None:
             result.limits.motion(output.torque)
         if output.power is not None:

@@ -181,6 +181,23 @@ class EnergySections:
             shown[:MAX_CONTRIBUTIONS],
         )
 
+    def normalised(self) -> None:
+        """Add what the energy comes to for each metre of the tool, and for each part."""
+        found = self._report.normalised
+        texts = [f"{percent(found.body_work_share)} is work that lifts and accelerates the bodies"]
+        if found.energy_per_metre is not None and found.tool_path is not None:
+            texts.insert(
+                0,
+                f"{energy_text(found.energy_per_metre)} for each metre of the tool's "
+                f"{found.tool_path:.3g} m",
+            )
+        texts += [
+            f"{energy_text(one.energy)} for each of {one.count} {one.name}"
+            for one in found.parts
+            if one.count > 1
+        ]
+        self._page.paragraph(f"Energy from the grid: {'; '.join(texts)}")
+
     def joints(self) -> None:
         """Add where the energy of each joint goes."""
         scale = self._scale

@@ -31,7 +31,7 @@ from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.saved_page import inline_parts
-from robot_energy_report.terms import TERMS, with_hints
+from robot_energy_report.page.terms import TERMS, with_hints
 
 NUMBER = ' class="n"'
 PROSE = 24  # characters from which a cell is read as a sentence

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy_plan.results.optimization import CommonSupply, MeasureResult, OptimizationReport
+from robot_energy_plan.results.common_supply import CommonSupply
+from robot_energy_plan.results.optimization import MeasureResult, OptimizationReport
 from robot_energy_report.canvas import SERIES, Axes, Target, canvas, named_ticks
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
@@ -17,6 +18,7 @@ from robot_energy_report.formats import (
     percent,
     tags_text,
 )
+from robot_energy_report.shared_bus import bus_verdict
 
 
 def optimization_document(report: OptimizationReport, page: Document) -> None:
@@ -155,7 +157,8 @@ def _temperatures(page: Document, report: OptimizationReport, scale: EnergyForma
 
 def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) -> None:
     page.rows(
-        "Robots on one supply: starts with the least peak",
+        "Robots on one supply: starts with the least "
+        + ("peak" if report.shared_bus is None else "energy"),
         [Column("program", "program"), Column("start", "start", fixed(2), "s")],
         report.starts,
     )
@@ -165,6 +168,8 @@ def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) ->
         f"{watt(supply.peak_power)} W with these, mean {watt(supply.mean_power)} W; means over "
         "20 ms"
     )
+    if report.shared_bus is not None:
+        page.paragraph(bus_verdict(report.shared_bus), "strong")
 
 
 def _front(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:

@@ -147,6 +147,7 @@ def _run(page: Document, run: PredictionReport) -> None:
     sections = EnergySections(page, run)
     sections.energy("Where the energy goes, predicted")
     auxiliary_section(page, run.auxiliary)
+    sections.normalised()
     sections.certainty()
     sections.joints()
     sections.phases()

@@ -178,6 +178,7 @@ def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> Non
             f"  mean {mean:.1f} W, peak {peak:.1f} W from the grid; balance: grid minus "
             f"the sum of its parts = {energy.balance_residual * 1e6:.0f} uJ"
         )
+    sections.normalised()
     page.paragraph()
     auxiliary_section(page, report.auxiliary)
 

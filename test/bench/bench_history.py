@@ -22,12 +22,14 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from histories import DAY, HOUR, MINUTE, START, Robot
-from robot_energy.history.api import history
+from robot_energy.history.api import history, history_jobs
 from robot_energy.history.files import open_reader
 from robot_energy.history.readings import COLUMNS
 from robot_energy.history.rollup import Rolled, curve_id
+from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
+from robot_energy_report.page.history_savings import savings_answer, savings_wish
 from robot_energy_report.page.history_view import HistoryView
 
 IMPORT = "predicted_import_microjoule"
@@ -35,6 +37,7 @@ REPEATS = 5
 IMPORT_COLUMN = COLUMNS.index(IMPORT)
 QUARTER = 15 * MINUTE
 YEAR = 365
+SUMS = len(JOB_SUMS)
 TARIFF = Tariff.model_validate(
     {
         "begin": "2025-01-01", "timezone": "Europe/Berlin", "price_per_kwh": 0.31,
@@ -78,6 +81,16 @@ def fill_year(folder: Path, robots: int) -> None:
                 )
                 connection.executemany(
                     f"INSERT INTO slot{length // MINUTE} VALUES ({', '.join('?' * count)})", rows
+                )
+            for length, jobs in ((HOUR, 8), (DAY, 8 * 24)):
+                rows = (
+                    (robot, START + place * length, f"part {name}", jobs, *[jobs * 10**9] * SUMS)
+                    for place in range(YEAR * DAY // length)
+                    for name in ((place % 3,) if length == HOUR else range(3))
+                )
+                connection.executemany(
+                    f"INSERT INTO job{length // MINUTE} VALUES ({', '.join('?' * (4 + SUMS))})",
+                    rows,
                 )
             quarters = hours[:, IMPORT_COLUMN].repeat(4).reshape(YEAR, 96) // 4
             curves = np.stack([quarters, quarters // 3], axis=2)
@@ -169,14 +182,29 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, boo
     }
     page, noon = HistoryView(folder / "year"), START + (YEAR - 1) * DAY + 12 * HOUR
 
-    def of_page(period: str, names: tuple[str, ...] = ()) -> float:
-        wish = page.wish({"period": [period], "robot": names}, noon)
+    def of_page(period: str, names: tuple[str, ...] = (), by: str = "robot") -> float:
+        wish = page.wish({"period": [period], "robot": names, "by": [by]}, noon)
         return median(lambda: page.answer(wish, noon), time.process_time)
+
+    def of_savings(names: tuple[str, ...] = ()) -> float:
+        asked = {"period": ["month"], "robot": names, "driver": ["parts"],
+                 "baseline_start": ["2026-10-01"], "baseline_stop": ["2026-12-01"]}  # fmt: skip
+        wish = page.wish(asked, noon)
+        days = savings_wish(asked, wish.period, noon)
+        answer = lambda: savings_answer(folder / "year", names, wish.period, days)  # noqa: E731
+        return median(answer, time.process_time)
 
     priced |= {
         "page: a day of one robot": (of_page("day", ("r001",)), 0.05),
         f"page: a month of {robots} robots": (of_page("month"), 0.5),
         f"page: a year of {robots} robots": (of_page("year"), 0.5),
+        f"page: a year of {robots} robots by job": (of_page("year", by="job"), 0.5),
+        "page: savings of one robot over three months": (of_savings(("r001",)), 0.5),
+    }
+    table_of_jobs = (folder / "year", START, START + YEAR * DAY)
+    by_job = lambda: history_jobs(*table_of_jobs, "month", (), "Europe/Berlin")  # noqa: E731
+    priced |= {
+        f"a year of jobs by month, {robots} robots": (median(by_job, time.process_time), 0.5),
     }
     wall, used = minute_of(folder / "minute", robots)
     table = Table("question", "history", "polars on one Parquet file", title="history")

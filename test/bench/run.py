@@ -20,6 +20,7 @@ import bench_history
 import bench_identify
 import bench_layouts
 import bench_live
+import bench_many
 import bench_page
 import bench_pipeline
 import bench_replay
@@ -33,6 +34,7 @@ BENCHES = {
     "page": bench_page,
     "identify": bench_identify,
     "history": bench_history,
+    "many": bench_many,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 

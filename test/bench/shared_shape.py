@@ -34,7 +34,7 @@ from robot_energy_identify.friction.samples import (
     friction_data_of_log,
     moving_samples,
 )
-from robot_energy_identify.friction.shape import TemperatureShape, common_shape, fit_shared
+from robot_energy_identify.friction.shared_shape import TemperatureShape, common_shape, fit_shared
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import load_mapping
 from robot_energy_report.printing import table

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from chromium import browser, needs_browser
-from histories import DAY, HOUR, MINUTE, START, Robot
+from histories import DAY, HOUR, MINUTE, START, Robot, record_days
 from robot_energy.history.store import HistoryStore
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import PageHub
@@ -155,6 +155,61 @@ def test_no_serious_fault_and_nothing_wider_than_the_page(opened, width, dark):
     window.click("#span")
     assert window.faults() == []
     assert window.run("return document.documentElement.scrollWidth") == width
+    assert window.complaints() == []
+
+
+COMPARED = (
+    "?period=month&at=2026-03-01&robot=cell1/a&baseline_start=2026-01-01"
+    "&baseline_stop=2026-03-01&driver=parts"
+)
+
+
+@pytest.fixture(scope="module")
+def compared_url(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("savings") / "history"
+    record_days(folder, {"cell1/a": 0.06, "cell1/b": 0.0})
+    with served(folder, folder.parent / "token") as address:
+        yield address
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, True), (390, False)])
+def test_savings_and_friction_are_read_by_keys_and_without_fault(opened, compared_url, width, dark):
+    from selenium.webdriver.common.keys import Keys
+
+    window = opened(COMPARED, width, compared_url)
+    window.dark(dark)
+    window.wait("document.querySelectorAll('#cusum svg').length", "the savings")
+    assert window.text("saved").startswith("A saving: 26.")
+    assert "CV(RMSE) 1.3 %" in window.text("saving-model")
+    for figure, note, said in (
+        ("cusum", "cusum-note", "Monday 2026-03-30: used "),
+        ("per-part", "per-part-note", "Monday 2026-03-30: "),
+        ("friction", "friction-note", "Monday 2026-03-30: elbow 1.176, wrist 1.000"),
+    ):
+        window.run("document.querySelector(`#${arguments[0]} svg`).focus()", figure)
+        window.driver.switch_to.active_element.send_keys(Keys.ARROW_LEFT, Keys.ARROW_LEFT)
+        assert window.text(note).startswith(said)
+    assert window.faults() == []
+    assert window.run("return document.documentElement.scrollWidth") == width
+    assert window.complaints() == []
+
+
+def test_the_form_compares_a_period_and_a_day_that_deviates_opens(opened, compared_url):
+    window = opened("?period=month&at=2026-03-01", url=compared_url)
+    start = "document.getElementById('baseline-start').value"
+    window.wait(f"{start} === '2025-12-31'", "60 days before")
+    window.run(f"{start} = '2026-01-01'")
+    window.click("#baseline button[type=submit]")
+    window.wait("document.querySelectorAll('#saving-robots tbody tr').length === 2", "robots")
+    assert window.text("saved") == "1 of 2 robots saved surely"
+    window.click("#saving-robots tbody button")
+    window.wait("document.querySelectorAll('#deviations tbody tr').length === 8", "days")
+    assert "baseline_start=2026-01-01" in window.driver.current_url
+    window.click("#deviations tbody button")
+    window.wait(f"{BARS}.length === 24", "the day")
+    window.wait("!document.getElementById('savings').hidden", "its saving")
+    window.click("#baseline-clear")
+    window.wait("document.getElementById('savings').hidden", "the page without a baseline")
     assert window.complaints() == []
 
 

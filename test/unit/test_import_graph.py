@@ -40,23 +40,23 @@ MODULES = {
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        config_file errors extras kinds process_memory schema_errors shown shown_text signature
-        stopping time_zone units
+        blas_threads config_file errors extras kinds process_memory schema_errors shown shown_text
+        signature stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder output_streams placement private_file
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
-        api bags baseline check differences files outputs readings rollup rows savings
-        schema spans store tariffs use
+        api bags baseline check differences files friction jobs notes outputs readings rollup rows
+        savings schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
-        velocities zero_states
+        velocity_check zero_states
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
@@ -74,21 +74,21 @@ MODULES = {
     "robot_energy.physics": """
         cabinet collision counterbalance derivative drive drivetrain effort effort_check
         electrical_power equations friction hold_torque limit_utilisation motor_heat
-        plausibility rigid_body torque torque_limits transmission
+        plausibility rigid_body shared_bus torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline fallback_use friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings torque_stage
+        online_monitor payload_timeline power_stage settings torque_stage work_sums
     """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
         replay_topics
     """,
     "robot_energy.results": """
-        auxiliary base condition energy model replay
+        auxiliary base condition energy model normalised replay
     """,
     "robot_energy.store": """
         account_store adoption condition_store envelope slot_store slots state_files
@@ -101,8 +101,8 @@ MODULES = {
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
         identify_thermal import_logs info layouts listings main models monitoring numbers
-        optimize predict replay replay_options report result_schema simulate terminal test
-        tool_options
+        optimize predict replay replay_options report result_schema shared_bus simulate terminal
+        test tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
@@ -131,25 +131,25 @@ MODULES = {
         cabinet dc_link link_errors link_readings supply
     """,
     "robot_energy_identify.check": """
-        evidence finding hypotheses meter motion payload process remedies run search torque
-        torque_fit windows
+        cause_search evidence finding meter motion payload possible_causes process remedies run
+        torque torque_fit windows
     """,
     "robot_energy_identify.data": """
-        bags log_channels observations recordings signals
+        bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
         all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
         total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent dynamics dynamics_model leave_one_out springs sufficiency
-        torque_model validation
+        base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
+        sufficiency torque_model validation
     """,
     "robot_energy_identify.excitation": """
         excitation limits
     """,
     "robot_energy_identify.friction": """
-        friction hold laws samples shape temperature_study
+        friction hold laws samples shared_shape temperature_study
     """,
     "robot_energy_identify.results": """
         check drives dynamics evaluation identification
@@ -170,16 +170,16 @@ MODULES = {
     "robot_energy_papers": """
         accuracy boat calibration drawings drive_study experiment held_out job_pool
         kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        paper_b paper_b_figures paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        prediction
+        prediction shared_bus
     """,
     "robot_energy_plan.api": """
-        optimize predict
+        optimize predict shared_bus
     """,
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
@@ -193,30 +193,35 @@ MODULES = {
         timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        optimization prediction
+        common_supply optimization prediction shared_bus
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs kinds layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
-        replay_figures series terms
+        replay_figures series shared_bus
     """,
     "robot_energy_report.layouts": """
         foxglove plotjuggler plots viewers
     """,
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
-        history_period history_routes history_view hub json_numbers messages metrics monitoring
-        phase_totals recording robot_state rows saved_page settings web_app web_server
+        history_period history_routes history_savings history_view hub json_numbers messages
+        metrics monitoring phase_totals recording robot_state rows saved_page settings terms
+        web_app web_server
     """,
     "robot_energy_rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply
         virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage certainty certainty_page fleet_study gear_study
-        generated_fleet interval_coverage judged_savings learning_study savings savings_page
-        savings_study thermal_study wear_cycle wear_rows wear_shift wear_study
+        advice_study band_coverage certainty certainty_page ecbot ecbot_page fleet_study gear_study
+        generated_fleet independent independent_page interval_coverage judged_savings
+        learning_study savings savings_page savings_study thermal_study wear_cycle wear_rows
+        wear_shift wear_study
+    """,
+    "robot_energy_studies.simulator": """
+        arm cabinet drawn gear_friction heat motors recording robots
     """,
 }
 # From the ground up: the core, and what each companion may stand on.
@@ -254,7 +259,7 @@ LAYERS = {
     ),
     "robot_energy_plan": (
         ("motion",),
-        ("prediction", "optimization"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),

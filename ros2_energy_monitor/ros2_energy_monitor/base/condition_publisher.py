@@ -28,10 +28,9 @@ from robot_energy.model import RobotModel
 from robot_energy.store.condition_store import ConditionStore
 from robot_energy.timeline.stamps import bounded
 from ros2_energy_monitor.base.checkpoints import CLOSING, OPENING, folder_of
-from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, latched
 from ros2_energy_monitor.diagnostics.reporter import WARN, StatusBuilder
 
-TOPIC = "energy/condition"
 PERIOD = 10.0  # between two messages without news [s]
 KEEP_PERIOD = 300.0  # between two writes; what is learned since is lost with the power [s]
 
@@ -79,7 +78,9 @@ class ConditionPublisher:
             store.open(OPENING)
         self._log_news()
         if self._learner.learns:
-            self._publisher = self._node.create_publisher(FrictionCondition, TOPIC, latched(1))
+            self._publisher = self._node.create_publisher(
+                FrictionCondition, CONDITION_TOPIC, latched(1)
+            )
             self._publish()
 
     def close(self) -> None:

@@ -263,7 +263,7 @@ class RecorderParameters:
         1_000_000,
     )
     take_period: float = parameter(
-        "Time from one processing of waiting messages to the next [s].", 5.0, 0.1, 30.0
+        "Time from one processing of waiting messages to the next [s].", 20.0, 0.1, 30.0
     )
     write_period: float = parameter(
         "Time from one write to the history to the next [s].", 60.0, 1.0, 900.0

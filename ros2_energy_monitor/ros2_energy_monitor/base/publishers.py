@@ -24,6 +24,7 @@ POWER_TOPIC = "energy/power"
 REGISTERS_TOPIC = "energy/registers"
 TORQUE_TOPIC = "energy/joint_torque"
 FRICTION_TOPIC = "energy/joint_friction"
+CONDITION_TOPIC = "energy/condition"
 MAX_FINISH = 1.0  # for subscribers to acknowledge the last messages of a node that ends [s]
 
 

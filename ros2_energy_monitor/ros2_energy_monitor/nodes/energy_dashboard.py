@@ -22,7 +22,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from robot_energy_report.page.access import page_access
-from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.hub import MAX_WHOLE, PageHub
 from robot_energy_report.page.settings import load_settings
 from robot_energy_report.page.web_server import PageServer
 from ros2_energy_monitor.base.checkpoints import folder_of
@@ -31,7 +31,7 @@ from ros2_energy_monitor.base.node_parameters import DashboardParameters
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, best_effort
 from ros2_energy_monitor.base.run_node import run
-from ros2_energy_monitor.web.robot_feed import RobotFeed
+from ros2_energy_monitor.web.robot_feed import RobotFeed, namespace_of
 
 LOOK_PERIOD = 1.0  # between two looks for robots, services and job intervals [s]
 POWER_TYPE = "ros2_energy_msgs/msg/PowerState"
@@ -67,6 +67,7 @@ class EnergyDashboard(Node):
             history_folder=folder_of(wanted.history_folder),
         )
         self._feeds: dict[str, RobotFeed] = {}
+        self._ticks = self._looks = 0
         self._wishes: SimpleQueue[tuple[str, str, str, Future[tuple[bool, str]]]] = SimpleQueue()
         for namespace in wanted.robots:
             self._add(namespace)
@@ -96,21 +97,40 @@ class EnergyDashboard(Node):
 
     def _tick(self) -> None:
         now = time.monotonic()
+        self._ticks += 1
         with self.hub.lock:
-            for feed in self._feeds.values():
+            for feed in self._in_turn(self._ticks, round(self.parameters.update_rate)):
                 feed.drain(now)
         self.hub.tick(now)
         while not self._wishes.empty():
             robot, action, text, answer = self._wishes.get()
-            self._feeds[robot].act(action, text, answer)
+            self._feeds[robot].act(action, text, answer, self._service_names())
 
     def _look(self) -> None:
         if not self.parameters.robots:
             for topic, types in self.get_topic_names_and_types():
                 if topic.endswith(f"/{POWER_TOPIC}") and POWER_TYPE in types:
                     self._add(topic.removesuffix(POWER_TOPIC))
-        for feed in self._feeds.values():
-            feed.look_after()
+        self._looks += 1
+        turn = self._in_turn(self._looks, len(self._feeds) // MAX_WHOLE)
+        services = [] if all(feed.is_asked for feed in turn) else self._service_names()
+        for feed in turn:
+            feed.look_after(services)
+
+    def _service_names(self) -> list[str]:
+        return [name for name, _ in self.get_service_names_and_types()]
+
+    def _in_turn(self, number: int, turns: int) -> list[RobotFeed]:
+        """Feeds of the robots that a page shows, and of many others one of so many in turn."""
+        feeds = list(self._feeds.values())
+        if not self.hub.many or turns < 2:
+            return feeds
+        shown = {id(one) for name in ("", *self.hub.watched) for one in self.hub.whole(name)}
+        return [
+            feed
+            for place, feed in enumerate(feeds)
+            if place % turns == number % turns or id(feed.state) in shown
+        ]
 
     def _add(self, namespace: str) -> None:
         """Feed a robot, unless it is there already or the page is full."""
@@ -127,9 +147,14 @@ class EnergyDashboard(Node):
         return answer
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        by_namespace: dict[str, list[Any]] = {}
+        for status in message.status:
+            by_namespace.setdefault(namespace_of(status.name), []).append(status)
         with self.hub.lock:
-            for feed in self._feeds.values():
-                feed.take_statuses(list(message.status))
+            for namespace, statuses in by_namespace.items():
+                feed = self._feeds.get(namespace or "robot")
+                if feed is not None and feed.namespace == namespace:
+                    feed.take_statuses(statuses)
 
 
 def main(args: Sequence[str] | None = None) -> int:

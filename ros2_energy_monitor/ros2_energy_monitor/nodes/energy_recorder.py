@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -22,6 +23,7 @@ from rclpy.clock_type import ClockType
 from robot_energy.foundation.errors import HistoryError, ParameterError
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
 from ros2_energy_monitor.base.checkpoints import folder_of
+from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.node_parameters import RecorderParameters
 from ros2_energy_monitor.base.parameters import declare
@@ -34,11 +36,14 @@ from ros2_energy_monitor.diagnostics.reporter import (
     Reporter,
     StatusBuilder,
 )
+from ros2_energy_monitor.recorder.alarm_watch import StatusHead, first_name, status_heads
 from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
 MEGABYTE = 2**20
 LATE = 30.0  # a write that takes longer is said [s]
+STATUSES = 4000  # diagnostic messages that wait
+STATUS_PERIOD = 5.0  # between two looks at them, of each node at the newest [s]
 CLOSING = 5.0  # how long deactivate and cleanup wait for the disk [s]
 
 
@@ -63,6 +68,7 @@ class EnergyRecorder(ManagedNode):
         self._robots: dict[str, RecordedRobot] = {}
         self._timers_of_work: list[Any] = []
         self._left_out = ""
+        self._malformed = 0  # diagnostics
         self._said = ""
         self._begun = 0.0  # when the disk was given work last, steady time [s]
         self._writing: Future[Any] | None = None
@@ -90,6 +96,7 @@ class EnergyRecorder(ManagedNode):
             folder, wanted.keep_minutes, wanted.min_free * MEGABYTE, wanted.keep_quarters
         )
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="history")
+        self._diagnostics = Inbox(self, DiagnosticArray, "/diagnostics", best_effort(STATUSES))
         self.write()
 
     def activate(self) -> None:
@@ -97,15 +104,13 @@ class EnergyRecorder(ManagedNode):
         wanted = self.parameters
         for period, callback in (
             (wanted.take_period, self.take),
+            (STATUS_PERIOD, self.take_statuses),
             (wanted.look_period, self.look),
             (wanted.write_period, self.write),
         ):
             self._timers_of_work.append(self.create_timer(period, callback, clock=self._steady))
         for namespace in wanted.robots:
             self._add(namespace)
-        self._diagnostics = self.create_subscription(
-            DiagnosticArray, "/diagnostics", self._take_statuses, best_effort(200)
-        )
         self.look()
 
     def deactivate(self) -> None:
@@ -115,7 +120,6 @@ class EnergyRecorder(ManagedNode):
         for timer in self._timers_of_work:
             self.destroy_timer(timer)
         self._timers_of_work.clear()
-        self.destroy_subscription(self._diagnostics)
 
     def cleanup(self) -> None:
         """Let another recorder write."""
@@ -133,9 +137,30 @@ class EnergyRecorder(ManagedNode):
             except HistoryError:  # others were recorded before
                 self._left_out = robot.name
 
-    def _take_statuses(self, message: DiagnosticArray) -> None:
-        for robot in self._robots.values():
-            robot.take_statuses(message)
+    def take_statuses(self) -> None:
+        """Take the diagnostic statuses that have arrived, each for its robot."""
+        batch = self._diagnostics.drain()
+        if batch is None:
+            return
+        newest: dict[bytes, bytes] = {}  # of each node
+        for place in range(len(batch)):
+            data = batch.row(place)
+            try:
+                newest[first_name(data)] = data
+            except (ValueError, IndexError, struct.error):
+                self._malformed += 1
+        for data in newest.values():
+            try:
+                stamp_ns, statuses = status_heads(data)
+            except (ValueError, IndexError, struct.error):
+                self._malformed += 1
+                continue
+            own: dict[str, list[StatusHead]] = {}
+            for status in statuses:
+                namespace = status.name.partition(": ")[0].strip("/").rpartition("/")[0]
+                own.setdefault(namespace or "robot", []).append(status)
+            for name in own.keys() & self._robots.keys():
+                self._robots[name].take_statuses(own[name], stamp_ns)
 
     def look(self) -> None:
         """Look for robots that are new, and for job intervals."""
@@ -214,7 +239,7 @@ class EnergyRecorder(ManagedNode):
             "readings_ignored": store.ignored,
             "readings_dropped": store.dropped,
             "messages_of_recordings": sum(robot.played for robot in robots),
-            "messages_malformed": sum(robot.malformed for robot in robots),
+            "messages_malformed": self._malformed + sum(robot.malformed for robot in robots),
             "messages_lost": sum(robot.lost for robot in robots),
         }
         busy = self._writing is not None and not self._writing.done()

@@ -10,12 +10,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import struct
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-
-from diagnostic_msgs.msg import DiagnosticStatus
+from typing import NamedTuple
 
 from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.history.differences import Event
 from ros2_energy_monitor.diagnostics.reporter import SEVERITY
 
@@ -24,6 +25,78 @@ OVER = 60.0  # how long all is well before it has ended; one that comes again is
 MAX_STATUSES = 200  # of a robot
 MAX_TEXT = 300  # characters
 WORDS = ("ok", "warning", "stale", "error")
+
+
+class StatusHead(NamedTuple):
+    """What the history needs of a diagnostic status.
+
+    Attributes:
+        name: Of node and subject.
+        level: As messages have it.
+        message: In words.
+        restarts: Value of that name; empty without one.
+    """
+
+    name: str
+    level: bytes
+    message: str
+    restarts: str = ""
+
+
+def first_name(data: bytes) -> bytes:
+    """Return the name of the first status of a serialised ``DiagnosticArray``; empty for none.
+
+    Errors as of `status_heads`.
+    """
+    return next((name for name, *_ in _statuses(data)), b"")
+
+
+def status_heads(data: bytes) -> tuple[int, list[StatusHead]]:
+    """Return stamp [ns] and statuses of a serialised ``DiagnosticArray``.
+
+    All values but one are skipped.
+
+    Raises:
+        ValueError, IndexError, struct.error: If it is no such message.
+    """
+    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return seconds * SECOND_NS + nanoseconds, [
+        StatusHead(name.decode(errors="replace"), level, message.decode(errors="replace"),
+                   restarts.decode(errors="replace"))
+        for name, level, message, restarts in _statuses(data)
+    ]  # fmt: skip
+
+
+def _statuses(data: bytes) -> Iterator[tuple[bytes, bytes, bytes, bytes]]:
+    """Yield name, level, message and the value named restarts of each status."""
+    count_at = struct.Struct("<I" if data[1] & 1 else ">I").unpack_from
+
+    def count(place: int) -> tuple[int, int]:
+        place += -place % 4
+        return count_at(data, place)[0], place + 4
+
+    def text(place: int) -> tuple[bytes, int]:
+        length, place = count(place)
+        end = place + length
+        if end > len(data):
+            raise ValueError(f"a text up to byte {end} of {len(data)}")
+        return data[place : end - 1], end
+
+    _, place = text(12)
+    statuses, place = count(place)
+    for _ in range(statuses):
+        level = data[place : place + 1]
+        name, place = text(place + 1)
+        message, place = text(place)
+        _, place = text(place)
+        values, place = count(place)
+        restarts = b""
+        for _ in range(values):
+            key, place = text(place)
+            value, place = text(place)
+            if key == b"restarts":
+                restarts = value
+        yield name, level, message, restarts
 
 
 @dataclass
@@ -53,7 +126,7 @@ class AlarmWatch:
         self._alarms: dict[str, _Alarm] = {}
         self._restarts: dict[str, int] = {}
 
-    def take(self, statuses: Iterable[DiagnosticStatus], stamp_ns: int, now: float) -> list[Event]:
+    def take(self, statuses: Iterable[StatusHead], stamp_ns: int, now: float) -> list[Event]:
         """Return what is to be noted.
 
         Args:
@@ -77,7 +150,7 @@ class AlarmWatch:
             for place, (kind, text) in enumerate(found)
         ]
 
-    def _changed(self, name: str, status: DiagnosticStatus, now: float) -> list[tuple[str, str]]:
+    def _changed(self, name: str, status: StatusHead, now: float) -> list[tuple[str, str]]:
         alarm = self._alarms.setdefault(name, _Alarm(since=now))
         severity = SEVERITY.get(status.level, max(SEVERITY.values()))
         if severity != alarm.seen:
@@ -89,11 +162,11 @@ class AlarmWatch:
             return [("alarm", f"{name}: {WORDS[severity]}: {status.message}")]
         return [("alarm_ended", name)]
 
-    def _restarted(self, name: str, status: DiagnosticStatus) -> list[tuple[str, str]]:
-        for pair in status.values:
-            if pair.key == "restarts" and pair.value.isdecimal():
-                count, before = int(pair.value), self._restarts.get(name)
-                self._restarts[name] = count
-                if before is not None and count > before:
-                    return [("restart", f"{name.partition(':')[0]} was started again")]
+    def _restarted(self, name: str, status: StatusHead) -> list[tuple[str, str]]:
+        if not status.restarts.isdecimal():
+            return []
+        count, before = int(status.restarts), self._restarts.get(name)
+        self._restarts[name] = count
+        if before is not None and count > before:
+            return [("restart", f"{name.partition(':')[0]} was started again")]
         return []

@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Feeds the history with the registers, the job intervals and the alarms of one robot."""
+"""Feeds the history with registers, job intervals, alarms and learned friction of one robot."""
 
 from __future__ import annotations
 
@@ -15,24 +15,48 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
-from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters
+from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, FrictionCondition
 from ros2_energy_msgs.srv import ListIntervals
 
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.foundation.units import SECOND_NS
+from robot_energy.history.friction import FrictionDecoder
 from robot_energy.history.readings import ReadingDecoder
 from robot_energy.history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
-from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
-from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch
+from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, REGISTERS_TOPIC, latched, reliable
+from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch, StatusHead
 
 DEPTH = 120  # registers that wait for the next look: a minute and more [messages]
 SILENCE = 30.0  # of a robot, after which it is subscribed and asked again [s]
 LIST = "list_intervals"
+
+
+class WhileAsked(CallbackGroup):
+    """A group whose clients enter the wait set of an executor while an answer is awaited.
+
+    An executor looks at all that it waits for each time that it wakes, at hundreds of clients.
+    """
+
+    asked = False
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether an answer is awaited.
+
+        Argument as in `rclpy.callback_groups.CallbackGroup.can_execute`.
+        """
+        return self.asked
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return True; as in `rclpy.callback_groups.CallbackGroup.beginning_execution`."""
+        return True
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing; as in `rclpy.callback_groups.CallbackGroup.ending_execution`."""
 
 
 class RecordedRobot:
@@ -51,10 +75,14 @@ class RecordedRobot:
         self._inbox = Inbox(node, EnergyRegisters, topic, reliable(DEPTH), renew_after=SILENCE)
         self._played = PlayedRecording([self._inbox])
         self._decoder = ReadingDecoder()
+        condition = f"{self._prefix}{CONDITION_TOPIC}"
+        self._condition = Inbox(node, FrictionCondition, condition, latched(1))
+        self._friction = FrictionDecoder()
         self._jobs: list[dict[str, Any]] = []  # of the newest answer
         self._recorded = 0  # registers left out since a player published them
         self._alarms = AlarmWatch(namespace)
         self._client: Client | None = None
+        self._group = WhileAsked()
         self._listing: Any = None  # the answer that is awaited
         self._asked = 0.0  # when, steady time [s]
         self.heard = math.nan  # when registers came last, steady time [s]
@@ -89,22 +117,21 @@ class RecordedRobot:
             self._store.add(self.name, self._decoder.decode(batch))
         self._add_jobs()
 
-    def take_statuses(self, message: DiagnosticArray) -> None:
+    def take_statuses(self, statuses: Iterable[StatusHead], stamp_ns: int) -> None:
         """Hand alarms and restarts among diagnostic statuses to the store, but for played ones."""
-        if self._decoder.recording or self._played.players:
+        if self._recording:
             return
-        stamp = message.header.stamp
-        stamp_ns = stamp.sec * SECOND_NS + stamp.nanosec
-        events = self._alarms.take(message.status, stamp_ns, time.monotonic())
+        events = self._alarms.take(statuses, stamp_ns, time.monotonic())
         if events:
             self._store.add_events(self.name, events)
 
     def look_after(self, services: Iterable[str]) -> None:
-        """Ask for the job intervals, and subscribe again what is silent.
+        """Take learned friction, ask for the job intervals, and subscribe again what is silent.
 
         Args:
             services: Names of all that there are.
         """
+        self._take_friction()
         self._inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():
             if time.monotonic() - self._asked < SILENCE:
@@ -114,14 +141,18 @@ class RecordedRobot:
             for name in services:
                 node, _, service = name.removeprefix(self._prefix).partition("/")
                 if name.startswith(self._prefix) and node and service == LIST:
-                    self._client = self._node.create_client(ListIntervals, name)
+                    self._client = self._node.create_client(
+                        ListIntervals, name, callback_group=self._group
+                    )
                     break
         if self._client is not None and self._client.service_is_ready():
             self._asked = time.monotonic()
+            self._group.asked = True
             self._listing = self._client.call_async(ListIntervals.Request())
             self._listing.add_done_callback(self._take_jobs)
 
     def _take_jobs(self, future: Any) -> None:
+        self._group.asked = False
         response = None if future.cancelled() else future.result()
         if response is not None:
             self._add_jobs()
@@ -130,8 +161,18 @@ class RecordedRobot:
     def _add_jobs(self) -> None:
         """Hand jobs to the store, unless registers have shown since that they are a recording's."""
         jobs, self._jobs = self._jobs, []
-        if not (self._decoder.recording or self._played.players):
+        if not self._recording:
             self._store.add_jobs(self.name, jobs)
+
+    def _take_friction(self) -> None:
+        batch = self._condition.drain()
+        if batch is not None and not self._recording:
+            self._store.add_friction(self.name, self._friction.decode(batch))
+
+    @property
+    def _recording(self) -> bool:
+        """Whether what arrives is of a recording that is played, not of the robot."""
+        return self._decoder.recording or bool(self._played.players)
 
 
 def _job(interval: EnergyInterval) -> dict[str, Any]:

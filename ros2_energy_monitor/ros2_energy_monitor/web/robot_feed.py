@@ -80,27 +80,39 @@ class RobotFeed:
         if registers is not None:
             self.state.take_registers(registers)
 
-    def look_after(self) -> None:
-        """Ask for the job intervals, and subscribe again what is silent; about once a second."""
+    @property
+    def is_asked(self) -> bool:
+        """Whether job intervals can be asked for without looking for who lists them."""
+        return "list_intervals" in self._clients
+
+    def look_after(self, services: Sequence[str]) -> None:
+        """Ask for the job intervals, and subscribe again what is silent; about once a second.
+
+        Args:
+            services: Names of all that there are.
+        """
         for inbox in (self._power, self._registers):
             inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():
             if time.monotonic() - self._asked < SILENCE:
                 return
             self._listing.cancel()
-        client = self._client("list_intervals")
+        client = self._client("list_intervals", services)
         if client is not None:
             self._asked = time.monotonic()
             self._listing = client.call_async(ListIntervals.Request())
             self._listing.add_done_callback(self._take_list)
 
-    def act(self, action: str, text: str, answer: Future[tuple[bool, str]]) -> None:
+    def act(
+        self, action: str, text: str, answer: Future[tuple[bool, str]], services: Sequence[str]
+    ) -> None:
         """Call a service of the registers.
 
         Args:
             action: One of `SERVICES` but the list.
+            services: As of `look_after`.
         """
-        client = self._client(action)
+        client = self._client(action, services)
         if client is None:
             answer.set_result((False, f"no monitor of this robot offers {action}"))
             return
@@ -115,7 +127,7 @@ class RobotFeed:
         client.call_async(request).add_done_callback(done)
 
     def take_statuses(self, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Take the diagnostic statuses of this robot's monitors; those of others are left out."""
+        """Take the diagnostic statuses of this robot's nodes; those of others must be left out."""
         self.state.take_findings(
             [
                 PageFinding.of_status(
@@ -125,23 +137,18 @@ class RobotFeed:
                     {pair.key: pair.value for pair in status.values},
                 )
                 for status in statuses
-                if self._owns(status.name)
+                if "_monitor: " in status.name
             ]
         )
-
-    def _owns(self, name: str) -> bool:
-        node, found, _ = name.partition(": ")
-        namespace = node.strip("/").rpartition("/")[0]
-        return bool(found) and node.endswith("_monitor") and namespace == self.namespace
 
     def _inbox(self, kind: type[Any], topic: str, qos: Any) -> Inbox:
         return Inbox(self._node, kind, f"{self._prefix}{topic}", qos, renew_after=SILENCE)
 
-    def _client(self, action: str) -> Client | None:
+    def _client(self, action: str, services: Sequence[str]) -> Client | None:
         """The client of a service, made when a monitor of this robot offers it."""
         client = self._clients.get(action)
         if client is None:
-            for name, _ in self._node.get_service_names_and_types():
+            for name in services:
                 rest = name.removeprefix(self._prefix).split("/")
                 if name.startswith(self._prefix) and len(rest) == 2 and rest[1] == action:
                     client = self._clients[action] = self._node.create_client(
@@ -153,6 +160,11 @@ class RobotFeed:
         response = None if future.cancelled() else future.result()
         if response is not None:
             self.state.take_intervals([_fields(one) for one in response.intervals])
+
+
+def namespace_of(status: str) -> str:
+    """Return the namespace of the node that a diagnostic status names, without slashes."""
+    return status.partition(": ")[0].strip("/").rpartition("/")[0]
 
 
 def _fields(interval: EnergyInterval) -> dict[str, Any]:

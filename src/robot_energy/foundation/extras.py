@@ -21,6 +21,7 @@ EXTRAS = {
     "distributed": "fleet",
     "fsspec": "fleet",
     "cryptography": "fleet",
+    "mujoco": "studies",
 }
 COMPANIONS = "robot_energy_"
 STUDIES = f"{COMPANIONS}studies"

@@ -15,8 +15,8 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import time_zone
 from robot_energy.history.files import open_reader
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.spans import (
-    JOB_SUMS,
     RESOLUTIONS,
     Resolution,
     SlotSums,
@@ -24,6 +24,7 @@ from robot_energy.history.spans import (
     events,
     jobs,
     joint_sums,
+    learned_friction,
     not_resolved,
     robots_of,
     sums,
@@ -145,21 +146,32 @@ def history_jobs(
     Raises:
         HistoryError: As of `history`.
     """
-    bounds = _bounds(start, stop, resolution, timezone)
+    return job_sums(folder, _bounds(start, stop, resolution, timezone), robots)
+
+
+def job_sums(
+    folder: str | Path, bounds: Sequence[int], robots: Sequence[str],
+    names: Sequence[str] = JOB_SUMS,
+) -> TimeSeries:  # fmt: skip
+    """Return what `history_jobs` does, of all that is summed or of some.
+
+    Args:
+        bounds: Where parts of the time begin, and the end of the last. [ns]
+        names: Of `JOB_SUMS`, the energy from the grid among them.
+    """
     with closing(open_reader(folder)) as connection:
         connection.execute("BEGIN")
-        found = jobs(connection, robots_of(connection, robots), bounds)
+        found = jobs(connection, robots_of(connection, robots), bounds, names)
     columns: dict[str, Column] = {
         "robot": np.array([one.robot for one in found], dtype=str),
         "stop_ns": np.array([one.stop_ns for one in found], dtype=np.int64),
         "job": np.array([one.name for one in found], dtype=str),
         "parts": np.array([one.count for one in found], dtype=np.int64),
     }
-    for place, name in enumerate(JOB_SUMS):
+    for place, name in enumerate(names):
         columns[name] = np.array([one.values[place] for one in found], dtype=np.int64)
-    used = [one.import_microjoule / one.count for one in found]
-    columns["microjoule_per_part"] = np.array(used, dtype=float)
-    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *JOB_SUMS)}
+    columns["microjoule_per_part"] = columns["predicted_import_microjoule"] / columns["parts"]
+    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *names)}
     units["microjoule_per_part"] = "uJ"
     return TimeSeries(
         np.array([one.start_ns for one in found], dtype=np.int64), columns, units=units
@@ -196,6 +208,49 @@ def history_events(
         for place, name in enumerate(("robot", "kind", "text"), 1)
     }
     return TimeSeries(np.array([row[0] for row in rows], dtype=np.int64), columns)
+
+
+def history_friction(
+    folder: str | Path,
+    start: Instant,
+    stop: Instant,
+    resolution: Resolution = "month",
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+) -> TimeSeries:
+    """Return what monitors have learned of the friction of each joint: wear over months.
+
+    Args:
+        folder: Folder of the history.
+        start: As of `history`.
+        stop: As of `history`.
+        resolution: As of `history`; one ratio is kept of each UTC day, the newest.
+        robots: As of `history`.
+        timezone: As of `history`.
+
+    Returns:
+        A row of each part of the time, robot, joint and model file: ``stop_ns`` [ns], ``robot``,
+        ``joint``, ``model_id``, ``days`` with a ratio, and ``ratio``, the mean of measured friction
+        over that of the model file, with ``least`` and ``greatest`` [-]. Ratios of two model files
+        cannot be compared.
+
+    Raises:
+        HistoryError: As of `history`.
+    """
+    bounds = _bounds(start, stop, resolution, timezone)
+    with closing(open_reader(folder)) as connection:
+        connection.execute("BEGIN")
+        rows = learned_friction(connection, robots_of(connection, robots), bounds)
+    kinds: tuple[tuple[str, type], ...] = (
+        ("stop_ns", np.int64), ("robot", str), ("joint", str), ("model_id", str),
+        ("days", np.int64), ("ratio", float), ("least", float), ("greatest", float),
+    )  # fmt: skip
+    columns: dict[str, Column] = {
+        name: np.array([row[place] for row in rows], dtype=kind)
+        for place, (name, kind) in enumerate(kinds, 1)
+    }
+    stamps = np.array([row[0] for row in rows], dtype=np.int64)
+    return TimeSeries(stamps, columns, units={"stop_ns": "ns"})
 
 
 def _bounds(start: Instant, stop: Instant, resolution: Resolution, timezone: str) -> list[int]:

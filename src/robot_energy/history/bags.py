@@ -15,9 +15,10 @@ from typing import Any
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
 from robot_energy.history.differences import SLOT_NS, Epoch, Event, step, zero_of
+from robot_energy.history.jobs import drop_jobs, put_job
 from robot_energy.history.readings import Reading
 from robot_energy.history.rollup import Rolled, change_curve, put_span
-from robot_energy.history.rows import put_epoch, put_events, put_job, reading_from
+from robot_energy.history.rows import put_epoch, put_events, reading_from
 from robot_energy.history.schema import LEVELS
 
 BAG = "bag:"  # how the origin of its epochs begins
@@ -66,9 +67,7 @@ def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: Bag
             take_out(connection, rolled, robot, number)
     connection.execute("DELETE FROM meta WHERE name >= ? AND name < ?", (of_bag, of_bag + "~"))
     first = _first_job(bag.name)
-    connection.execute(
-        "DELETE FROM job WHERE robot = ? AND id > ? AND id <= ?", (robot, first - MAX_JOBS, first)
-    )
+    drop_jobs(connection, rolled.until_ns, robot, first - MAX_JOBS + 1, first)
     taken = [(begin, end) for *_, begin, end in _epochs(connection, robot)]
     left_out = 0
     known: list[tuple[int, int]] = []
@@ -95,7 +94,7 @@ def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: Bag
             known.append((span.begin_ns, span.end_ns))
     for place, job in enumerate(bag.jobs[:MAX_JOBS]):
         if _overlaps(known, job["stop"] - 1, job["stop"]):
-            put_job(connection, robot, {**job, "id": first - place})
+            put_job(connection, rolled.until_ns, robot, {**job, "id": first - place})
     said = f"{left_out / 1e9:.0f} s of a bag were recorded by others already" if left_out else ""
     connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (BAG + bag.name, said))
     if said:

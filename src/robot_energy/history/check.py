@@ -13,6 +13,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy.history.differences import REPAIRED, CountedSpan, Event
 from robot_energy.history.files import open_reader, open_writer, take_lock
+from robot_energy.history.jobs import unlike_jobs
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
 from robot_energy.history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
 from robot_energy.history.rows import put_events, reading_from
@@ -187,7 +188,7 @@ def _unlike(connection: sqlite3.Connection) -> list[str]:
     }
     if wrong := len(imported.items() ^ days.items()):
         found.append(f"curves and slot1440 differ in {wrong} rows")
-    return found
+    return found + unlike_jobs(connection, rolled.until_ns)
 
 
 def _said(one: Missing) -> str:

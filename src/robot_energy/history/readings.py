@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.messages.model_messages import FRAME, RECORDING
 from robot_energy.messages.registers import ENERGY_REGISTERS, EXACT_FIELDS, EXACT_JOINT_FIELDS
 
@@ -80,7 +84,10 @@ class ReadingDecoder:
         self.recording = False
 
     def decode(self, batch: RawBatch) -> list[Reading]:
-        """Return the readings of a batch in order of arrival."""
+        """Return the readings of a batch in order of arrival, without those in between.
+
+        Within a minute the last is enough, as `supersedes` has it.
+        """
         decoded = self._decoder.decode(batch)
         self.malformed += len(decoded.malformed)
         rows = [
@@ -97,14 +104,16 @@ class ReadingDecoder:
 
 
 def _readings(run: Run) -> Iterator[tuple[int, Reading]]:
-    stamps, starts, minutes = (stamp_ns(run, path).tolist() for path in _STAMPS)
-    plain = [run.array(name).tolist() for name in FROM_MESSAGE]
-    phases = [run.array(name)[:, 1:].tolist() for name in ("phase_microjoule", "phase_ns")]
+    times = [stamp_ns(run, path) for path in _STAMPS]
+    kept = _kept(run, *times)
+    stamps, starts, minutes = (one[kept].tolist() for one in times)
+    plain = [run.array(name)[kept].tolist() for name in FROM_MESSAGE]
+    phases = [run.array(name)[kept, 1:].tolist() for name in ("phase_microjoule", "phase_ns")]
     names = run.names("joints.name")
-    joints = [run.array(f"joints.{name}").tolist() for name in JOINT_COLUMNS]
+    joints = [run.array(f"joints.{name}")[kept].tolist() for name in JOINT_COLUMNS]
     totals = [JOINT_COLUMNS.index(name) for name in OF_JOINTS]
-    location, model = run.array("meter_location").tolist(), str(run.columns["model_id"])
-    for number, row in enumerate(run.rows.tolist()):
+    location, model = run.array("meter_location")[kept].tolist(), str(run.columns["model_id"])
+    for number, row in enumerate(run.rows[kept].tolist()):
         values = [column[number] for column in plain]
         for phase in phases:
             values += phase[number]
@@ -122,3 +131,23 @@ def _readings(run: Run) -> Iterator[tuple[int, Reading]]:
                 joints=dict(zip(names, own, strict=True)),
             ),
         )
+
+
+def _kept(
+    run: Run, stamps: NDArray[np.int64], starts: NDArray[np.int64], minutes: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Which readings the next one does not supersede, where that came right after it."""
+    kept = np.ones(len(stamps), dtype=bool)
+    counted = run.array("observed_ns") + run.array("gap_ns")
+    location, passed = run.array("meter_location"), np.diff(counted)
+    kept[:-1] = (  # also the first, and those after a late one, which the one before decides on
+        np.concatenate([[True], passed[:-1] < 0])[: len(passed)]
+        | (minutes[:-1] != 0)
+        | (np.diff(run.rows) != 1)
+        | (np.diff(starts) != 0)
+        | (location[1:] != location[:-1])
+        | (passed < 0)
+        | (np.diff(stamps) != passed)
+        | (np.diff((stamps - 1) // MINUTE_NS) != 0)
+    )
+    return kept

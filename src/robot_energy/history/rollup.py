@@ -1,7 +1,8 @@
 """Quarter hours -> hours, days and curves of a day, once each UTC day.
 
-Only regular slots are rolled up: a span with its own begin and end stays in ``slot15`` alone. What
-comes late is added to all. Sums are of whole numbers, so every level adds up to the same.
+Only regular slots are rolled up, and jobs by their names: a span with its own begin and end stays
+in ``slot15`` alone. What comes late is added to all. Sums are of whole numbers, so every level adds
+up to the same.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy.history.differences import SLOT_NS, UNRESOLVED, CountedSpan
+from robot_energy.history.jobs import roll_jobs, roll_jobs_again
 from robot_energy.history.readings import COLUMNS, IMPORT, JOINT_COLUMNS
 from robot_energy.history.rows import put_slot
 from robot_energy.history.schema import LEVELS
@@ -120,6 +122,7 @@ def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
             break
         _roll_day(connection, day)
         until = day + DAY_NS
+    roll_jobs(connection, rolled.until_ns, until)
     return Rolled(until, rolled.quarters_from_ns)
 
 
@@ -158,7 +161,7 @@ def forget_minutes(connection: sqlite3.Connection, before_ns: int) -> None:
 
 
 def roll_again(connection: sqlite3.Connection, rolled: Rolled) -> None:
-    """Make hours, days and curves again, from the quarter hours that are kept."""
+    """Make hours, days and curves again, from the quarter hours that are kept, and sums of jobs."""
     for level in LEVELS:
         for table in (f"slot{level}", f"joint{level}"):
             connection.execute(f"DELETE FROM {table} WHERE start >= ?", (rolled.quarters_from_ns,))
@@ -169,6 +172,7 @@ def roll_again(connection: sqlite3.Connection, rolled: Rolled) -> None:
     while day is not None and day < rolled.until_ns:
         _roll_day(connection, day)
         day = _next_day(connection, day + DAY_NS)
+    roll_jobs_again(connection, rolled.until_ns)
 
 
 def _next_day(connection: sqlite3.Connection, from_ns: int) -> int | None:

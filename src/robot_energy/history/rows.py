@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+from robot_energy.foundation.units import DAY_NS
 from robot_energy.history.differences import CountedSpan, Epoch, Event
+from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
 from robot_energy.history.schema import LEVELS
-
-JOB_COLUMNS = (
-    "id", "start", "stop", "name", "observed_ns", "gap_ns", "compared_ns",
-    "predicted_import_microjoule", "predicted_return_microjoule", "measured_microjoule",
-    "predicted_microjoule_at_meter", "peak_power",
-)  # fmt: skip
 
 
 def _upsert(table: str, key: str, columns: Sequence[str], further: str = "") -> str:
@@ -87,20 +83,25 @@ def put_epoch(
     return int(row.lastrowid or 0)
 
 
-def put_job(connection: sqlite3.Connection, robot: int, job: Mapping[str, Any]) -> None:
-    """Put a job in, by `JOB_COLUMNS`; one that is there already is replaced."""
-    connection.execute(
-        f"INSERT OR REPLACE INTO job (robot, {', '.join(JOB_COLUMNS)}) VALUES "
-        f"(?, {', '.join('?' * len(JOB_COLUMNS))})",
-        (robot, *(job[name] for name in JOB_COLUMNS)),
-    )
-
-
 def put_events(connection: sqlite3.Connection, robot: int, events: Iterable[Event]) -> None:
     """Note events; one that is there already stays."""
     connection.executemany(
         "INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?)",
         ((robot, one.stamp_ns, one.kind, one.text) for one in events),
+    )
+
+
+def put_friction(connection: sqlite3.Connection, robot: int, one: LearnedFriction) -> None:
+    """Note what was learned of the friction of each joint; the newest of a UTC day stays."""
+    day = one.stamp_ns // DAY_NS * DAY_NS
+    connection.executemany(
+        "INSERT INTO friction VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT DO UPDATE SET "
+        "stamp = excluded.stamp, model_id = excluded.model_id, ratio = excluded.ratio "
+        "WHERE excluded.stamp >= stamp",
+        (
+            (robot, day, joint, one.stamp_ns, one.model_id, ratio)
+            for joint, ratio in one.ratios.items()
+        ),
     )
 
 

@@ -8,16 +8,24 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.tariffs import Tariff, add_tariffs
 
-VERSION = 2
+VERSION = 3
 FILE = "history.sqlite"
 KEY = (
     "start INTEGER NOT NULL, robot INTEGER NOT NULL, epoch INTEGER NOT NULL, stop INTEGER NOT NULL"
 )
 LEVELS = (60, 1440)
-"""What quarter hours are rolled up to, in UTC. [min]"""
+"""What quarter hours and jobs are rolled up to, in UTC. [min]"""
+JOB_COLUMNS = (
+    "id", "start", "stop", "name", "observed_ns", "gap_ns", "compared_ns",
+    "predicted_import_microjoule", "predicted_return_microjoule", "measured_microjoule",
+    "predicted_microjoule_at_meter", "peak_power",
+)  # fmt: skip
+JOB_SUMS = tuple(name for name in JOB_COLUMNS if name.endswith(("_ns", "_microjoule", "_meter")))
+"""What jobs of a name are added up by. [ns], [uJ]"""
 _SLOT = f"""({KEY}, flags INTEGER NOT NULL, peak_microjoule INTEGER NOT NULL,
     {", ".join(f"{name} INTEGER NOT NULL" for name in COLUMNS)}, PRIMARY KEY ({{key}}))
     STRICT, WITHOUT ROWID"""
@@ -36,6 +44,26 @@ CREATE TABLE curve (id INTEGER PRIMARY KEY, energy BLOB NOT NULL) STRICT;
 CREATE INDEX ended ON job (robot, stop);
 """
 )
+ROLL_JOBS = {
+    level: f"INSERT INTO job{level} (robot, start, name, jobs, {', '.join(JOB_SUMS)}) SELECT "
+    f"j.robot, (j.stop - 1) / {level * MINUTE_NS} * {level * MINUTE_NS} AS begin, j.name, "
+    f"count(*), {', '.join(f'sum(j.{name})' for name in JOB_SUMS)} FROM robot r CROSS JOIN job j "
+    "ON j.robot = r.id AND j.stop > ? AND j.stop <= ? GROUP BY j.robot, begin, j.name"
+    for level in LEVELS
+}
+"""How jobs that ended after one instant and up to another are rolled up. [ns]"""
+JOBS = "".join(
+    f"""
+CREATE TABLE job{level} (robot INTEGER NOT NULL, start INTEGER NOT NULL, name TEXT NOT NULL,
+    jobs INTEGER NOT NULL, {", ".join(f"{name} INTEGER NOT NULL" for name in JOB_SUMS)},
+    PRIMARY KEY (robot, start, name)) STRICT, WITHOUT ROWID;"""
+    for level in LEVELS
+)
+FRICTION = """
+CREATE TABLE friction (robot INTEGER NOT NULL, day INTEGER NOT NULL, joint TEXT NOT NULL,
+    stamp INTEGER NOT NULL, model_id TEXT NOT NULL, ratio REAL NOT NULL,
+    PRIMARY KEY (robot, day, joint)) STRICT, WITHOUT ROWID;
+"""
 TABLES = f"""
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
 CREATE TABLE robot (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
@@ -54,7 +82,7 @@ CREATE TABLE job (robot INTEGER NOT NULL, id INTEGER NOT NULL, start INTEGER NOT
 CREATE TABLE event (robot INTEGER NOT NULL, stamp INTEGER NOT NULL, kind TEXT NOT NULL,
     text TEXT NOT NULL, PRIMARY KEY (robot, stamp, kind)) STRICT, WITHOUT ROWID;
 CREATE INDEX irregular ON slot15 (robot, start) WHERE flags & 1;
-{ROLLED}"""
+{ROLLED}{JOBS}{FRICTION}"""
 
 
 def _rolled_up(connection: sqlite3.Connection) -> None:
@@ -67,7 +95,16 @@ def _rolled_up(connection: sqlite3.Connection) -> None:
     connection.execute("DROP TABLE tariff")
 
 
-MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _rolled_up}
+def _jobs_rolled_up(connection: sqlite3.Connection) -> None:
+    """Version 3: jobs by name, hour and day, of the days that are rolled up; learned friction."""
+    for statement in f"{JOBS}{FRICTION}".split(";"):
+        connection.execute(statement)
+    row = connection.execute("SELECT value FROM meta WHERE name = 'rolled_until'").fetchone()
+    for level in LEVELS:
+        connection.execute(ROLL_JOBS[level], (0, int(row[0]) if row else 0))
+
+
+MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _rolled_up, 2: _jobs_rolled_up}
 """How tables of a version become those of the next one."""
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from itertools import pairwise
-from operator import itemgetter
+from operator import add, itemgetter
 from typing import Any, Literal
 from zoneinfo import ZoneInfo
 
@@ -16,7 +16,7 @@ from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.rollup import FLAGS, REGULAR, Rolled
-from robot_energy.history.rows import JOB_COLUMNS
+from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.tariffs import day_begin
 
 Resolution = Literal["minute", "quarter", "hour", "day", "week", "month", "year", "all"]
@@ -27,7 +27,6 @@ FIXED: dict[str, int] = {"minute": MINUTE_NS, "quarter": SLOT_NS, "hour": HOUR_N
 MAX_BUCKETS = 200_000
 SUMS = ", ".join(f"sum(s.{name})" for name in COLUMNS)
 JOINT_SUMS = ", ".join(f"sum(s.{name})" for name in JOINT_COLUMNS)
-JOB_SUMS = tuple(name for name in JOB_COLUMNS if name.endswith(("_ns", "_microjoule", "_meter")))
 PEAK = "max(s.peak_microjoule)"
 _WITHIN = "{on}.start >= p.start AND {on}.start < p.stop AND {on}.stop <= p.stop"
 _SPANS = (
@@ -45,6 +44,16 @@ _IRREGULAR = (
     f"{_WITHIN.format(on='i')} CROSS JOIN {{table}}15 s ON s.robot = i.robot AND s.start = i.start "
     "AND s.epoch = i.epoch AND s.stop = i.stop"
 )
+_JOBS = (
+    ("job j ON j.robot = r.id AND j.stop > p.start AND j.stop <= p.stop "
+     f"WHERE p.length = {SLOT_NS}", "count(*)"),
+    *(
+        (f"job{length // MINUTE_NS} j ON j.robot = r.id AND j.start >= p.start AND "
+         f"j.start < p.stop WHERE p.length = {length}", "sum(j.jobs)")
+        for length in (HOUR_NS, DAY_NS)
+    ),
+)  # fmt: skip
+"""Where jobs are counted by pieces of each length, and how many jobs rows are."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +89,7 @@ class Jobs:
         robot: Its name.
         name: Of the jobs.
         count: How many: one makes one part.
-        values: By `JOB_SUMS`. [ns], [uJ]
+        values: By the names that were asked for, of `JOB_SUMS`. [ns], [uJ]
     """
 
     start_ns: int
@@ -89,11 +98,6 @@ class Jobs:
     name: str
     count: int
     values: tuple[int, ...]
-
-    @property
-    def import_microjoule(self) -> int:
-        """Energy from the grid. [uJ]"""
-        return self.values[JOB_SUMS.index("predicted_import_microjoule")]
 
 
 def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -> list[int]:
@@ -173,16 +177,7 @@ def _added(
 ) -> list[SlotSums]:  # fmt: skip
     """Add up days, hours and quarters that each part is made of, and spans that lie within it."""
     parts = list(pairwise(bounds))
-    until = Rolled.of(connection).until_ns
-    put_parts(connection, robots, parts)
-    connection.executemany(
-        "INSERT INTO temp.piece (length, start, stop, part) VALUES (?, ?, ?, ?)",
-        (
-            (*piece, part)
-            for part, (start, stop) in enumerate(parts)
-            for piece in ([(MINUTE_NS, start, stop)] if minutes else pieces(start, stop, until))
-        ),
-    )
+    _put_pieces(connection, robots, parts, minutes)
     by = ", s.joint" if table == "joint" else ""
     values = ", s.joint, 0, 0, " + JOINT_SUMS if by else f", '', {FLAGS}, {PEAK}, {SUMS}"
     found: dict[tuple[int, str, str], tuple[int, ...]] = {}
@@ -202,6 +197,23 @@ def _added(
         SlotSums(*parts[part], robot, tuple(own), flags, peak, joint)
         for (part, robot, joint), (flags, peak, *own) in sorted(found.items(), key=itemgetter(0))
     ]
+
+
+def _put_pieces(
+    connection: sqlite3.Connection, robots: dict[str, int], parts: Sequence[tuple[int, int]],
+    minutes: bool = False,
+) -> None:  # fmt: skip
+    """Put parts of time, what they are made of and robots where a query joins them."""
+    until = Rolled.of(connection).until_ns
+    put_parts(connection, robots, parts)
+    connection.executemany(
+        "INSERT INTO temp.piece (length, start, stop, part) VALUES (?, ?, ?, ?)",
+        (
+            (*piece, part)
+            for part, (start, stop) in enumerate(parts)
+            for piece in ([(MINUTE_NS, start, stop)] if minutes else pieces(start, stop, until))
+        ),
+    )
 
 
 def pieces(start_ns: int, stop_ns: int, until_ns: int) -> Iterator[tuple[int, int, int]]:
@@ -257,24 +269,31 @@ def not_resolved(
 
 
 def jobs(
-    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
-) -> list[Jobs]:
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int],
+    names: Sequence[str] = JOB_SUMS,
+) -> list[Jobs]:  # fmt: skip
     """Return the jobs that ended in each part, in order of time and robot, the largest first.
 
     Args:
         bounds: Where parts begin, and the end of the last. [ns]
+        names: What is added up, the energy from the grid among it.
     """
-    put_parts(connection, robots, pairwise(bounds))
-    rows = connection.execute(
-        f"SELECT p.start, p.stop, r.name, j.name, count(*), "
-        f"{', '.join(f'sum(j.{name})' for name in JOB_SUMS)}, "
-        "sum(j.predicted_import_microjoule) AS used FROM part p CROSS JOIN some r CROSS JOIN job j "
-        "ON j.robot = r.id AND j.stop > p.start AND j.stop <= p.stop GROUP BY p.id, r.id, j.name "
-        "ORDER BY p.id, r.name, used DESC, j.name"
-    )
+    parts, used = list(pairwise(bounds)), 1 + names.index("predicted_import_microjoule")
+    _put_pieces(connection, robots, parts)
+    found: dict[tuple[int, str, str], tuple[int, ...]] = {}
+    for source, count in _JOBS:
+        for part, robot, name, *own in connection.execute(
+            f"SELECT p.part, r.name, j.name, {count}, "
+            f"{', '.join(f'sum(j.{name})' for name in names)} FROM piece p CROSS JOIN some r "
+            f"CROSS JOIN {source} GROUP BY p.id, r.id, j.name"
+        ):
+            key = (part, robot, name)
+            held = found.get(key)
+            found[key] = tuple(own if held is None else map(add, own, held))
+    order = sorted(found.items(), key=lambda one: (one[0][:2], -one[1][used], one[0][2]))
     return [
-        Jobs(start, stop, robot, name, count, tuple(values))
-        for start, stop, robot, name, count, *values, _ in rows
+        Jobs(*parts[part], robot, name, count, tuple(values))
+        for (part, robot, name), (count, *values) in order
     ]
 
 
@@ -287,6 +306,28 @@ def events(
         "SELECT e.stamp, r.name, e.kind, e.text FROM some r CROSS JOIN event e ON e.robot = r.id "
         "AND e.stamp >= ? AND e.stamp < ? ORDER BY e.stamp, r.name, e.kind",
         (start_ns, stop_ns),
+    ).fetchall()
+
+
+def learned_friction(
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
+) -> list[tuple[Any, ...]]:
+    """Return what was learned of the friction of each joint in each part of a time.
+
+    Args:
+        bounds: Where parts begin, and the end of the last. [ns]
+
+    Returns:
+        Begin, end [ns], robot, joint, model that it is relative to, how many UTC days, their mean
+        ratio, the least and the greatest [-]; in order of time, robot and joint.
+    """
+    put_parts(connection, robots, pairwise(bounds))
+    return connection.execute(
+        "SELECT p.start, p.stop, r.name, f.joint, f.model_id, count(*), avg(f.ratio), "
+        "min(f.ratio), max(f.ratio) FROM some r CROSS JOIN friction f ON f.robot = r.id AND "
+        "f.day >= ? AND f.day < ? JOIN part p ON f.stamp >= p.start AND f.stamp < p.stop "
+        "GROUP BY p.id, r.id, f.joint, f.model_id ORDER BY p.id, r.name, f.joint, min(f.stamp)",
+        (bounds[0] - DAY_NS, bounds[-1]),
     ).fetchall()
 
 

@@ -32,14 +32,15 @@ from robot_energy.history.differences import (
     thinned,
 )
 from robot_energy.history.files import open_writer, take_lock
+from robot_energy.history.friction import LearnedFriction
+from robot_energy.history.notes import WaitingNotes
 from robot_energy.history.readings import OBSERVED, Reading
 from robot_energy.history.rollup import Rolled, forget_minutes, put_span, roll, thin
-from robot_energy.history.rows import put_epoch, put_events, put_job, reading_from
+from robot_energy.history.rows import put_epoch, put_events, reading_from
 from robot_energy.history.schema import FILE, prepare
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
-MAX_EVENTS = 10_000  # that wait
 LIVE = "live"
 
 
@@ -55,7 +56,6 @@ class _Robot:
 
 
 Waiting = dict[tuple[str, str], list[Reading]]
-Jobs = dict[tuple[str, int, int], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,7 @@ class HistoryStore:
         self._waiting: Waiting = {}
         self._writing: Waiting = {}
         self._behind: dict[tuple[str, str, int], Reading] = {}
-        self._jobs: Jobs = {}
-        self._events: list[tuple[str, Event]] = []
+        self._notes = WaitingNotes()
 
     def open(self) -> None:
         """Take the lock and read up to where robots were recorded.
@@ -181,16 +180,17 @@ class HistoryStore:
             jobs: Values by `JOB_COLUMNS`.
         """
         with self._mutex:
-            for job in jobs:
-                self._jobs[robot, int(job["start"]), int(job["id"])] = job
-            while len(self._jobs) > MAX_WAITING * MAX_ROBOTS:
-                del self._jobs[next(iter(self._jobs))]
+            self._notes.add_jobs(robot, jobs)
 
     def add_events(self, robot: str, events: Iterable[Event]) -> None:
         """Take events, of which one robot has one at an instant of each kind."""
         with self._mutex:
-            self._events += ((robot, one) for one in events)
-            del self._events[:-MAX_EVENTS]
+            self._notes.add_events(robot, events)
+
+    def add_friction(self, robot: str, learned: Iterable[LearnedFriction]) -> None:
+        """Take what was learned of the friction of a robot; of a UTC day the newest is kept."""
+        with self._mutex:
+            self._notes.add_friction(robot, learned)
 
     def has_bag(self, name: str) -> bool:
         """Whether a replayed bag is there, in this state and with these settings."""
@@ -235,15 +235,14 @@ class HistoryStore:
         """
         with self._mutex:
             taken, self._writing, self._waiting = self._waiting, self._waiting, {}
-            jobs, self._jobs = self._jobs, {}
-            events, self._events = self._events, []
+            notes, self._notes = self._notes, WaitingNotes()
         written: _Written | None = None
         try:
             if self._connection is None:
                 self.open()
             self._check_space()
             assert self._connection is not None
-            written = self._transact(self._connection, taken, jobs, events, now_ns, newest)
+            written = self._transact(self._connection, taken, notes, now_ns, newest)
             self.size = sum(
                 path.stat().st_size
                 for path in (self.folder / f"{FILE}{end}" for end in ("", "-wal"))
@@ -262,8 +261,8 @@ class HistoryStore:
             for key, readings in since.items():
                 self._queue(key, readings)
             if written is None:
-                self._jobs = {**jobs, **self._jobs}
-                self._events = [*events, *self._events]
+                notes.add(self._notes)
+                self._notes = notes
                 return False
             self._robots = written.robots
         self.ignored += written.ignored
@@ -275,8 +274,7 @@ class HistoryStore:
         self,
         connection: sqlite3.Connection,
         taken: Waiting,
-        jobs: Jobs,
-        events: list[tuple[str, Event]],
+        notes: WaitingNotes,
         now_ns: int,
         newest: bool,
     ) -> _Written:
@@ -292,10 +290,11 @@ class HistoryStore:
                 for reading in waiting[:count]:
                     robot = self._robot(connection, robots, name)
                     ignored += not self._record(connection, rolled, name, robot, origin, reading)
-            for (name, _, _), job in jobs.items():
-                put_job(connection, self._robot(connection, robots, name).number, job)
-            for name, event in events:
-                put_events(connection, self._robot(connection, robots, name).number, [event])
+            notes.write(
+                connection,
+                rolled.until_ns,
+                lambda name: self._robot(connection, robots, name).number,
+            )
             forget_minutes(connection, now_ns - self._keep_ns)
             reached = roll(connection, rolled, now_ns)
             if self._keep_quarters_ns:

@@ -35,6 +35,7 @@ class Output:
         power: Power samples.
         means: Ended averaging periods.
         meter: Meter readings, as they were taken in.
+        temperatures: Motor temperatures, likewise.
     """
 
     torque: TorqueBlock | None = None
@@ -42,6 +43,7 @@ class Output:
     power: PowerBlock | None = None
     means: MeanBlock | None = None
     meter: MeterBlock | None = None
+    temperatures: TemperatureBlock | None = None
 
 
 class EnergyPipeline:
@@ -131,7 +133,7 @@ class EnergyPipeline:
             self.power.measure(meter)
         power = self.power.step(torque) if torque is not None else None
         means = self._count(power)
-        return Output(torque, friction, power, means, meter)
+        return Output(torque, friction, power, means, meter, temperatures)
 
     def _count(self, power: PowerBlock | None) -> MeanBlock | None:
         return None if power is None else self.account.step(power)

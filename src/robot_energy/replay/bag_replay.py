@@ -39,6 +39,7 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.torque_limits import TorqueLimitWatch
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.work_sums import WorkSums
 from robot_energy.replay.energy_bag import EnergyBagWriter
 from robot_energy.replay.read_ahead import can_read_ahead, read_ahead
 from robot_energy.replay.recorded_jobs import Job, RecordedJobs
@@ -68,6 +69,7 @@ class Replay:
         power_error: Predicted minus measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
+        work: Path of the tool and work on the bodies.
     """
 
     bag: Path
@@ -79,6 +81,7 @@ class Replay:
     payload: PayloadReader
     effort: EffortMeaning
     pipeline: EnergyPipeline
+    work: WorkSums
     problems: list[str] = field(default_factory=list[str])
     notes: list[str] = field(default_factory=list[str])
     predicted_curve: EnergyCurve | None = None
@@ -195,6 +198,7 @@ def replay(
         payload=PayloadReader(pipeline.torque.set_payload, bag.typestore),
         effort=settings.effort,
         pipeline=pipeline,
+        work=WorkSums(pipeline.torque.robot),
         origin=bag.origin,
         notes=[*notes, *more, *unread],
         jobs=RecordedJobs(jobs),
@@ -234,6 +238,7 @@ def replay(
             for output, more in outputs:
                 result.jobs.step(pipeline.account)
                 changes += more
+                result.work.take(output)
                 if output.torque is not None:
                     limit_watch.step(output.torque)
                 if writer is not None:

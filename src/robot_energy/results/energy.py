@@ -13,6 +13,7 @@ from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.results.normalised import NormalisedEnergy
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation, Phase, Quality, known_part
 
 BALANCE_RELATIVE = 1e-9
@@ -203,6 +204,7 @@ class EnergyReport(Result):
     joints: Annotated[
         tuple[JointEnergy, ...], "Where the energy of each joint went, in model order."
     ]
+    normalised: Annotated[NormalisedEnergy, "Energy over what was done with it."]
     quality: Annotated[SampleQuality, "How good the samples were."]
     uncertainty: Annotated[EnergyUncertainty, "How sure the predicted energy is."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]

@@ -25,6 +25,7 @@ from robot_energy.results.energy import (
     comparison_of,
     unbalanced,
 )
+from robot_energy.results.normalised import normalised_energy
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning
 
 LITTLE = 0.5  # share of the recorded time, below which that is said [-]
@@ -147,8 +148,12 @@ def replay_report(
     gears = np.where(thermal.gears, thermal.friction_degc, np.nan).tolist()
     common = common_figures(account, result.model, temperature, change, gears)
     inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
+    jobs = _jobs(result)
     return ReplayReport(
         **common,
+        normalised=normalised_energy(
+            result.work, common["energy"].net, [(one.name, one.energy) for one in jobs]
+        ),
         bag=str(result.bag),
         origin=result.origin or None,
         topics=replace(
@@ -171,7 +176,7 @@ def replay_report(
         ),
         notes=(*result.notes, *_notes(result)),
         compared_with=compared_with,
-        jobs=_jobs(result),
+        jobs=jobs,
         condition=condition_report(learner, result.model) if learner.learns else None,
         auxiliary=auxiliary,
     )

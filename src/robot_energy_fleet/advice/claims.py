@@ -18,7 +18,12 @@ from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_fleet.advice.evidence import DEGC_MIDDLES, RecordedEvidence, RecordedRest
+from robot_energy_fleet.advice.evidence import (
+    DEGC_MIDDLES,
+    DEMAND_BINS,
+    RecordedEvidence,
+    RecordedRest,
+)
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
 from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
@@ -31,6 +36,8 @@ FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as 
 FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
 FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
 MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again
+FORM_OF_STARTS = 0.15  # the same of what a shared bus saves: starts are never quite independent
+MOST_ROBOTS = 4  # on one DC bus, of which something is said
 FORM_OF_STANDING = 0.05  # the same of losses that flow all the time: warmth may start a fan
 METER = 0.02  # standard deviation of a measured power that holds for long, as a share of it
 WARM = 0.95  # of the motion was colder than the warm robot
@@ -211,9 +218,58 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         "assumed",
         f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor, "
         f"{part} of the energy from the grid",
-        f"a regenerative supply that returns {percent(share, digits=0)}; or one DC bus for several "
-        "robots, which keeps as much at most, and only while another robot drives",
+        f"a regenerative supply that returns {percent(share, digits=0)}",
     )
+
+
+def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
+    """Return what one DC bus for two robots at such work saves, each its half.
+
+    ``S = T/2 (2 E[max(D, 0)] - E[max(D_1 + D_2, 0)])``, with the demands D_1, D_2 of two robots
+    that both work as recorded and start independently; the share of S that capacitors keep already
+    is taken off. None where a supply is regenerative, or nothing is braked.
+
+    Args:
+        evidence: Of recordings, with the demand on the bus.
+        model: Of both robots.
+    """
+    if model.cabinet.regeneration_efficiency is not None or evidence.brake_energy <= 0.0:
+        return None
+    time, energy = evidence.demand
+    seen = time > 0
+    if not seen.any():
+        return None
+    value, share = energy[seen] / time[seen], time[seen] / time[seen].sum()
+    fed_back = float(np.maximum(-value, 0.0) @ share)
+    kept = min(evidence.brake_energy / evidence.observed_time / fed_back, 1.0)
+    saved: list[float] = []
+    total, weight = value, share
+    for robots in range(2, MOST_ROBOTS + 1):
+        total, weight = _sum_of(total, weight, value, share)
+        saved.append(fed_back - float(np.maximum(-total, 0.0) @ weight) / robots)
+    two, most = (kept * evidence.observed_time * each for each in (saved[0], saved[-1]))
+    part = two / evidence.brake_energy
+    return Claim(
+        "shared_bus",
+        two,
+        np.concatenate([part * evidence.brake_columns, [FORM_OF_STARTS * two]]),
+        "predicted",
+        f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor; with two "
+        f"robots at such work on one DC bus {percent(part)} of it would move the other, with "
+        f"{MOST_ROBOTS} robots {percent(most / evidence.brake_energy)}, where starts fall anywhere",
+        "one DC bus for robots that stand together; `robot-energy shared-bus` computes it for "
+        "recordings made at one time, and `optimize --level --one-bus` shifts starts",
+    )
+
+
+def _sum_of(value: Float, share: Float, other: Float, of_other: Float) -> tuple[Float, Float]:
+    """Values and shares of the sum of two independent demands, in `DEMAND_BINS` again."""
+    total, weight = np.add.outer(value, other).ravel(), np.multiply.outer(share, of_other).ravel()
+    total = np.clip(total, DEMAND_BINS[0], DEMAND_BINS[-1])
+    time = np.histogram(total, DEMAND_BINS, weights=weight)[0]
+    energy = np.histogram(total, DEMAND_BINS, weights=weight * total)[0]
+    seen = time > 0
+    return energy[seen] / time[seen], time[seen]
 
 
 def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> Claim | None:

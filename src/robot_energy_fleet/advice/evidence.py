@@ -21,6 +21,8 @@ MIN_REST = 1.0  # s; a shorter stop is part of the work
 SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
 DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
 DEGC_MIDDLES = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
+DEMAND_BINS = 2.0 * np.sinh(np.linspace(-13.0, 13.0, 801))
+"""Edges of the demand on the DC bus, fine near 0, to 4e5 W either way. [W]"""
 
 
 @dataclass
@@ -53,7 +55,7 @@ class RecordedRest:
 
 SUMS = (
     "recordings", "observed_time", "grid_energy", "brake_energy", "brake_columns", "rests",
-    "rest_time", "squared_speed", "motion_time", "warm_loss",
+    "rest_time", "squared_speed", "motion_time", "warm_loss", "demand",
 )  # fmt: skip
 """Fields of the evidence of several recordings that add up."""
 
@@ -74,6 +76,8 @@ class RecordedEvidence:
         motion_time: Of each motor by temperature, shape (n, bins). [s]
         warm_loss: Energy that drives lose more for each kelvin by which their windings are warmer,
             by temperature, at rest too, shape (n, bins). [J/K]
+        demand: Time [s], and integral of the demand on the DC bus [J], constant losses of that side
+            included, by this demand in `DEMAND_BINS`, shape (2, bins).
         start_ns: First sample. [ns since 1970]
         end_ns: Last sample. [ns since 1970]
         measured_temperature: Whether motor temperatures were measured.
@@ -93,6 +97,7 @@ class RecordedEvidence:
     squared_speed: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
     motion_time: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
     warm_loss: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    demand: Float = field(default_factory=lambda: np.zeros((2, len(DEMAND_BINS) - 1)))
     start_ns: int | None = None
     end_ns: int | None = None
     measured_temperature: bool = False
@@ -145,6 +150,7 @@ class EvidenceSums:
         shape = len(model.joints), len(DEGC_BINS) - 1
         self._squared_speed, self._motion_time = np.zeros(shape), np.zeros(shape)
         self._warm_loss = np.zeros(shape)
+        self._demand = np.zeros((2, len(DEMAND_BINS) - 1))
         self._drive = drive_from_model(model)
         self._energy = self._time = self._brake = 0.0
         self._rests: list[RecordedRest] = []
@@ -189,6 +195,7 @@ class EvidenceSums:
             squared_speed=self._squared_speed,
             motion_time=self._motion_time,
             warm_loss=self._warm_loss,
+            demand=self._demand,
             metered=bool(compared),
         )
 
@@ -199,6 +206,11 @@ class EvidenceSums:
         self._time += float(time.sum())
         self._energy += float(energy.sum())
         self._brake += float((0.5 * (brake[1:] + brake[:-1]) * time).sum())
+        bus = np.clip(
+            np.nan_to_num(block.bus_power + block.loss_dc)[:-1], DEMAND_BINS[0], DEMAND_BINS[-1]
+        )
+        for row, weights in enumerate((time, bus * time)):
+            self._demand[row] += np.histogram(bus, DEMAND_BINS, weights=weights)[0]
         speed = np.abs(block.motor_velocity[:-1])
         moving = (speed > self._floor) & (time > 0.0)[:, None]
         fed = (brake[:-1] == 0.0) & (block.grid_power[:-1] > block.loss_grid[:-1])

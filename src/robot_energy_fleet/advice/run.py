@@ -18,7 +18,14 @@ from robot_energy.replay.api import ReplayOptions, run_replay
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.results.model import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
-from robot_energy_fleet.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy_fleet.advice.claims import (
+    Claim,
+    regenerative,
+    shared_bus,
+    standby,
+    waiting_pose,
+    warm_up,
+)
 from robot_energy_fleet.advice.dataset_evidence import (
     MIN_BAGS,
     SampledBag,
@@ -37,15 +44,20 @@ from robot_energy_report.repeats import given_once, overlaps
 MIN_SAVING = 5e-4  # of the energy from the grid; what is less is not listed [-]
 LABELS = {
     "standby": "standby instead of drives that hold, in breaks and at night",
-    "regenerative": "a regenerative supply or a common DC bus",
+    "regenerative": "a regenerative supply",
+    "shared_bus": "one DC bus for two robots",
     "warm_up": "a warmer start",
     "speeds": "other speeds and accelerations, in the same cycle time",
     "waiting_pose": "wait where holding costs least",
 }
-OVERLAPS = (("speeds", "warm_up"), ("speeds", "regenerative"))
+OVERLAPS = (
+    ("speeds", "warm_up"), ("speeds", "regenerative"), ("speeds", "shared_bus"),
+    ("regenerative", "shared_bus"),
+)  # fmt: skip
 ABSENT = {
     "standby": "standby: no rest of a minute or more that a state would pay for",
     "regenerative": "regenerative supply: nothing went into a brake resistor",
+    "shared_bus": "one DC bus: nothing went into a brake resistor, or no samples are known",
     "warm_up": "warm-up: no measured temperatures, or motors as warm all the time",
     "speeds": "speeds: no part of a bag that starts and ends at rest with two moves, or not asked "
     "for",
@@ -187,6 +199,7 @@ def _fine(
     """What needs samples; speeds are looked for apart."""
     replay = shlex.join(["robot-energy", "replay", path, "--model", named])
     return {
+        "shared_bus": shared_bus(evidence, model),
         "warm_up": warm_up(evidence, model, replay),
         "speeds": None,
         "waiting_pose": waiting_pose(evidence, model),
@@ -236,7 +249,7 @@ def _sampled(
     if len(found) < len(bags):
         few = ", too few for warm-up, speeds and waiting poses" if len(found) < MIN_BAGS else ""
         whole.notes.append(f"{len(found)} of these {len(bags)} bags could be analysed{few}")
-    names = ("warm_up", "speeds", "waiting_pose")
+    names = ("shared_bus", "warm_up", "speeds", "waiting_pose")
     return {
         name: of_all([one[name] for one in found], time, whole.observed_time, whole.recordings)
         for name in names

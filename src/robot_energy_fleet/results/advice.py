@@ -32,7 +32,9 @@ class Advice(Result):
     """One change, and what it would save."""
 
     name: Annotated[
-        str, "``standby``, ``regenerative``, ``warm_up``, ``speeds`` or ``waiting_pose``."
+        str,
+        "``standby``, ``regenerative``, ``shared_bus``, ``warm_up``, ``speeds`` or "
+        "``waiting_pose``.",
     ]
     label: Annotated[str, "The change in words."]
     energy: Annotated[float, "Saved in the recordings. [J]"]

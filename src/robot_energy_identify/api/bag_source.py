@@ -73,14 +73,16 @@ class BagSource:
             RobotEnergyError: If a bag cannot be used.
         """
         from robot_energy_identify.data.recordings import read_recording
+        from robot_energy_identify.data.thinned import MOST
         from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 
         meaning, read = self.meaning()
         sensors = self.sensors or DEFAULT_LIMITS
         found: list[Recording] = []
+        most = MOST // max(len(self.bags), 1)
         for bag in self.bags:
             with self.progress(f"reading {Path(bag).name}") as report:
-                part = read_recording(bag, model, meaning, None, report, read)
+                part = read_recording(bag, model, meaning, None, report, read, most)
                 found.append(replace(part, sensors=sensors))
         return found
 
@@ -125,15 +127,18 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
+        from robot_energy_identify.data.bags import motion_time
         from robot_energy_identify.data.recordings import channels_of
 
+        recordings = self.with_effort(model)
+        seconds = motion_time(recordings)
         found: dict[str, list[Channels]] = {}
         rate: float | None = None
-        for bag, part in zip(self.bags, self.with_effort(model), strict=True):
-            sampled = channels_of([part], rate=rate)
+        for bag, part in zip(self.lazy(model, None)[0], recordings, strict=True):
+            starts = replace(bag, kept=part).starts(model, seconds)
+            sampled = channels_of(starts, rate)
             rate = sampled[0].rate
-            name = Path(bag).name
-            found[str(bag) if name in found else name] = sampled
+            found[str(bag.path) if bag.name in found else bag.name] = sampled
         return found
 
     def lazy(
@@ -151,6 +156,7 @@ class BagSource:
             RobotEnergyError: If a bag or the parameter file cannot be used.
         """
         from robot_energy_identify.data.bags import Bag
+        from robot_energy_identify.data.thinned import MOST
         from robot_energy_identify.run_all import usable_effort
         from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 
@@ -161,5 +167,6 @@ class BagSource:
         bags: list[Bag] = []
         for path in self.paths:
             power = drive_power and drive_power.read(path, model.joint_names)
-            bags.append(Bag(path, used, read, power, sensors=sensors))
+            most = MOST // len(self.bags)
+            bags.append(Bag(path, used, read, power, sensors=sensors, most=most))
         return bags, refused

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from robot_energy.foundation.errors import NotIdentifiableError
@@ -19,7 +20,7 @@ from robot_energy_identify.causes import (
     torque_evidence,
 )
 from robot_energy_identify.check.evidence import Evidence
-from robot_energy_identify.data.bags import BagFacts, Span, facts, folds_of
+from robot_energy_identify.data.bags import Bag, BagFacts, Span, facts, folds_of
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_identify.plausibility import check_signs
 from robot_energy_identify.provenance import require_distinct
@@ -89,14 +90,17 @@ def identify_all(
     tests, _ = BagSource(test_paths, effort, inputs).lazy(given, drives)
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
+    kept: list[Bag] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
+        kept.append(replace(bag, kept=recording) if recording.in_order else bag)
         known.append((facts(bag, recording), recording.span_ns))
         evidence.append(torque_evidence(recording, bag.effort))
         if len(known) <= len(fitted):
             check_signs([recording], bag.effort)
             refuse_meter([recording], bag.effort)
+    fitted, tests = kept[: len(fitted)], kept[len(fitted) :]
     read = [entry for entry, _ in known[: len(fitted)]]
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):

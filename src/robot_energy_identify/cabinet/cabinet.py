@@ -24,11 +24,9 @@ from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.bounds import identified, only_the_sum
 from robot_energy_identify.data.recordings import (
     Recording,
-    rest_of,
-    still_joints,
-    window,
     with_meter,
 )
+from robot_energy_identify.data.rest import rest_of, still_joints, window
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.stats.regression import SCATTER, student

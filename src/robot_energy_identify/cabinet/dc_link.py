@@ -33,7 +33,7 @@ from robot_energy_identify.cabinet.link_readings import (
     tried,
     with_energy,
 )
-from robot_energy_identify.data.recordings import Recording, with_meter
+from robot_energy_identify.data.recordings import Recording, spread, with_meter
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.drives.drive_data import held_energy
 from robot_energy_identify.stats.cross_validation import (
@@ -125,7 +125,7 @@ def fit_link(
         NotIdentifiableError: If there is no meter at the grid, the supply feeds back to the
             grid, the robot hardly brakes, or the meter averages for too long.
     """
-    metered = with_meter(recordings)
+    metered = spread(with_meter(recordings))
     cabinet = cabinet or recordings[0].model.cabinet
     if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
         raise NotIdentifiableError(

@@ -14,7 +14,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import block_length
-from robot_energy_identify.drives.total_sums import joined, piece_means
+from robot_energy_identify.drives.total_sums import Integrals, joined
 from robot_energy_identify.stats.lag import minimum
 
 COARSE = 16  # energies tried first,
@@ -128,8 +128,9 @@ def readings_of(
         grid = np.column_stack(
             [CabinetStage(entry).step(stamp, segment, bus).grid_power for entry in cabinets]
         )
+        integrals = Integrals(stamp, segment, grid)
         for pieces in recording.limits.pieces(meter):
-            kept, means = piece_means(pieces, stamp, segment, grid)
+            kept, means = integrals.means(pieces)
             parts.append((kept, means, np.full(len(kept), number)))
     pieces, predicted, recording = joined(parts, "the robot")
     duration = pieces.duration

@@ -16,7 +16,7 @@ from robot_energy.model.schema import Cabinet
 from robot_energy.physics.cabinet import CabinetStage
 from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.recordings import Recording, spread
 from robot_energy_identify.drives.delays import (
     meter_lags,
     with_meters_earlier,
@@ -62,7 +62,8 @@ def fit_supply(
     """
 
     def read(constant: float) -> DriveData:
-        data = drive_data(recordings, [None] * len(recordings), measured_torque=False)
+        some = spread(recordings)
+        data = drive_data(some, [None] * len(some), measured_torque=False)
         return with_meters_earlier(data, 0.0, constant)
 
     low_pass, delay = meter_lags(read)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag.time_range import TimeRange
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -36,7 +37,6 @@ from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.motion import check_motion
 from robot_energy_identify.check.torque import check_torque
 from robot_energy_identify.check.windows import Windows
-from robot_energy_identify.stats.regression import one_thread
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction

@@ -1,6 +1,6 @@
 """Does the recorded torque fit the bodies, gears and payload of the model?
 
-What a cause must explain to be named: `robot_energy_identify.check.search`.
+What a cause must explain to be named: `robot_energy_identify.check.cause_search`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,14 @@ import numpy as np
 
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import remedies
+from robot_energy_identify.check.cause_search import (
+    MAX_SURPRISE,
+    OFFSET,
+    Found,
+    SearchResult,
+    contradicts,
+    search,
+)
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import (
     EFFORT,
@@ -21,15 +29,7 @@ from robot_energy_identify.check.finding import (
     Finding,
     unjudged,
 )
-from robot_energy_identify.check.hypotheses import MAX_FACTOR, Cause, scale_words
-from robot_energy_identify.check.search import (
-    MAX_SURPRISE,
-    OFFSET,
-    Found,
-    SearchResult,
-    contradicts,
-    search,
-)
+from robot_energy_identify.check.possible_causes import MAX_FACTOR, Cause, scale_words
 from robot_energy_identify.check.torque_fit import MIN_MOTION, MIN_SAMPLES, OWN, TorqueFit
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior

@@ -1,25 +1,27 @@
-"""Bags that are read again with every model that identification makes of them.
+"""Bags that are seen again with every model that identification makes of them.
 
 What a recording gives depends on the model: the rigid-body torque on its bodies, the power
-of the drives on its friction. So each step of an identification reads the bags with the
+of the drives on its friction. So each step of an identification sees the bags with the
 model that the steps before it left.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import Progress
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
-from robot_energy_identify.data.recordings import Recording, read_recording
+from robot_energy_identify.data.recordings import EVER, Recording, read_recording
+from robot_energy_identify.data.thinned import MOST
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower
 from robot_energy_identify.provenance import require_distinct, sha256_of
 from robot_energy_identify.stats.cross_validation import FOLDS
@@ -27,8 +29,10 @@ from robot_energy_identify.stats.lag import Delay, applied
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 Span = tuple[int, int]  # [ns), from and to
-EVER: Span = (-(2**62), 2**62)
+MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more adds little, and memory grows with it
 HeldOutKind = Literal["test", "recordings", "blocks"]
+MARGIN = 1.0  # s by which the times of messages and of their stamps may differ
+YEAR = 3.2e7  # s
 GUARD = 0.5  # s left out of the fit on both sides of a block
 VIRTUAL = "virtual rig"  # whose stamps are not dates
 YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
@@ -45,6 +49,8 @@ class Bag:
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
         meter_time_constant: Of a low pass in the power meter, undone when read. [s]
+        most: Samples of it that are kept, see `robot_energy_identify.data.thinned`.
+        kept: The bag as it was read with some model; None: it is read again with each.
     """
 
     path: Path
@@ -55,6 +61,8 @@ class Bag:
     meter_delay: float = 0.0
     meter_time_constant: float = 0.0
     sensors: SensorLimits = DEFAULT_LIMITS
+    most: float = MOST
+    kept: Recording | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
@@ -70,13 +78,48 @@ class Bag:
         Raises:
             RobotEnergyError: If bag or model cannot be used.
         """
-        recording = read_recording(self.path, model, self.effort, None, progress, self.inputs)
-        recording = replace(recording, sensors=self.sensors)
+        if self.kept is None:
+            recording = self._read(model, progress, self.most)
+        else:
+            recording = self.kept.with_model(model)
         return recording.with_meter_earlier(self.meter_delay, self.meter_time_constant)
+
+    def _read(
+        self,
+        model: RobotModel,
+        progress: Progress | None = None,
+        most: float = np.inf,
+        time_range: TimeRange | None = None,
+    ) -> Recording:
+        recording = read_recording(
+            self.path, model, self.effort, None, progress, self.inputs, most, time_range
+        )
+        return replace(recording, sensors=self.sensors)
+
+    def starts(self, model: RobotModel, seconds: float) -> list[Recording]:
+        """Return the begin of each stretch that counts, with every sample of it.
+
+        Args:
+            seconds: From the first sample of each. [s]
+        """
+        whole = self.whole(model)
+        origin, length = int(whole.torque.stamp_ns[0]), round(min(seconds, YEAR) / NANOSECOND)
+        found: list[Recording] = []
+        for part in self._parts(whole):
+            first, last = int(part.torque.stamp_ns[0]), int(part.torque.stamp_ns[-1])
+            last = min(first + length, last)
+            if part.every > 1:
+                since, until = ((at - origin) * NANOSECOND for at in (first, last))
+                around = TimeRange(max(since - MARGIN, 0.0), until + MARGIN)
+                part = self._read(model, time_range=around)
+            found.append(part.between(first, last + 1))
+        return [part for part in found if len(part) > 1]
 
     def read(self, model: RobotModel) -> list[Recording]:
         """Return the stretches that count, each as a recording; argument as in `Bag.whole`."""
-        recording = self.whole(model)
+        return self._parts(self.whole(model))
+
+    def _parts(self, recording: Recording) -> list[Recording]:
         if self.spans == (EVER,):
             return [recording]
         parts = [recording.between(*span) for span in self.spans]
@@ -158,7 +201,7 @@ def facts(bag: Bag, recording: Recording) -> BagFacts:
         if start > YEAR_2000 and VIRTUAL not in recording.origin
         else "",
         duration=(end - start) * NANOSECOND,
-        rate=1.0 / (step * NANOSECOND) if step > 0 else float("nan"),
+        rate=recording.every / (step * NANOSECOND) if step > 0 else float("nan"),
         range_degc=(float(degc[warm].min()), float(degc[warm].max())) if warm.any() else None,
         effort=bag.effort if known else EffortMeaning.NONE,
         meter=None if meter is None else meter.location,
@@ -182,6 +225,18 @@ def temperature_ranges(recordings: Sequence[Recording]) -> Float:
 def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
     """Return all stretches of all bags, read with one model."""
     return [part for bag in bags for part in bag.read(model)]
+
+
+def motion_time(recordings: Sequence[Recording]) -> float:
+    """Return how much of the start of each recording the dynamics are fitted to. [s]
+
+    `MAX_MOTION_TIME` of all together: an equal share of each where they last longer.
+
+    Args:
+        recordings: All of the fit.
+    """
+    total = sum(end - start for start, end in (part.span_ns for part in recordings)) * NANOSECOND
+    return MAX_MOTION_TIME / len(recordings) if total > MAX_MOTION_TIME else np.inf
 
 
 def powers_of(

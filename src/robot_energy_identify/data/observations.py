@@ -17,10 +17,12 @@ from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.data.signals import Channels, inside, later, standing
 from robot_energy_identify.dynamics.torque_model import TorqueModel
 from robot_energy_plan.motion import Trajectory
-from robot_energy_plan.motion.sampled_motion import low_pass, motion_from_position
+from robot_energy_plan.motion.sampled_motion import MEMORY, low_pass, motion_from_position
 
 MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
 ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides
+PART = 5_000  # samples whose regressor is filtered at once
+OVERLAP = 3  # of parts, in times that the filter remembers: what is left of an end is 1e-9
 BY_ROW = ("regressor", "joint_torque", "used", "compared", "segment", "payload_torque")
 SHARE_OF_RATE = 0.2  # of the recording's rate that the filter of the positions may pass
 
@@ -132,27 +134,47 @@ def _observe(
     step = max(1, int(rate / (MOTION_PER_RATE * cutoff)))
     rate /= step
     motion = motion[::step]
-    regressor = torque_model.regressor(motion)
-    payload = torque_model.payload_torque(motion, regressor)
-    flat = regressor.reshape(len(regressor), -1)
-    active = flat.any(axis=0)  # about half of the columns are zero by structure
-    flat[:, active] = low_pass(flat[:, active], rate, filters.cutoff)
-    payload = low_pass(payload, rate, filters.cutoff)
-    torque = low_pass(torque[::step], rate, filters.cutoff) - payload
     used, compared = usable(motion.joint_velocity, rate, transmission, filters)
+    torque = low_pass(torque[::step], rate, filters.cutoff)
     step = max(1, int(rate / (ROWS_PER_RATE * filters.cutoff)))
     rows = slice(None, None, step)
+    regressor, payload = _filtered(motion, rate, step, torque_model, filters.cutoff)
     return Observations(
         names=torque_model.names,
-        regressor=np.ascontiguousarray(regressor[rows]),
-        joint_torque=torque[rows],
+        regressor=regressor,
+        joint_torque=torque[rows] - payload,
         used=used[rows],
         compared=compared[rows],
-        segment=np.full(len(torque[rows]), number, dtype=np.int64),
+        segment=np.full(len(payload), number, dtype=np.int64),
         rate=rate / step,
         motion=motion[rows],
-        payload_torque=payload[rows],
+        payload_torque=payload,
     )
+
+
+def _filtered(
+    motion: Trajectory, rate: float, step: int, torque_model: TorqueModel, cutoff: float
+) -> tuple[Float, Float]:
+    """Regressor and torque of the payload behind the filter, every so many samples.
+
+    Made part by part, so that only what is kept takes memory; parts overlap for as long as the
+    filter remembers.
+    """
+    margin = OVERLAP * int(np.ceil(MEMORY * rate / cutoff))
+    size = -(-max(PART, margin) // step) * step
+    regressors, payloads = list[Float](), list[Float]()
+    for first in range(0, len(motion), size):
+        begin, end = max(0, first - margin), min(first + size, len(motion))
+        part = motion[begin : end + margin]
+        regressor = torque_model.regressor(part)
+        payload = torque_model.payload_torque(part, regressor)
+        flat = regressor.reshape(len(regressor), -1)
+        active = flat.any(axis=0)  # about half of the columns are zero by structure
+        flat[:, active] = low_pass(flat[:, active], rate, cutoff)
+        kept = slice(first - begin, end - begin, step)
+        regressors.append(np.ascontiguousarray(regressor[kept]))
+        payloads.append(low_pass(payload, rate, cutoff)[kept])
+    return np.concatenate(regressors), np.concatenate(payloads)
 
 
 def usable(

@@ -1,14 +1,7 @@
-"""What a recording gives to identification: the stages of the monitor, with all samples kept.
+"""What a recording gives to identification: the stages of the monitor, with its samples kept.
 
 The same ingest, derivative, drivetrain and joining by stamp that run live make these
 arrays, so what is fitted is what runs.
-
-Which joints stand still is recognised by the noise of their velocity and not by a fixed threshold.
-The noise of a joint's velocity is its standard deviation about a straight line in windows of a
-quarter of a second, of which the lowest twentieth counts: rest, or motion at constant speed. A
-joint stands where its velocity is within four of these deviations of 0, and its mean over a
-tenth of a second within two; both limits are at least the ``standstill_velocity`` of the model.
-The first finds rest under noise, the second keeps a slow, steady motion apart from it.
 """
 
 from __future__ import annotations
@@ -23,31 +16,36 @@ from numpy.typing import NDArray
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.bag.time_range import TimeRange
+from robot_energy.condition.learner import Learning
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
-from robot_energy.pipeline import Output, Settings
+from robot_energy.pipeline import Settings, TorqueStage
+from robot_energy.pipeline.friction_stage import FrictionStage
+from robot_energy.pipeline.power_stage import PowerStage
 from robot_energy.replay.bag_replay import Progress, Replay, replay
+from robot_energy.replay.replay_steps import ROWS
 from robot_energy.replay.replay_topics import Topics
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
-    Float,
     Int,
+    JointBlock,
     MeterBlock,
     PowerBlock,
+    TemperatureBlock,
     TorqueBlock,
 )
 from robot_energy.timeline.pieces import Compared
-from robot_energy_identify.check.evidence import velocity_noise
 from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.data.thinned import MOST, Thinned, without_deviation
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
-AROUND = 50_000_000  # ns to each side, over which the mean velocity is taken
-SAMPLE_DEVIATIONS = 4.0
-MEAN_DEVIATIONS = 2.0
-MAX_NOISE = 0.02  # rad/s: a recording without rest or steady motion shows no noise, but motion
+EVER: tuple[int, int] = (-(2**62), 2**62)  # ns: all stamps
+MINUTE = 60_000_000_000  # ns
+SPREAD = 600.0  # s of motion for what does not change over a recording: delays, the DC link
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
@@ -63,6 +61,8 @@ class Recording:
         origin: Where the recording comes from, as its writer said.
         problems: What was wrong with the bag, one sentence each.
         replay: The replay that gave it, with its accounting.
+        temperatures: As they came, for another model.
+        every: Of how many samples of the recording one is kept.
     """
 
     path: Path
@@ -76,6 +76,8 @@ class Recording:
     limits: MeterLimits = field(default_factory=MeterLimits)
     replay: Replay | None = field(default=None, repr=False)
     sensors: SensorLimits = DEFAULT_LIMITS
+    temperatures: TemperatureBlock | None = None
+    every: int = 1
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -89,6 +91,11 @@ class Recording:
     def span_ns(self) -> tuple[int, int]:
         """First and last stamp. [ns]"""
         return int(self.torque.stamp_ns.min()), int(self.torque.stamp_ns.max())
+
+    @property
+    def in_order(self) -> bool:
+        """Whether the stamps rise all the way, as `Recording.with_model` needs them."""
+        return bool((np.diff(self.torque.stamp_ns) > 0).all())
 
     def between(self, start_ns: int, end_ns: int) -> Recording:
         """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out.
@@ -109,6 +116,26 @@ class Recording:
             compared=(),
         )
 
+    def spread(self, seconds: float) -> Recording:
+        """Return whole minutes of the recording, evenly spread; each is a segment of its own.
+
+        Args:
+            seconds: That they last together, about. [s]
+        """
+        stamp = self.power.stamp_ns
+        every = int(np.ceil(np.ptp(stamp) * NANOSECOND / seconds))
+        if every <= 1:
+            return self
+        minute = (stamp - stamp.min()) // MINUTE
+        rows = minute % every == 0
+        segment = self.torque.segment[rows] + (minute[rows] << 32)
+        return replace(
+            self,
+            torque=replace(self.torque[rows], segment=segment),
+            power=replace(self.power[rows], segment=segment),
+            compared=(),
+        )
+
     def with_meter_earlier(self, delay: float, time_constant: float = 0.0) -> Recording:
         """Return the recording with delay and low pass of its meter undone, compared again.
 
@@ -119,13 +146,87 @@ class Recording:
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
         meter = undone(self.meter, delay, time_constant)
-        comparison = Comparison(**self.limits.__dict__, response=MeterResponse())
+        return replace(self, meter=meter)._compared_by(MeterResponse())
+
+    def _compared_by(self, response: MeterResponse) -> Recording:
+        """The recording, its power compared with its meter."""
+        meter, supply = self.meter, self.power.supply
+        if meter is None:
+            return replace(self, compared=())
+        comparison = Comparison(**self.limits.__dict__, response=response)
         comparison.measure(meter)
-        supply = self.power.supply
-        compared = comparison.predict(
-            supply.stamp_ns, supply.segment, supply.power_at(meter.location)
+        power = supply.power_at(meter.location)
+        compared = comparison.predict(supply.stamp_ns, supply.segment, power)
+        return replace(self, compared=(compared,) if len(compared.duration_ns) else ())
+
+    def with_model(self, model: RobotModel) -> Recording:
+        """Return the recording as another model of the same robot sees it.
+
+        Motion, measured torque, temperatures and meter are those of the recording; the torque of
+        the bodies and all that follows from it are computed again.
+
+        Args:
+            model: Of the same joints, gears and torque constants.
+
+        Raises:
+            RobotEnergyError: If the model cannot be used.
+        """
+        if model is self.model:
+            return self
+        block, limits = self.torque, self.limits
+        effort = EffortMeaning.NONE if self.replay is None else self.replay.effort
+        settings = Settings(
+            effort=effort,
+            learning=Learning.OFF,
+            meter_max_gap=limits.max_gap,
+            meter_max_power=limits.max_power,
+            meter_wraps_at=limits.wraps_at,
         )
-        return replace(self, meter=meter, compared=(compared,))
+        stage = TorqueStage(model)
+        for change in () if self.replay is None else self.replay.payload.changes:
+            stage.set_payload(change.payload, change.from_ns)
+        unknown = np.full_like(block.joint_position, np.nan)
+        torque = stage.plan(
+            JointBlock(
+                block.stamp_ns,
+                block.segment,
+                block.quality,
+                block.joint_position,
+                block.joint_velocity,
+                block.joint_acceleration,
+                unknown,
+            )
+        )
+        assert torque is not None
+        torque = replace(torque, motor_torque_measured=block.motor_torque_measured)
+        powers = _powers(torque, self.temperatures, self.meter, model, settings)
+        again = replace(self, model=model, torque=torque, power=powers)
+        return again._compared_by(MeterResponse.of(model))
+
+
+def _powers(
+    torque: TorqueBlock,
+    temperatures: TemperatureBlock | None,
+    meter: MeterBlock | None,
+    model: RobotModel,
+    settings: Settings,
+) -> PowerBlock:
+    """The stages behind the torque, whose stamps rise."""
+    friction, power = FrictionStage(model), PowerStage(model, settings)
+    parts: list[PowerBlock | None] = []
+    for first in range(0, len(torque), ROWS):
+        rows = torque[slice(first, first + ROWS)]
+        since = int(rows.stamp_ns[0]) if first else EVER[0]
+        until = int(torque.stamp_ns[first + ROWS]) if first + ROWS < len(torque) else EVER[1]
+        if temperatures is not None:
+            arrived = temperatures[_inside(temperatures.stamp_ns, since, until)]
+            if len(arrived) and (found := friction.step(arrived)) is not None:
+                power.friction(found)
+        if meter is not None and len(read := meter[_inside(meter.stamp_ns, since, until)]):
+            power.measure(read)
+        parts.append(power.step(rows))
+    parts.append(power.flush())
+    return PowerBlock.concatenate([without_deviation(part) for part in parts if part is not None])
 
 
 def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock:
@@ -154,6 +255,15 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
     return replace(earlier, power=power)
 
 
+def spread(recordings: Sequence[Recording], seconds: float = SPREAD) -> list[Recording]:
+    """Return minutes of all recordings, an equal share of each, see `Recording.spread`.
+
+    Args:
+        seconds: That they last together, about. [s]
+    """
+    return [part.spread(seconds / len(recordings)) for part in recordings]
+
+
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings that have a power meter.
 
@@ -174,13 +284,10 @@ def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:
     return np.asarray((stamp_ns >= start_ns) & (stamp_ns < end_ns))
 
 
-def channels_of(
-    recordings: Sequence[Recording], most: float = np.inf, rate: float | None = None
-) -> list[Channels]:
+def channels_of(recordings: Sequence[Recording], rate: float | None = None) -> list[Channels]:
     """Return stretches of motor torque and position between gaps, on one uniform grid.
 
     Args:
-        most: Time to take from the start of each recording. [s]
         rate: Of the grid; None for that of the first recording. [Hz]
 
     Raises:
@@ -189,7 +296,6 @@ def channels_of(
     channels: list[Channels] = []
     for recording in recordings:
         block = recording.torque
-        block = block[(block.stamp_ns - block.stamp_ns[0]) * NANOSECOND <= most]
         channels += stretches(
             block.stamp_ns,
             block.segment,
@@ -207,23 +313,27 @@ def read_recording(
     topics: Topics | None = None,
     progress: Progress | None = None,
     inputs: Inputs | None = None,
+    most: float = MOST,
+    time_range: TimeRange | None = None,
 ) -> Recording:
-    """Run a bag through the stages and keep every sample.
+    """Run a bag through the stages and keep its samples, of a long one every second, fourth, ...
 
     Args:
         path: MCAP file or rosbag2 folder.
         topics: Topics to use where they cannot be determined by type.
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
+        most: Samples that are kept, about 0.7 kB each for six joints.
+        time_range: Part of the bag; None for all.
 
     Returns:
-        The recording; memory grows with its length, about 1 kB per sample of six joints.
+        The recording, whose memory does not grow with its length.
 
     Raises:
         BagError: If the bag gives not one torque.
         RobotEnergyError: If bag or model cannot be used.
     """
-    outputs: list[Output] = []
+    kept = Thinned(most)
     settings = Settings(effort=effort, power_period=None)
     if inputs is not None:
         gaps = {"max_gap": inputs.max_gap, "meter_max_gap": inputs.meter_max_gap}
@@ -233,97 +343,26 @@ def read_recording(
         model,
         topics,
         settings,
-        keep_compared=True,
         progress=progress,
         inputs=inputs,
-        on_output=outputs.append,
+        on_output=kept.take,
+        time_range=time_range,
     )
-    torque = [output.torque for output in outputs if output.torque is not None]
-    power = [output.power for output in outputs if output.power is not None]
-    meter = [output.meter for output in outputs if output.meter is not None]
+    torque, power = kept.torque(), kept.power()
     max_power, wraps_at, _ = result.meter.source.limits
-    if not torque or not power:
+    if torque is None or power is None:
         raise BagError(f"{path} gives not one torque", "a recording of several samples")
-    return Recording(
+    recording = Recording(
         Path(path),
         model,
-        TorqueBlock.concatenate(torque),
-        PowerBlock.concatenate(power),
-        MeterBlock.concatenate(meter) if meter else None,
+        torque,
+        power,
+        kept.meter(),
         result.origin,
         tuple(result.problems),
-        tuple(part for part in result.compared if len(part.duration_ns)),
-        MeterLimits(settings.meter_max_gap, max_power, wraps_at),
-        result,
+        limits=MeterLimits(settings.meter_max_gap, max_power, wraps_at),
+        replay=result,
+        temperatures=kept.temperatures(),
+        every=kept.every,
     )
-
-
-def still(stamp_ns: Int, velocity: Float, standstill: Float) -> NDArray[np.bool_]:
-    """Return where each joint stands, shape (N, n); False where the velocity is not finite.
-
-    Args:
-        stamp_ns: Rising, shape (N,). [ns]
-        velocity: Shape (N, n). [rad/s] or [m/s]
-        standstill: Of the model, shape (n,). [rad/s] or [m/s]
-    """
-    noise = np.minimum(np.nan_to_num(velocity_noise(stamp_ns, velocity)), MAX_NOISE)
-    known = np.isfinite(velocity)
-    total = np.zeros((len(velocity) + 1, velocity.shape[1]))
-    np.cumsum(np.where(known, velocity, 0.0), axis=0, out=total[1:])
-    first, last = window(stamp_ns)
-    mean = (total[last] - total[first]) / (last - first)[:, None]
-    near = np.abs(velocity) <= np.maximum(standstill, SAMPLE_DEVIATIONS * noise)
-    return known & near & (np.abs(mean) <= np.maximum(standstill, MEAN_DEVIATIONS * noise))
-
-
-def window(stamp_ns: Int) -> tuple[Int, Int]:
-    """Return the first sample of `AROUND` each one and the one behind the last, shape (N,).
-
-    Args:
-        stamp_ns: Rising, shape (N,). [ns]
-    """
-    first = np.searchsorted(stamp_ns, stamp_ns - AROUND, side="left")
-    last = np.searchsorted(stamp_ns, stamp_ns + AROUND, side="right")
-    return first, last
-
-
-def still_joints(recording: Recording) -> NDArray[np.bool_]:
-    """Return where each joint of a recording stands, shape (N, n)."""
-    block = recording.torque
-    standstill = np.array([joint.standstill_velocity for joint in recording.model.joints])
-    return still(block.stamp_ns, block.joint_velocity, standstill)
-
-
-@dataclass(frozen=True)
-class Rest:
-    """Stretches in which no joint moves.
-
-    Attributes:
-        total: Time of all of them. [s]
-        longest: [s]
-    """
-
-    total: float
-    longest: float
-    count: int
-
-    def __str__(self) -> str:
-        if not self.count:
-            return "no joint states at rest were found"
-        return (
-            f"the joints rest {self.total:.1f} s in all, {self.count} times, {self.longest:.1f} s "
-            "at the longest"
-        )
-
-
-def rest_of(stamp_ns: Int, resting: NDArray[np.bool_]) -> Rest:
-    """Return how long and how often a robot rests.
-
-    Args:
-        stamp_ns: Rising, shape (N,). [ns]
-        resting: Where no joint moves, shape (N,).
-    """
-    edges = np.flatnonzero(np.diff(resting.astype(np.int8), prepend=0, append=0))
-    starts, ends = edges[::2], edges[1::2] - 1
-    spans = (stamp_ns[ends] - stamp_ns[starts]) * NANOSECOND
-    return Rest(float(spans.sum()), float(spans.max(initial=0.0)), len(spans))
+    return recording._compared_by(MeterResponse.of(model))

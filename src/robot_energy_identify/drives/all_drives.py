@@ -33,7 +33,7 @@ class TotalFound:
         held_out: ``recordings`` or ``blocks``.
         scores: On held-out data, by way.
         delay: Of the meter behind the joint states; undone where it is sure. None where it
-            cannot be determined.
+            cannot be determined, or was known before.
         low_pass: Time constant of a low pass in the meter; likewise.
     """
 
@@ -89,7 +89,11 @@ class DrivesFound:
 
 
 def find_drives(
-    data: DriveData, model: RobotModel | None, source: str = "", cutoff: float = CUTOFF
+    data: DriveData,
+    model: RobotModel | None,
+    source: str = "",
+    cutoff: float = CUTOFF,
+    in_time: bool = False,
 ) -> DrivesFound:
     """Return what the power of each drive and the meter say of the drives.
 
@@ -97,6 +101,7 @@ def find_drives(
         model: Of the robot; None for a log.
         source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]
+        in_time: Whether delay and low pass of the meters are known and undone.
 
     Raises:
         NotIdentifiableError: If neither power of drives nor a meter determines anything.
@@ -109,7 +114,9 @@ def find_drives(
         drives = fit_drives(data, source, cutoff)
     total = None
     if location(data) is not None:
-        low_pass, lag = meter_lags(partial(with_meters_earlier, data, 0.0))
+        low_pass = lag = None
+        if not in_time:
+            low_pass, lag = meter_lags(partial(with_meters_earlier, data, 0.0))
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)

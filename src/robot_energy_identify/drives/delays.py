@@ -30,7 +30,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, Met
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.data.recordings import undone
 from robot_energy_identify.drives.drive_data import DriveData
-from robot_energy_identify.drives.total_sums import piece_means
+from robot_energy_identify.drives.total_sums import Integrals
 from robot_energy_identify.stats.cross_validation import contiguous_folds, splits
 from robot_energy_identify.stats.lag import Delay, applied, best_delay, held_out_errors
 from robot_energy_identify.stats.regression import qr_r
@@ -165,15 +165,14 @@ def _columns(data: DriveData) -> Float:
 
 
 def _moved(
-    meter: MeterBlock, limits: MeterLimits, lag: float, data: DriveData, rows: Int, columns: Float
+    meter: MeterBlock, limits: MeterLimits, lag: float, integrals: Integrals
 ) -> tuple[Float, Float]:
     """Power of every piece, and means of the columns over it; NaN where not known."""
     power: list[Float] = []
     means: list[Float] = []
-    stamp, stretch = data.stamp_ns[rows], data.stretch[rows]
     for pieces in limits.pieces(undone(meter, lag)):
-        kept, mean = piece_means(pieces, stamp, stretch, columns)
-        place = np.full((len(pieces), columns.shape[1]), np.nan)
+        kept, mean = integrals.means(pieces)
+        place = np.full((len(pieces), mean.shape[1]), np.nan)
         place[np.searchsorted(pieces.start_ns, kept.start_ns)] = mean
         power.append(pieces.mean_power)
         means.append(place)
@@ -192,7 +191,11 @@ def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | No
         if meter is None or len(rows) < 2:
             continue
         limits = data.limits[number]
-        tried = [_moved(meter, limits, lag, data, rows, of[rows]) for lag, of in tries]
+        tried: list[tuple[Float, Float]] = []
+        for (lag, of), (_, before) in zip(tries, [(0.0, None), *tries], strict=False):
+            if of is not before:
+                integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], of[rows])
+            tried.append(_moved(meter, limits, lag, integrals))
         same = np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried])
         parts.append(np.stack([mean[same] for _, mean in tried]))
         targets.append(tried[0][0][same])

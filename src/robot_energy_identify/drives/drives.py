@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
@@ -30,7 +31,6 @@ from robot_energy_identify.drives.efficiency import (
 )
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, TERMS, Losses, fit_losses
 from robot_energy_identify.stats.cross_validation import GAIN, averaged, contiguous_folds, rms_of
-from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.stats.systematic import (
     DRIVE_POWER,
     THERMOMETER,

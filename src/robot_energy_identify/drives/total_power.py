@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
@@ -32,7 +33,6 @@ from robot_energy_identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
-from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.stats.systematic import (
     BODIES,
     METER,

@@ -12,6 +12,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.stats.cross_validation import averaged
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
@@ -69,7 +70,7 @@ class Sums:
 
 
 def sums(data: DriveData, model: RobotModel | None) -> Sums:
-    """Return meter and drives on the same pieces of time.
+    """Return meter and drives on the same pieces of time; of many pieces some, evenly taken.
 
     Args:
         model: Where coefficients are shared between axes, its own losses say in which
@@ -91,10 +92,9 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         rows = np.flatnonzero(data.recording == number)
         if meter is None or len(rows) < 2:
             continue
+        integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], columns[rows])
         for pieces in data.limits[number].pieces(meter):
-            kept, means = piece_means(
-                pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows]
-            )
+            kept, means = integrals.means(pieces)
             middle = np.searchsorted(data.stamp_ns[rows], (kept.start_ns + kept.end_ns) // 2)
             parts.append((kept, means, rows[np.clip(middle, 0, len(rows) - 1)]))
     pieces, means, rows = joined(parts, "the drives")
@@ -109,7 +109,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         return total / (duration if values.ndim == 1 else duration[:, None])
 
     means = mean(means)
-    return Sums(
+    found = Sums(
         data.names,
         place,
         duration * np.diff(np.append(np.flatnonzero(first), len(window))),
@@ -124,6 +124,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         means[:, 3 + 3 * len(data.names) :],
         data.sensors,
     )
+    return found.rows(few(len(found)))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
@@ -164,40 +165,51 @@ def joined(
     return pieces, means, np.concatenate([numbers for _, _, numbers in parts])
 
 
-def piece_means(
-    pieces: CoveredPieces, stamp: Int, stretch: Int, columns: Float
-) -> tuple[CoveredPieces, Float]:
-    """Return the pieces inside the samples and the mean of every column over each.
+class Integrals:
+    """Integrals of columns over time by trapezoids, from which means over any pieces follow.
 
     Args:
         stamp: Of the samples, shape (N,). [ns]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         columns: Shape (N, K); a piece with a NaN in the first column is left out.
             [W] or [W/coefficient]
-
-    Returns:
-        The pieces that are left, and means by trapezoids, shape (pieces, K); NaN where
-        another column is NaN.
     """
-    step = np.diff(stamp)[:, None] * NANOSECOND
-    known = np.nan_to_num(0.5 * (columns[1:] + columns[:-1]) * step)  # a gap must not spread
-    area = np.vstack([np.zeros(columns.shape[1]), np.cumsum(known, axis=0)])
-    first = np.searchsorted(stamp, pieces.start_ns, side="right") - 1
-    last = np.searchsorted(stamp, pieces.end_ns, side="left")
-    inside = (first >= 0) & (last < len(stamp))
-    first, last = np.clip(first, 0, len(stamp) - 1), np.clip(last, 0, len(stamp) - 1)
-    bad = np.concatenate([[0], np.cumsum(~np.isfinite(columns[:, 0]))])
-    inside &= (stretch[first] == stretch[last]) & (bad[last + 1] == bad[first])
-    kept = pieces[inside]
-    time = stamp - stamp[0]
-    low, high = kept.start_ns - stamp[0], kept.end_ns - stamp[0]
-    parts: list[Float] = [
-        np.interp(high, time, part) - np.interp(low, time, part) for part in area.T
-    ]
-    means = np.column_stack(parts)
-    gone = np.vstack([np.zeros(columns.shape[1]), np.cumsum(np.isnan(columns), axis=0)])
-    missing = gone[last[inside] + 1] - gone[first[inside]] > 0
-    return kept, np.where(missing, np.nan, means / kept.duration[:, None])
+
+    def __init__(self, stamp: Int, stretch: Int, columns: Float) -> None:
+        self._stamp, self._stretch = stamp, stretch
+        step = np.diff(stamp)[:, None] * NANOSECOND
+        self._area = np.zeros(columns.shape)
+        known = np.nan_to_num(0.5 * (columns[1:] + columns[:-1]) * step)  # a gap must not spread
+        np.cumsum(known, axis=0, out=self._area[1:])
+        unknown = np.isnan(columns)
+        unknown[:, 0] = ~np.isfinite(columns[:, 0])
+        self._gone = np.zeros((len(columns) + 1, columns.shape[1]), dtype=np.int32)
+        np.cumsum(unknown, axis=0, out=self._gone[1:])
+
+    def means(self, pieces: CoveredPieces) -> tuple[CoveredPieces, Float]:
+        """Return the pieces inside the samples and the mean of every column over each.
+
+        Returns:
+            The pieces that are left, and means, shape (pieces, K); NaN where another column is
+            NaN.
+        """
+        stamp = self._stamp
+        first = np.searchsorted(stamp, pieces.start_ns, side="right") - 1
+        last = np.searchsorted(stamp, pieces.end_ns, side="left")
+        inside = (first >= 0) & (last < len(stamp))
+        first, last = np.clip(first, 0, len(stamp) - 1), np.clip(last, 0, len(stamp) - 1)
+        gone = self._gone[last + 1] - self._gone[first] > 0
+        inside &= (self._stretch[first] == self._stretch[last]) & ~gone[:, 0]
+        kept = pieces[inside]
+        area = self._until(kept.end_ns, last[inside]) - self._until(kept.start_ns, first[inside])
+        return kept, np.where(gone[inside], np.nan, area / kept.duration[:, None])
+
+    def _until(self, at: Int, near: Int) -> Float:
+        """The integrals up to instants, of which the sample before or behind is known."""
+        before = np.clip(np.where(self._stamp[near] > at, near - 1, near), 0, len(self._stamp) - 2)
+        low, high = self._stamp[before], self._stamp[before + 1]
+        share = ((at - low) / np.maximum(high - low, 1))[:, None]
+        return self._area[before] * (1.0 - share) + self._area[before + 1] * share
 
 
 def _scale(data: DriveData, model: RobotModel | None) -> Float:

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -21,7 +22,7 @@ from robot_energy_identify.data.observations import Filters, Observations, obser
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
-from robot_energy_identify.dynamics.springs import (
+from robot_energy_identify.dynamics.counterbalance import (
     check_springs,
     open_springs,
     spring_columns,
@@ -53,7 +54,6 @@ from robot_energy_identify.stats.regression import (
     estimate,
     factor,
     fit,
-    one_thread,
 )
 from robot_energy_identify.stats.systematic import (
     DEFAULT_LIMITS,

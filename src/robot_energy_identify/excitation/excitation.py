@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import Float
@@ -25,7 +26,6 @@ from robot_energy_identify.dynamics.torque_model import (
     standard_columns,
 )
 from robot_energy_identify.excitation.limits import ExcitationLimits, slopes
-from robot_energy_identify.stats.regression import one_thread
 from robot_energy_plan.motion import FourierBasis, FourierMotion, Trajectory
 
 Criterion = Literal["condition", "determinant"]

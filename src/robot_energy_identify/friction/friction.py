@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -43,7 +44,7 @@ from robot_energy_identify.stats.cross_validation import (
     rms_of,
     simplest,
 )
-from robot_energy_identify.stats.regression import Fit, one_thread
+from robot_energy_identify.stats.regression import Fit
 
 MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
 MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit

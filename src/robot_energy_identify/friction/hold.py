@@ -18,7 +18,8 @@ from robot_energy.model.schema import Hold, RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.hold_torque import MOVING, HoldTorque, last_direction
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
-from robot_energy_identify.data.recordings import Recording, still_joints
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.rest import still_joints
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
 
 SETTLED = 0.3  # s at rest before the torque is taken

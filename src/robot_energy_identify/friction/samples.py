@@ -14,6 +14,7 @@ from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.thinned import few
 from robot_energy_identify.stats.cross_validation import averaged, contiguous_blocks
 from robot_energy_identify.stats.regression import Method
 from robot_energy_identify.stats.systematic import BODIES, TORQUE
@@ -182,6 +183,8 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
 def moving_samples(data: FrictionData) -> FrictionData:
     """Return the samples without rest, slow motion and those with something missing.
 
+    Of many, some that are evenly taken.
+
     Raises:
         NotIdentifiableError: If too little is left, or a channel is missing.
     """
@@ -192,7 +195,7 @@ def moving_samples(data: FrictionData) -> FrictionData:
             f"at least {MIN_SAMPLES} in motion",
             "record motions of this joint at several speeds and in both directions",
         )
-    return moving
+    return moving.rows(few(len(moving)))
 
 
 def moving_rows(data: FrictionData) -> NDArray[np.bool_]:

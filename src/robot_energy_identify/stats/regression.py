@@ -10,22 +10,17 @@ Student's t says (`student`).
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, wraps
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.foundation.errors import NotIdentifiableError, check_shape
-from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float, Int
 
-P = ParamSpec("P")
-T = TypeVar("T")
 Method = Literal["ols", "wls", "irls"]
 HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
@@ -346,27 +341,3 @@ def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None
             "motion that changes each of them on its own",
             "record motions at several speeds and in both directions",
         )
-
-
-def one_thread(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function that keeps to one BLAS thread while it runs.
-
-    The matrices of the fits are small: more threads only wait for each other.
-    """
-
-    @wraps(function)
-    def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        with _blas(len(sys.modules)).limit(limits=1):
-            return function(*args, **kwargs)
-
-    return run
-
-
-@lru_cache(1)
-def _blas(modules: int) -> Any:
-    """Libraries that are loaded, looked up again once more modules are."""
-    del modules
-    require("threadpoolctl", "identification")
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import JointGear
 from robot_energy.physics.friction import FrictionModel
@@ -21,7 +22,6 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Phase
 from robot_energy_identify.bounds import at_bound, identified
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
-from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.thermal.gear import (
     CORRELATED,
     HIGHEST,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
@@ -20,7 +21,6 @@ from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.stats.cross_validation import GAIN, rms_of
-from robot_energy_identify.stats.regression import one_thread
 from robot_energy_identify.thermal.windows import ThermalRun
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading

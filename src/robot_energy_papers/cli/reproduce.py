@@ -46,6 +46,17 @@ has not seen, run them before and after: how often claimed savings are right, ho
 bands hold, how far the choice is from the best. With --waits, each cycle has 3 to 8 s to spend on
 slower moves. Writes report.html and figures.json.
 """
+ECBOT = """\
+Predict the total electrical power of real cobots, each recording by a fit to the others, and
+compare the RMS error with what EcBot publishes. The recordings are public, not part of the
+project: --data or ROBOT_ENERGY_DATA names their folder. Writes report.html and figures.json.
+"""
+INDEPENDENT = """\
+Repeat the experiment of paper A on a second simulator that shares no code with the model: bodies by
+MuJoCo, other laws of friction, motors, heat and cabinet, robots drawn at random. Error of the grid
+energy of held-out motions with friction that is fixed, friction that follows temperature, and all
+that is identified. Writes report.html and figures.json.
+"""
 PAPERS = ("paper-a", "paper-b")  # what identifies one model; the others count our own claims
 WORKERS = 2
 REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
@@ -53,16 +64,20 @@ BAGS = "bags"
 _FILES = {REPORT: HTML, FIGURES: JSON, FRONT: PICTURE, MODEL: TEXT}
 
 
-def _study(name: str, title: str, text: str, quick: str, workers: bool = True) -> Command:
-    """The command of one study."""
+def _study(name: str, title: str, text: str, quick: str = "", workers: bool = True) -> Command:
+    """The command of one study; without a quick form it reads recordings instead of making them."""
     folder = name.replace("-", "_")
 
     def options(parser: ArgumentParser) -> None:
-        add_option(parser, "--quick", quick)
         add_option(parser, "--out FOLDER", f"to write to (default {folder})", default=folder)
-        add_option(parser, "--seed N", "of motions and rigs (default 0)", type=_count(0), default=0)
         add_option(parser, "--overwrite", "replace an earlier study")
-        parser.set_defaults(paper=name)
+        parser.set_defaults(paper=name, seed=0, quick=False)
+        if quick:
+            add_option(parser, "--quick", quick)
+            text = "of motions and rigs (default 0)"
+            add_option(parser, "--seed N", text, type=_count(0), default=0)
+        else:
+            add_option(parser, "--data FOLDER", "of the recordings (default: ROBOT_ENERGY_DATA)")
         if name == "savings":
             add_option(parser, "--waits", "cycles with 3 to 8 s of waiting alone, on twelve plants")
         if workers:
@@ -73,7 +88,8 @@ def _study(name: str, title: str, text: str, quick: str, workers: bool = True) -
                 type=_count(1),
             )
 
-    epilog = f"example:\n  robot-energy reproduce {name} --quick --out build/{folder}\n"
+    words = " --quick" if quick else ""
+    epilog = f"example:\n  robot-energy reproduce {name}{words} --out build/{folder}\n"
     return Command(name, title, _run, options, text, epilog)
 
 
@@ -101,7 +117,10 @@ def _run(args: Namespace) -> int:
     workers = getattr(args, "workers", 1) or (1 if args.quick else WORKERS)
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, testing") as report:
-            scale = paper.QUICK if args.quick else paper.FULL
+            if "data" in args:
+                scale = paper.data_folder(args.data)
+            else:
+                scale = paper.QUICK if args.quick else paper.FULL
             if getattr(args, "waits", False):
                 scale = replace(scale, waits=True) if args.quick else paper.WAITS
             result = paper.study(StudyRun(folder / BAGS, args.seed, workers, report), scale)
@@ -171,6 +190,10 @@ STUDIES = (
         "a few temperatures, short sets, rigs that start at their temperature",
     ),
     _study(
+        "independent", "paper A on a second simulator", INDEPENDENT,
+        "two robots, short sets: shows that it runs, judges nothing",
+    ),
+    _study(
         "certainty", "how often intervals and bands hold", CERTAINTY,
         "one repetition of each: shows that it runs, judges nothing",
     ),
@@ -182,10 +205,11 @@ STUDIES = (
         "paper-b", "energy of printing robots", PAPER_B,
         "layers at two heights instead of all 100", workers=False,
     ),
+    _study("ecbot", "total power of real cobots, held out", ECBOT, workers=False),
 )  # fmt: skip
 add_parser = Group(
     "reproduce",
-    "repeat the experiments of the papers on the virtual rig",
+    "repeat the experiments of papers, on the virtual rig and on real recordings",
     "Repeat the experiments of a paper; every figure states its data.",
     "papers",
     "PAPER",

@@ -30,11 +30,8 @@ from robot_energy_plan.optimization.ptp_form import PtpForm
 from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
-from robot_energy_plan.results.optimization import (
-    OptimizationReport,
-    optimization_report,
-    with_supply,
-)
+from robot_energy_plan.results.common_supply import supply_figures
+from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
 
 TEMPERATURES = 3  # at which a range is looked at
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
@@ -84,6 +81,7 @@ def optimize(
     peak_limit: float | None = None,
     time_law: bool = False,
     level: Sequence[str | Path] = (),
+    one_bus: bool = False,
     any_order: bool = False,
     place: Sequence[float] | None = None,
     link: str = "tool0",
@@ -112,6 +110,7 @@ def optimize(
             then.
         level: Programs of further robots of this model on the same supply, whose starts within
             the cycle time are shifted so that the peak is least.
+        one_bus: Whether these share one DC bus: starts are shifted so that least energy is needed.
         any_order: Whether the configurations of point-to-point moves may be visited in any order.
         place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
             (3,); for point-to-point moves. [m]
@@ -147,6 +146,8 @@ def optimize(
         raise MotionError(
             "no cycle time was given for robots on one supply", "the cycle time that all have"
         )
+    if one_bus and not level:
+        raise MotionError("no other robot was named for one DC bus", "their programs")
     chain = PowerChain(used, _temperatures(temperature, used))
     form = read_form(program, used, chain.robot, topic, TimeRange(start, end), tool, max_feed)
     if time_law and isinstance(form, GcodeForm):
@@ -213,7 +214,8 @@ def optimize(
     report = optimization_report(found, chosen, name, notes)
     if level and cycle_time is not None:
         others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
-        report = with_supply(report, found, chosen, others, cycle_time)
+        robots = [(name, chosen.motion(found.task, found.plan)), *others]
+        report = replace(report, **supply_figures(found.task, robots, cycle_time, one_bus))
     return OptimizationResult(name, report, found, chosen)
 
 

@@ -27,6 +27,7 @@ POSITION_TOLERANCE = 1e-12  # m: the tool is in place
 SLOPE_TOLERANCE = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
 STRETCHED = 1e-4  # sine of the angle between two links that count as one line
 STRIDE = 0.05  # m of tool way from one solution to the next one looked for
+AHEAD = 32  # places from one that is followed along the path to the next; all between at once
 MAX_STEPS = 50
 MAX_STEP = 0.3  # rad
 
@@ -158,56 +159,101 @@ class PlanarArm:
             weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
         """
         result = np.full((len(place), len(start)), np.nan)
-        posture, force = start.copy(), np.zeros(2)
-        before = complex(self._tool(posture))
-        for row, wanted in enumerate(place.tolist()):
-            strides = max(1, int(np.ceil(abs(wanted - before) / STRIDE)))
-            for share in np.linspace(0.0, 1.0, strides + 1)[1:]:
-                goal = before + share * (wanted - before)
-                found = self._nearest(goal, posture, force, start, free, weight)
+        posture, force, before = start, np.zeros(2), complex(self._tool(start))
+        ends = [0, *range(AHEAD, len(place) - 1, AHEAD), len(place) - 1][: len(place)]
+        last = -1
+        for end in ends:
+            rows = np.arange(last + 1, end + 1)
+            found = self._along(before, complex(place[end]), posture, force, start, free, weight)
+            if found is not None:  # those between are near the way from one to the other
+                share = ((rows - last) / (end - last))[:, None]
+                guess = posture + share * (found[0] - posture)
+                pull = force + share * (found[1] - force)
+                between, _, done = self._nearest(place[rows], guess, pull, start, free, weight)
+                near = np.abs(between - guess).max(axis=1) < MAX_STEP
+                if (done & near).all():
+                    result[rows] = between
+                    posture, force = found
+                    last, before = end, complex(place[end])
+                    continue
+            for row in rows.tolist():
+                wanted = complex(place[row])
+                found = self._along(before, wanted, posture, force, start, free, weight)
                 if found is None:
                     return result
                 posture, force = found
-            result[row], before = posture, wanted
+                result[row], before = posture, wanted
+            last = end
         return result
+
+    def _along(
+        self, before: complex, wanted: complex, posture: Float, force: Float,
+        start: Float, free: Sequence[int], weight: Float,
+    ) -> tuple[Float, Float] | None:  # fmt: skip
+        """Posture and force at the end of a straight way of the tool; None if not found."""
+        strides = max(1, int(np.ceil(abs(wanted - before) / STRIDE)))
+        for share in np.linspace(0.0, 1.0, strides + 1)[1:]:
+            goal = np.array([before + share * (wanted - before)])
+            postures, forces, done = self._nearest(
+                goal, posture[None], force[None], start, free, weight
+            )
+            if not done[0]:
+                return None
+            posture, force = postures[0], forces[0]
+        return posture, force
 
     def _nearest(
         self,
-        place: complex,
+        place: Complex,
         posture: Float,
         force: Float,
         start: Float,
         free: Sequence[int],
         weight: Float,
-    ) -> tuple[Float, Float] | None:
-        """Newton's method for the tool in place and the objective level along the rest."""
-        index = list(free)
+    ) -> tuple[Float, Float, NDArray[np.bool_]]:
+        """Newton's method for tools in place and the objective level along the rest.
+
+        Returns:
+            Postures (N, n), forces (N, 2), and which were found (N,).
+        """
+        index = np.asarray(free)
         count = len(index)
         later = np.maximum.outer(np.arange(count), np.arange(count))
         signs = np.outer(self.sense[index], self.sense[index])
-        matrix = np.zeros((count + 2, count + 2))
-        posture = posture.copy()
+        posture, force = posture.copy(), force.copy()
+        done = np.zeros(len(place), dtype=np.bool_)
         for _ in range(MAX_STEPS):
-            vectors = self.link * np.exp(1j * np.cumsum(posture * self.sense))
-            arms = np.cumsum(vectors[::-1])[::-1]  # from each joint to the tool
-            slope = 1j * self.sense[index] * arms[index]
-            jacobian = np.stack([slope.real, slope.imag])
-            away = complex(arms[0]) - place
-            pull = weight[index] * (posture - start)[index] - force @ jacobian
-            level = np.abs(pull / weight[index]).max() < SLOPE_TOLERANCE
-            if level and abs(away) < POSITION_TOLERANCE:
-                return posture, force
-            bent = -signs * arms[index][later]  # second derivatives of the place
-            matrix[:count, :count] = -(force[0] * bent.real + force[1] * bent.imag)
-            matrix[range(count), range(count)] += weight[index]
-            matrix[:count, count:] = -jacobian.T
-            matrix[count:, :count] = jacobian
+            rows = np.flatnonzero(~done)
+            now, pulled = posture[rows], force[rows]
+            vectors = self.link * np.exp(1j * np.cumsum(now * self.sense, axis=1))
+            arms = np.cumsum(vectors[:, ::-1], axis=1)[:, ::-1]  # from each joint to the tool
+            slope = 1j * self.sense[index] * arms[:, index]
+            jacobian = np.stack([slope.real, slope.imag], axis=1)
+            away = arms[:, 0] - place[rows]
+            pull = weight[index] * (now - start)[:, index]
+            pull -= np.einsum("ni,nik->nk", pulled, jacobian)
+            level = np.abs(pull / weight[index]).max(axis=1) < SLOPE_TOLERANCE
+            level &= np.abs(away) < POSITION_TOLERANCE
+            done[rows[level]] = True
+            if level.all():
+                break
+            rows, pulled, jacobian = rows[~level], pulled[~level], jacobian[~level]
+            pull, away, arms = pull[~level], away[~level], arms[~level]
+            bent = -signs * arms[:, index][:, later]  # second derivatives of the place
+            matrix = np.zeros((len(rows), count + 2, count + 2))
+            matrix[:, :count, :count] = -(
+                pulled[:, 0, None, None] * bent.real + pulled[:, 1, None, None] * bent.imag
+            )
+            matrix[:, range(count), range(count)] += weight[index]
+            matrix[:, :count, count:] = -jacobian.swapaxes(1, 2)
+            matrix[:, count:, :count] = jacobian
+            rest = -np.column_stack([pull, away.real, away.imag])
             try:
-                step = np.linalg.solve(matrix, -np.concatenate([pull, [away.real, away.imag]]))
+                step = np.linalg.solve(matrix, rest[..., None])[..., 0]
             except np.linalg.LinAlgError:
-                return None
-            size = float(np.abs(step[:count]).max())
-            share = min(1.0, MAX_STEP / size) if size > 0 else 1.0
-            posture[index] += share * step[:count]
-            force = force + share * step[count:]
-        return None
+                break
+            size = np.abs(step[:, :count]).max(axis=1)
+            share = np.minimum(1.0, MAX_STEP / np.maximum(size, MAX_STEP))[:, None]
+            posture[rows[:, None], index] += share * step[:, :count]
+            force[rows] += share * step[:, count:]
+        return posture, force, done

@@ -139,9 +139,13 @@ class DeviationSums:
 
     Args:
         model: The robot's model, with the payload that it carries.
+
+    Attributes:
+        braked: Energy into the brake resistor. [J]
     """
 
     def __init__(self, model: RobotModel) -> None:
+        self.braked = 0.0
         self._deviations = EnergyDeviations(model)
         returned = model.cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
@@ -173,6 +177,7 @@ class DeviationSums:
         block, time = self._blocks.joined(output.power)
         weight = 0.5 * (np.append(time, 0.0) + np.append(0.0, time))
         braking = block.brake_power > 0.0
+        self.braked += float(block.brake_power[braking] @ weight[braking])
         excess = braking | (block.grid_power < block.loss_grid)
         fed_back = np.maximum(block.brake_power, np.where(excess, -block.bus_power, 0.0))
         speed = np.where(

@@ -53,7 +53,7 @@ def read_form(
     if file.suffix.lower() == ".csv":
         return TrajectoryForm(read_csv_trajectory(file), robot, file)
     if file.suffix.lower() in BAG or file.is_dir():
-        if _holds_trajectory(file, topic) and not time_range:
+        if holds_trajectory(file, topic) and not time_range:
             return TrajectoryForm(read_bag_trajectory(file, topic), robot, file)
         motion = recorded_motion(file, model, time_range, topic)
         return TrajectoryForm(motion, robot, file, recorded=True)
@@ -64,7 +64,12 @@ def read_form(
     )
 
 
-def _holds_trajectory(path: Path, topic: str | None) -> bool:
+def holds_trajectory(path: Path, topic: str | None) -> bool:
+    """Return whether a bag holds a JointTrajectory, else recorded motion.
+
+    Args:
+        topic: The only one to look at; None for all.
+    """
     topics = BagReader(path).topics
     named = topics if topic is None else {topic} & topics.keys()
     return any(topics[name].msgtype == MESSAGE for name in named)

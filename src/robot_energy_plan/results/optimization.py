@@ -5,27 +5,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated
 
-import numpy as np
-
-from robot_energy.foundation.errors import MotionError
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
-from robot_energy.timeline.blocks import NANOSECOND, Float
-from robot_energy_plan.motion.planned import PlannedMotion
-from robot_energy_plan.optimization.levelling import level_starts, samples_of
 from robot_energy_plan.optimization.measures import Optimum, Tried, together
 from robot_energy_plan.optimization.plan import Cost, CostTable, Saving
 from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.rest_states import break_even
 from robot_energy_plan.optimization.task import Task
-from robot_energy_plan.prediction import START_NS, predict
+from robot_energy_plan.prediction import predict
+from robot_energy_plan.results.common_supply import CommonSupply, StartTime
+from robot_energy_plan.results.shared_bus import SharedBusReport
 
 NOT_CLAIMED = "not claimed: smaller than its uncertainty"
 NOTHING = "changes nothing here"
 COSTS = "needs more energy here"
 DOES_NOT_APPLY = "does not apply"
-MIN_WAIT = 1e-3  # s; less is rounding
 MIN_CHANGE = 1e-6  # of the energy, that is more than rounding [-]
 MAX_DIFFERENCE = 0.01  # between the two ways to predict the choice [-]
 MIN_CYCLES = 20  # of each program, in a test on the robot
@@ -116,21 +111,6 @@ class BreakEven(Result):
     source: Annotated[str, "Where its figures come from."]
 
 
-class StartTime(Result):
-    """When a robot on a common supply starts."""
-
-    program: Annotated[str, "Program of the robot."]
-    start: Annotated[float, "After the beginning of the common cycle. [s]"]
-
-
-class CommonSupply(Result):
-    """Power of a supply for several robots."""
-
-    peak_power_together: Annotated[float, "Greatest power with all starts at once. [W]"]
-    peak_power: Annotated[float, "Greatest power with the starts as chosen. [W]"]
-    mean_power: Annotated[float, "Mean power, which does not depend on the starts. [W]"]
-
-
 class OptimizationReport(Result, name="optimization"):
     """A program, and how it needs less energy for the same work."""
 
@@ -159,6 +139,9 @@ class OptimizationReport(Result, name="optimization"):
         "Of this robot, as chosen, and of the others on its supply; empty without others.",
     ]
     supply: Annotated[CommonSupply | None, "Power of that supply; None without others."]
+    shared_bus: Annotated[
+        SharedBusReport | None, "Energy of that supply where it is one DC bus; else None."
+    ]
     checked_energy: Annotated[float, "Energy of the choice, as live operation predicts it. [J]"]
     how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
@@ -210,61 +193,12 @@ def optimization_report(
         break_even=_break_even(task),
         starts=(),
         supply=None,
+        shared_bus=None,
         checked_energy=checked,
         how_to_try=_how_to_try(found),
         problems=tuple(problems),
         notes=(*form.notes, *notes, *_notes(found)),
     )
-
-
-def with_supply(
-    report: OptimizationReport,
-    found: Optimum,
-    form: ProgramForm,
-    others: Sequence[tuple[str, PlannedMotion]],
-    cycle_time: float,
-) -> OptimizationReport:
-    """Return the report with starts of this robot and others that share its supply and model.
-
-    Args:
-        others: Name and motion of the others; each waits until the cycle is over.
-        cycle_time: Of all. [s]
-
-    Raises:
-        MotionError: If a motion cannot be predicted, or is longer than the cycle.
-    """
-    task = found.task
-    motion = form.motion(task, found.plan)
-    robots = [(report.program, motion), *others]
-    curves: list[Float] = []
-    for name, one in robots:
-        if one.duration > cycle_time + MIN_WAIT:
-            raise MotionError(
-                f"{name} takes {one.duration:.4g} s", f"at most the cycle time, {cycle_time:g} s"
-            )
-        curves.append(_power(task, name, one, cycle_time))
-    level = level_starts(curves, cycle_time)
-    return replace(
-        report,
-        starts=tuple(
-            StartTime(name, start)
-            for (name, _), start in zip(robots, level.start.tolist(), strict=True)
-        ),
-        supply=CommonSupply(level.peak_before, level.peak, level.mean),
-    )
-
-
-def _power(task: Task, name: str, motion: PlannedMotion, cycle_time: float) -> Float:
-    """Mean power over short steps of one cycle, the wait with the power of the first rest."""
-    degc = task.chain.motor_temperature_degc.mean(axis=0)
-    means = predict(task.chain.model, motion, degc, name).means
-    if means is None:
-        raise MotionError(f"{name} is too short", "a motion of some samples")
-    power = means.mean("grid_import") - means.mean("grid_return")
-    time = (means.stamp_ns - START_NS) * NANOSECOND - 0.5 * means.period
-    count = samples_of(cycle_time)
-    middle = (np.arange(count) + 0.5) * cycle_time / count
-    return np.where(middle > motion.duration, power[0], np.interp(middle, time, power))
 
 
 def _cycle(cost: Cost) -> CycleFigures:

@@ -12,6 +12,7 @@ from robot_energy.results.auxiliary import (
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
 from robot_energy.results.model import count_tags
+from robot_energy.results.normalised import normalised_energy
 from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy_plan.motion.load_motion import LoadedMotion
 from robot_energy_plan.prediction import Prediction
@@ -94,8 +95,11 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
     temperature = result.motor_temperature_degc.tolist()
     common = common_figures(account, model, temperature, None)
     time, auxiliary = account.registers.time, auxiliary_report(account.auxiliary)
+    net = common["energy"].net
+    repeats = [(result.program, net / result.repeat)] * result.repeat
     return PredictionReport(
         **common,
+        normalised=normalised_energy(result.work, net, repeats),
         program=result.program,
         repeat=result.repeat,
         motor_temperature_degc=dict(zip(model.joint_names, temperature, strict=True)),

@@ -18,6 +18,11 @@ from robot_energy.foundation.errors import HistoryError, RobotEnergyError
 from robot_energy.foundation.schema_errors import refusal
 from robot_energy.history.tariffs import Tariff
 from robot_energy_report.page.answers import body_of, packed
+from robot_energy_report.page.history_savings import (
+    friction_answer,
+    savings_answer,
+    savings_wish,
+)
 from robot_energy_report.page.history_view import HistoryView
 from robot_energy_report.page.json_numbers import json_text
 
@@ -41,6 +46,8 @@ class HistoryRoutes:
         self.routes = [
             Route("/api/history", self._answer, methods=["GET"]),
             Route("/api/history/shifts", self._shifts, methods=["GET"]),
+            Route("/api/history/savings", self._savings, methods=["GET"]),
+            Route("/api/history/friction", self._friction, methods=["GET"]),
             Route("/history.csv", self._csv, methods=["GET"]),
         ]
         if allow_control:
@@ -60,6 +67,22 @@ class HistoryRoutes:
     async def _shifts(self, request: Request) -> Response:
         def work(now_ns: int) -> str:
             return json_text(self._view.shifts(self._view.wish(_asked(request), now_ns)))
+
+        return await self._worked(request, work, "application/json")
+
+    async def _savings(self, request: Request) -> Response:
+        def work(now_ns: int) -> str:
+            asked = _asked(request)
+            wish = self._view.wish(asked, now_ns)
+            days = savings_wish(asked, wish.period, now_ns)
+            return json_text(savings_answer(self._view.folder, wish.robots, wish.period, days))
+
+        return await self._worked(request, work, "application/json")
+
+    async def _friction(self, request: Request) -> Response:
+        def work(now_ns: int) -> str:
+            wish = self._view.wish(_asked(request), now_ns)
+            return json_text(friction_answer(self._view.folder, wish.robots, wish.period))
 
         return await self._worked(request, work, "application/json")
 

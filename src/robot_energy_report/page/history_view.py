@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -12,10 +13,11 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.api import History, history, history_events, history_jobs
+from robot_energy.history.api import History, history, history_events, job_sums
 from robot_energy.history.differences import SLOT_NS
 from robot_energy.history.files import open_reader
-from robot_energy.history.spans import Resolution, robots_of
+from robot_energy.history.schema import JOB_SUMS
+from robot_energy.history.spans import robots_of
 from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_report.page.history_figures import (
@@ -43,6 +45,7 @@ from robot_energy_report.page.history_period import (
     zone_of,
 )
 
+SHOWN_OF_JOBS = ("observed_ns", IMPORT)
 MAX_JOBS = 200
 MAX_EVENTS = 100
 MAX_SPANS = 50  # of those that no part holds
@@ -120,8 +123,9 @@ class HistoryView:
         if wish.group == "joint":  # they hold neither times nor costs
             table = self._read(replace(wish, group="robot"))
         period, before = wish.period, wish.period.moved(-1)
-        if wish.group == "job":
-            bars = rows_of(self._ended(wish, period, period.resolution))
+        by_job = wish.group == "job"
+        ended = rows_of(self._ended(wish, period, whole=not by_job))
+        bars = ended if by_job else bars
         whole = self._whole(wish, table)
         until = min(period.stop_ns, max(period.start_ns, now_ns // SLOT_NS * SLOT_NS))
         running = until < period.stop_ns
@@ -163,7 +167,7 @@ class HistoryView:
             "span_energy": sum(spans[IMPORT].tolist()) / 1e6 if len(spans) else 0.0,
             "remarks": remarks_of(whole),
             "rests": rests_of(whole),
-            "jobs": self._jobs(wish, before),
+            "jobs": self._jobs(wish, ended, before),
             "events": self._events(wish),
             "tariffs": [one.model_dump(mode="json") for one in tariffs],
         }  # fmt: skip
@@ -199,7 +203,7 @@ class HistoryView:
         """
         wish, parts = self._table(wish)
         by_job = wish.group == "job"
-        table = self._ended(wish, wish.period, wish.period.resolution) if by_job else parts
+        table = self._ended(wish, wish.period, False, JOB_SUMS) if by_job else parts
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         flat = table.to_dict()
@@ -263,23 +267,32 @@ class HistoryView:
         stop_ns = max(stop_ns, start_ns + 1)  # of nothing: nothing
         return rows_of(history(self.folder, start_ns, stop_ns, "all", wish.robots, zone))
 
-    def _ended(self, wish: Wish, period: Period, resolution: Resolution) -> TimeSeries:
-        """Jobs that ended, in each part of a period."""
-        zone = period.zone.key
-        return history_jobs(
-            self.folder, period.start_ns, period.stop_ns, resolution, wish.robots, zone
-        )
+    def _ended(
+        self, wish: Wish, period: Period, whole: bool, names: Sequence[str] = SHOWN_OF_JOBS
+    ) -> TimeSeries:
+        """Jobs that ended, in each part of a period or in all of it."""
+        bounds = [period.start_ns, period.stop_ns] if whole else period.bounds
+        return job_sums(self.folder, bounds, wish.robots, names)
 
-    def _jobs(self, wish: Wish, before: Period) -> list[dict[str, Any]]:
-        now, earlier = (rows_of(self._ended(wish, one, "all")) for one in (wish.period, before))
+    def _jobs(self, wish: Wish, ended: Sequence[Row], before: Period) -> list[dict[str, Any]]:
+        """Jobs of each name and robot that ended in all parts, next to those of the period before.
+
+        Args:
+            ended: Of each part of the period, or of all of it.
+        """
+        earlier = rows_of(self._ended(wish, before, whole=True))
         means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in earlier}
-        rows = sorted(now, key=lambda one: -one[IMPORT])
+        sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+        for one in ended:
+            held = sums[one["robot"], one["job"]]
+            for name in ("parts", *SHOWN_OF_JOBS):
+                held[name] += one[name]
+        rows = sorted(sums.items(), key=lambda item: -item[1][IMPORT])
         return [
-            {"robot": one["robot"], "name": one["job"], "count": one["parts"],
+            {"robot": key[0], "name": key[1], "count": one["parts"],
              "time": one["observed_ns"] / one["parts"] / SECOND_NS, "energy": one[IMPORT] / 1e6,
-             "mean": one["microjoule_per_part"] / 1e6,
-             "before": _joule(means.get((one["robot"], one["job"])))}
-            for one in rows[:MAX_JOBS]
+             "mean": one[IMPORT] / one["parts"] / 1e6, "before": _joule(means.get(key))}
+            for key, one in rows[:MAX_JOBS]
         ]  # fmt: skip
 
     def _events(self, wish: Wish) -> list[dict[str, Any]]:

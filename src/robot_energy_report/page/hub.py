@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -13,8 +15,10 @@ from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.robot_state import RobotState
 from robot_energy_report.page.settings import PageSettings
 
-MAX_ROBOTS = 16
+MAX_ROBOTS = 200
+MAX_WHOLE = 16  # of more robots a page gets one whole, and an overview of all
 STATE_PERIOD = 1.0  # between two complete states; powers go out at each tick [s]
+FLEET_PERIOD = 2.0  # between two overviews [s]
 ACTIONS = ("open_interval", "close_interval", "reset_registers")
 
 Control = Callable[[str, str, str], "Future[tuple[bool, str]]"]
@@ -23,17 +27,20 @@ Control = Callable[[str, str, str], "Future[tuple[bool, str]]"]
 
 @dataclass(frozen=True)
 class PageEvents:
-    """What the page was last sent.
+    """What the pages that show one robot were last sent, or all pages while there are few robots.
 
     Attributes:
         number: Grows by one at each tick.
         state_number: ``number`` of the tick of the last complete state.
+        fleet_number: The same of the last overview.
     """
 
     number: int = 0
     state_number: int = 0
+    fleet_number: int = 0
     power: bytes = b""
     state: bytes = b""
+    fleet: bytes = b""
 
 
 @dataclass
@@ -50,6 +57,7 @@ class PageHub:
         history_folder: Of the history that the page shows; None without one.
         on_tick: Called after every tick, from the thread of the tick.
         robots: By namespace.
+        watched: How many pages show each robot; an empty name is the first one.
     """
 
     title: str
@@ -59,9 +67,11 @@ class PageHub:
     history_folder: Path | None = None
     on_tick: Callable[[], None] | None = None
     robots: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
-    events: PageEvents = field(default_factory=PageEvents)
+    events: dict[str, PageEvents] = field(default_factory=dict[str, PageEvents])
+    watched: Counter[str] = field(default_factory=Counter[str])
     lock: threading.Lock = field(default_factory=threading.Lock)
-    _state_due: float = 0.0
+    _number: int = 0
+    _due: dict[str, float] = field(default_factory=dict[str, float])
 
     def robot(self, name: str) -> RobotState | None:
         """Return the state of a robot, new if there is room; None beyond `MAX_ROBOTS`."""
@@ -76,41 +86,90 @@ class PageHub:
             now: On the steady clock of `RobotState.take_power`. [s]
         """
         with self.lock:
-            number = self.events.number + 1
-            full = now >= self._state_due or not self.events.state
-            if full:
-                self._state_due = now + STATE_PERIOD - 1e-3
-            powers = [robot.power(now) for robot in self.robots.values()]
-            self.events = PageEvents(
-                number,
-                number if full else self.events.state_number,
-                _event("power", {"number": number, "robots": powers}),
-                _event("state", self._state(now)) if full else self.events.state,
-            )
+            self._number += 1
+            full, overview = self._is_due("state", now), self.many and self._is_due("fleet", now)
+            fleet = _event("fleet", self._fleet(now)) if overview else b""
+            before, self.events = self.events, {}
+            for name in {"", *(self.watched if self.many else ())}:
+                last = before.get(name, PageEvents())
+                whole = full or not last.state
+                powers = [robot.power(now) for robot in self.whole(name)]
+                self.events[name] = PageEvents(
+                    self._number,
+                    self._number if whole else last.state_number,
+                    self._number if fleet else last.fleet_number,
+                    _event("power", {"number": self._number, "robots": powers}),
+                    _event("state", self._state(now, name)) if whole else last.state,
+                    fleet or last.fleet,
+                )
         if self.on_tick is not None:
             self.on_tick()
 
-    def state(self, now: float, history: bool = True) -> dict[str, Any]:
-        """Return all robots as plain values.
+    @property
+    def many(self) -> bool:
+        """Whether there are more robots than a page gets whole."""
+        return len(self.robots) > MAX_WHOLE
+
+    def events_of(self, name: str) -> PageEvents:
+        """Return what the pages that show a robot were last sent; call it under no lock."""
+        events = self.events
+        return events.get(name) or events.get("") or PageEvents()
+
+    def whole(self, name: str) -> list[RobotState]:
+        """Return the robots that a page gets whole: all, or of many the one that it shows.
+
+        Args:
+            name: As it is shown; the first one is taken for a name that there is not.
+        """
+        robots = list(self.robots.values())
+        if not self.many:
+            return robots
+        return [next((one for one in robots if one.name == name), robots[0])]
+
+    def state(self, now: float, name: str = "") -> dict[str, Any]:
+        """Return what a page begins with as plain values, with the rings.
 
         Args:
             now: As of `tick`. [s]
-            history: Whether the rings come with it.
+            name: As of `whole`.
         """
         with self.lock:
-            found = self._state(now)
-            if history:
-                found["history"] = [robot.history() for robot in self.robots.values()]
+            found = self._state(now, name)
+            if self.many:
+                found["fleet"] = self._fleet(now)
+            found["history"] = [robot.history() for robot in self.whole(name)]
             return found
 
-    def _state(self, now: float) -> dict[str, Any]:
+    def snapshots(self, now: float) -> list[dict[str, Any]]:
+        """Return all robots as plain values; of many the lock is free in between.
+
+        Args:
+            now: As of `tick`. [s]
+        """
+        found: list[dict[str, Any]] = []
+        for robot in list(self.robots.values()):
+            with self.lock:
+                found.append(robot.snapshot(now))
+        return found
+
+    def _is_due(self, what: str, now: float) -> bool:
+        if now < self._due.get(what, -math.inf):
+            return False
+        self._due[what] = now + (STATE_PERIOD if what == "state" else FLEET_PERIOD) - 1e-3
+        return True
+
+    def _fleet(self, now: float) -> list[dict[str, Any]]:
+        return [robot.overview(now) for robot in self.robots.values()]
+
+    def _state(self, now: float, name: str) -> dict[str, Any]:
         return {
             "title": self.title,
             "live": self.live,
             "control": self.control is not None,
             "recorded": self.history_folder is not None,
-            "number": self.events.number,
-            "robots": [robot.snapshot(now) for robot in self.robots.values()],
+            "number": self._number,
+            "count": len(self.robots),
+            "robots": [robot.snapshot(now) for robot in self.whole(name)],
         }
 
 

@@ -115,7 +115,7 @@ def metrics_text(hub: PageHub, now: float) -> bytes:
         now: As of `PageHub.tick`. [s]
     """
     registry = CollectorRegistry()
-    registry.register(_Robots(hub.state(now, history=False)["robots"]))
+    registry.register(_Robots(hub.snapshots(now)))
     written: bytes = cast("Any", exposition).generate_latest(registry)
     return written
 

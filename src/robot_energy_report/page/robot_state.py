@@ -42,6 +42,9 @@ from robot_energy_report.page.settings import CostCounter, PageSettings
 
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
 STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]
+OVERVIEW = (
+    "stale", "phase", "predicted_grid_power", "measured_power", "predicted_power_at_meter",
+)  # fmt: skip
 MEAN_OVER = 1.0  # of the powers in tables and in the flow picture [s]
 MAX_POWER = 1e9  # of a robot, either way [W]
 MAX_PERIOD = 86_400.0  # of a power state [s]
@@ -124,10 +127,7 @@ class RobotState:
         self._phases.settle(found["stamp_ns"], start_ns, seconds, net_energy(found))
 
     def take_friction(self, batch: RawBatch) -> None:
-        """Take friction coefficients; the newest count.
-
-        Argument as in `RobotState.take_registers`.
-        """
+        """Take friction coefficients; the newest count."""
         found = self._readers.friction(batch)
         if found is not None:
             self._friction = found
@@ -139,11 +139,7 @@ class RobotState:
                 self._findings[finding.name] = finding
 
     def take_intervals(self, intervals: Sequence[dict[str, Any]]) -> None:
-        """Take the list of job intervals.
-
-        Args:
-            intervals: Each with the fields of `interval_fields`, newest last.
-        """
+        """Take job intervals, each with the fields of `interval_fields`, newest last."""
         self._intervals = list(intervals)
 
     def stale(self, now: float) -> bool:
@@ -216,6 +212,16 @@ class RobotState:
             "alarms": self._alarms(seen),
             "findings": [finding.plain() for finding in self._findings.values()],
             "intervals": None if self._intervals is None else job_rows(self._intervals),
+        }
+
+    def overview(self, now: float) -> dict[str, Any]:
+        """Return a row among many robots as plain values; argument as in `RobotState.stale`."""
+        power, found = self.power(now), self._registers
+        return {
+            "name": self.name,
+            **{name: power.get(name) for name in OVERVIEW},
+            "energy": None if found is None else json_number(net_energy(found)),
+            "alarms": len(self._alarms(self._newest is not None and not power["stale"])),
         }
 
     def _take_run(self, run: Run) -> None:
@@ -370,8 +376,7 @@ class RobotState:
         """Energy, cost and emission since the registers were set to zero."""
         found = self._registers
         energy = math.nan if found is None else net_energy(found)
-        factor = self._settings.co2_kg_per_kwh
-        since = self._cost.since_ns
+        factor, since = self._settings.co2_kg_per_kwh, self._cost.since_ns
         return {
             "energy": json_number(energy),
             "cost": self._cost.cost,

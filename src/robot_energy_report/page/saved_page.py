@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any
 
 from robot_energy_report.page.json_numbers import json_text
-from robot_energy_report.terms import TERMS, with_hints
+from robot_energy_report.page.terms import TERMS, with_hints
 
 SCRIPTS = (
     "format.js",
@@ -24,7 +24,7 @@ SCRIPTS = (
     "stream.js",
     "main.js",
 )
-HISTORY_SCRIPTS = ("bars.js", "history.js")
+HISTORY_SCRIPTS = ("bars.js", "curves.js", "savings.js", "history.js")
 REPORT_SCRIPTS = ("format.js", "theme.js", "flow.js", "report.js")
 FILES = {
     "/": "index.html",

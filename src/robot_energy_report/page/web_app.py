@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from collections import Counter
 from typing import Any, cast
 
 from starlette.applications import Starlette
@@ -132,14 +133,14 @@ class PageApp:
         return Response(found.content, media_type=found.kind, headers=headers)
 
     async def _state(self, request: Request) -> Response:
-        text = json_text(self._hub.state(time.monotonic()))
+        text = json_text(self._hub.state(time.monotonic(), _shown(request)))
         return packed(request, text.encode(), "application/json")
 
     async def _metrics(self, request: Request) -> Response:
         return packed(request, metrics_text(self._hub, time.monotonic()), OPENMETRICS)
 
     async def _saved(self, request: Request) -> Response:
-        text = saved_page(self._hub.state(time.monotonic()))
+        text = saved_page(self._hub.state(time.monotonic(), _shown(request)))
         answer = packed(request, text.encode(), "text/html")
         answer.headers["content-disposition"] = 'attachment; filename="robot_energy.html"'
         return answer
@@ -168,6 +169,11 @@ class PageApp:
         )
 
 
+def _shown(request: Request) -> str:
+    """Name of the robot that a page shows; empty for the first."""
+    return request.query_params.get("robot", "")
+
+
 async def _wish(request: Request) -> tuple[str, str, str] | None:
     """Robot, action and text of a request for an action; None if it has none."""
     try:
@@ -189,7 +195,7 @@ class EventStream:
     """ASGI application of the route of server-sent events; nothing waits for a page.
 
     A client that reads slowly misses events between, never the newest; the memory for it is
-    that of one event and the buffer of its connection.
+    that of one event and the buffer of its connection. Of many robots a client gets one whole.
     """
 
     def __init__(self, hub: PageHub) -> None:
@@ -206,30 +212,40 @@ class EventStream:
         if len(self._news) >= MAX_STREAMS:
             answer = PlainTextResponse(f"{MAX_STREAMS} pages are open already\n", 429)
             return await answer(scope, receive, send)
-        news = asyncio.Event()
+        news, name = asyncio.Event(), _shown(Request(scope))
         self._news.add(news)
+        with self._hub.lock:
+            self._hub.watched[name] += 1
         gone = asyncio.ensure_future(_disconnected(receive))
         gone.add_done_callback(lambda _: news.set())
         try:
             kind = (b"content-type", b"text/event-stream")
             await send({"type": "http.response.start", "status": 200, "headers": [kind]})
             if scope["method"] != "HEAD":
-                await self._follow(send, news, gone)
+                await self._follow(send, news, gone, name)
             await send({"type": "http.response.body", "body": b"", "more_body": False})
         finally:
             self._news.discard(news)
+            with self._hub.lock:
+                self._hub.watched[name] -= 1
+                self._hub.watched += Counter()  # those that nobody shows go
             gone.cancel()
 
-    async def _follow(self, send: Send, news: asyncio.Event, gone: asyncio.Future[None]) -> None:
-        number = state_number = 0
+    async def _follow(
+        self, send: Send, news: asyncio.Event, gone: asyncio.Future[None], name: str
+    ) -> None:
+        number = state_number = fleet_number = 0
         while not gone.done():
-            events = self._hub.events
+            events = self._hub.events_of(name)
             chunk = b": beat\n\n"
             if events.number > number:
                 chunk = events.power
+                if events.fleet_number > fleet_number:
+                    chunk = events.fleet + chunk
                 if events.state_number > state_number:
                     chunk = events.state + chunk
                 number, state_number = events.number, events.state_number
+                fleet_number = events.fleet_number
             await send({"type": "http.response.body", "body": chunk, "more_body": True})
             try:
                 async with asyncio.timeout(BEAT):

@@ -16,9 +16,21 @@ from robot_energy.model import load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
-from robot_energy_fleet.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy_fleet.advice.claims import (
+    Claim,
+    regenerative,
+    shared_bus,
+    standby,
+    waiting_pose,
+    warm_up,
+)
 from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
-from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy_fleet.advice.evidence import (
+    DEGC_BINS,
+    DEMAND_BINS,
+    RecordedEvidence,
+    RecordedRest,
+)
 from robot_energy_fleet.advice.run import _advice, _basis
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.documents.advice import TITLES, advice_document
@@ -192,12 +204,38 @@ def test_no_supply_is_advised_where_there_is_one():
     assert regenerative(evidence, MODEL.changed(cabinet=cabinet)) is None
 
 
+def demand(*parts):
+    """Evidence of so many seconds at each demand on the bus [W]."""
+    value, time = np.array(parts).T
+    found = RecordedEvidence(observed_time=time.sum(), brake_columns=np.array([30.0]))
+    found.brake_energy = float(np.maximum(-value, 0.0) @ time)
+    found.demand = np.stack(
+        [np.histogram(value, DEMAND_BINS, weights=each)[0] for each in (time, value * time)]
+    )
+    return found
+
+
+def test_two_robots_on_one_bus_by_hand():
+    # a quarter of the time both brake 400 W, half of it one brakes while the other draws 600 W:
+    # 100 J/s go into each resistor in the mean of four cases instead of 200
+    claim = shared_bus(demand((600.0, 50.0), (-400.0, 50.0)), MODEL)
+    assert claim.energy == pytest.approx(100.0 * 100.0)
+    assert claim.half == pytest.approx(1.645 * np.hypot(0.5 * 30.0, 0.15 * 1e4), rel=1e-3)
+    # 100 W less than the other brakes: of two in three cases 300 W are left, one keeps 100 W
+    little = shared_bus(demand((100.0, 50.0), (-400.0, 50.0)), MODEL)
+    assert little.energy == pytest.approx(0.5 * 100.0 * 0.5 * 100.0)
+    assert shared_bus(RecordedEvidence(), MODEL) is None
+    kept = demand((600.0, 50.0), (-400.0, 50.0))
+    kept.brake_energy /= 4.0  # a capacitor keeps the rest
+    assert shared_bus(kept, MODEL).energy == pytest.approx(2500.0)
+
+
 def test_a_recording_with_rests_gives_a_ranked_list(poses):
     result = re.advise(poses, LOSSY, price=0.5, co2=0.4, hours_per_day=10.0, days_per_year=200.0)
     report = result.report
     everything = (*report.advice, *report.unproven)
     names = {one.name for one in everything}
-    assert names == {"standby", "speeds", "waiting_pose", "regenerative"}
+    assert names == {"standby", "speeds", "waiting_pose", "regenerative", "shared_bus"}
     energies = [one.energy for one in report.advice]
     assert energies == sorted(energies, reverse=True)
     assert all(one.energy > one.half for one in report.advice)
@@ -242,7 +280,7 @@ def test_what_overlaps_is_counted_once():
         RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
     )
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
-    assert _advice(claim, basis).overlaps == ("warm_up", "regenerative")
+    assert _advice(claim, basis).overlaps == ("warm_up", "regenerative", "shared_bus")
     assert _advice(claim, basis).energy_per_year == pytest.approx(100.0)
 
 
@@ -388,7 +426,7 @@ def test_the_page_names_what_is_not_proven(tmp_path):
 def test_what_saves_next_to_nothing_is_not_listed():
     report = re.advise(ROOT / "bags/drawn_train_warm", MODEL).report
     names = {one.name for one in (*report.advice, *report.unproven)}
-    assert names == {"regenerative"}
+    assert names == {"regenerative", "shared_bus"}
     assert sum("less than 0.05 % of the energy" in sentence for sentence in report.without) == 2
 
 

@@ -5,6 +5,7 @@ import time
 import pytest
 
 from histories import MINUTE, Robot
+from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.store import HistoryStore
 from robot_energy_cli.main import main
 
@@ -32,6 +33,7 @@ def folder(tmp_path, monkeypatch):
     job |= {"id": 1, "start": now - MINUTE, "stop": now, "name": "weld", "peak_power": None,
             "observed_ns": MINUTE, "predicted_import_microjoule": 216_000_000_000}  # fmt: skip
     store.add_jobs("left", [job])
+    store.add_friction("left", [LearnedFriction(now, "m1", {"elbow": 1.0625})])
     assert store.write(now)
     store.close()
     return folder
@@ -50,6 +52,8 @@ def test_it_shows_robots_jobs_and_costs(folder, tmp_path, capsys):
     assert out.count("1.08") == 2
     assert "weld" in out
     assert "shift" not in out
+    assert "elbow" in out
+    assert "1.062" in out
     path.write_text(TARIFF.replace("0.4}", '0.4, shifts: ["00:00"]}'))
     assert main(["history", "tariff", "--add", str(path)]) == 0
     assert "shifts from 00:00" in capsys.readouterr().out

@@ -10,11 +10,12 @@ import pytest
 
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from robot_energy.history import spans
-from robot_energy.history.api import history
+from robot_energy.history.api import history, history_jobs
 from robot_energy.history.check import check, repair
 from robot_energy.history.files import open_reader
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.rollup import Rolled
+from robot_energy.history.schema import JOB_COLUMNS
 from robot_energy.history.spans import pieces
 from robot_energy.history.store import HistoryStore
 
@@ -152,6 +153,78 @@ def test_days_of_years_are_rolled_up_some_at_once(tmp_path):
     store.close()
     with closing(open_reader(tmp_path)) as connection:
         assert Rolled.of(connection).until_ns == START + 20 * DAY
+
+
+JOB = dict.fromkeys(JOB_COLUMNS, 0)
+
+
+def drawn_jobs(draw, count, days):
+    """Jobs of three names that end within days, some at midnight."""
+    for number in range(count):
+        stop = START + draw.choice((draw.randrange(1, days * DAY), draw.randrange(1, days) * DAY))
+        yield JOB | {"id": number, "start": stop - MINUTE, "stop": stop,
+                     "name": f"part {number % 3}", IMPORT: draw.randrange(10**12)}  # fmt: skip
+
+
+def jobs_by_hand(jobs, zone):
+    """Parts and energy of each local day and name, from the jobs alone."""
+    found = {}
+    for job in jobs:
+        local = datetime.fromtimestamp((job["stop"] - 1) // SECOND, ZoneInfo(zone))
+        key = (f"{local:%F}", job["name"])
+        parts, used = found.get(key, (0, 0))
+        found[key] = (parts + 1, used + job[IMPORT])
+    return found
+
+
+def jobs_of(folder, zone):
+    found = history_jobs(folder, START - DAY, START + 12 * DAY, "day", timezone=zone)
+    days = (datetime.fromtimestamp(one // SECOND, ZoneInfo(zone)) for one in found.stamp_ns)
+    keys = zip((f"{day:%F}" for day in days), found["job"].tolist(), strict=True)
+    sums = zip(found["parts"].tolist(), found[IMPORT].tolist(), strict=True)
+    return dict(zip(keys, sums, strict=True))
+
+
+def test_jobs_rolled_up_by_name_are_those_that_ended_in_every_zone(tmp_path):
+    draw, jobs = random.Random(2), {}
+    store, robot, _ = record(tmp_path, 5)
+    for late in (False, True):  # in days that are not rolled up, and in days that are
+        for job in drawn_jobs(draw, 300, 10):
+            number = job["id"] + 1000 * late
+            if late and number % 3 == 0:  # it comes again, with another end
+                number -= 1000
+                job["start"] = jobs[number]["start"]
+            jobs[number] = job | {"id": number}
+            store.add_jobs("a", [jobs[number]])
+        for _ in range(2):  # days without energy hold jobs as well
+            assert store.write(START + 9 * DAY), store.trouble
+        assert check(tmp_path) == []
+        for zone in ZONES:
+            assert jobs_of(tmp_path, zone) == jobs_by_hand(jobs.values(), zone), (late, zone)
+    assert rows_of(tmp_path, "job1440") == 8 * 3
+    store._connection.execute("UPDATE job60 SET jobs = jobs + 1 WHERE name = 'part 1'")
+    store.close()
+    assert "job60" in check(tmp_path)[0]
+    repair(tmp_path, robot.now)
+    assert check(tmp_path) == []
+    assert jobs_of(tmp_path, "UTC") == jobs_by_hand(jobs.values(), "UTC")
+
+
+def test_tables_before_jobs_were_rolled_up_are_brought_up_to_date(tmp_path):
+    store, robot, _ = record(tmp_path, 5)
+    jobs = list(drawn_jobs(random.Random(3), 50, 5))
+    store.add_jobs("a", jobs)
+    assert store.write(robot.now)
+    for table in ("job60", "job1440", "friction"):
+        store._connection.execute(f"DROP TABLE {table}")
+    store._connection.execute("PRAGMA user_version = 2")
+    store.close()
+    later = HistoryStore(tmp_path)
+    later.open()
+    later.close()
+    assert "from version 2 to" in later.notices[0]
+    assert check(tmp_path) == []
+    assert jobs_of(tmp_path, "Europe/Berlin") == jobs_by_hand(jobs, "Europe/Berlin")
 
 
 def test_a_reader_sees_one_state_whatever_is_written_meanwhile(tmp_path, monkeypatch):

@@ -6,12 +6,12 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from histories import DAY, HOUR, START, Robot
+from histories import DAY, HOUR, MINUTE, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.baseline import compare, fit_baseline
-from robot_energy.history.rows import JOB_COLUMNS
-from robot_energy.history.savings import history_savings
+from robot_energy.history.savings import history_savings, savings_by_robot
+from robot_energy.history.schema import JOB_COLUMNS
 from robot_energy.history.store import HistoryStore
 
 FIRST = date(2026, 1, 1)
@@ -114,6 +114,11 @@ def test_a_saving_of_a_recorded_robot(folder):
     assert found["parts"].sum() > 100
     assert any("left out" in note for note in found.notes)
     assert found.baseline.days == 38
+    assert found.trend.mean == pytest.approx(found["energy"].sum() / found["parts"].sum())
+    everyone, failed = savings_by_robot(folder, *spans)
+    assert failed == {}
+    assert everyone["a"].saved == found.saved
+    assert everyone["a"].notes == found.notes
     ambient = {FIRST + timedelta(days=day): 20.0 + day % 7 for day in range(60) if day != 50}
     more = history_savings(folder, "a", *spans, further={"ambient": ambient})
     assert more.baseline.names == ("constant", "parts", "ambient")
@@ -130,3 +135,35 @@ def test_what_cannot_be_compared_is_refused(folder):
         history_savings(folder, "a", (FIRST, FIRST + timedelta(days=3)), month)
     with refused(HistoryError, found="no reported day"):
         history_savings(folder, "a", month, ("2026-05-01", "2026-06-01"))
+
+
+def test_the_trend_of_the_energy_per_part_is_the_line_through_it(tmp_path):
+    """5 parts a day, of 1 kWh at first and 1 % of that more each day, but for 0.1 kWh in turn."""
+    store, robot = HistoryStore(tmp_path), Robot()
+    store.open()
+    for day in range(41):
+        kwh = 5.0 * (1 + 0.01 * max(0, day - 20)) + (0.1 if day % 2 else -0.1)
+        robot.advance(HOUR // 4, round(kwh * 4000))
+        store.add("a", [robot.read(robot.now)])
+        robot.step_clock(DAY - HOUR // 4)
+        for number in range(5):
+            stop = START + day * DAY + HOUR
+            job = dict.fromkeys(JOB_COLUMNS, 0) | {"id": number, "name": "p", "stop": stop}
+            store.add_jobs("a", [job | {"start": stop - MINUTE}])
+        assert store.write(robot.now), store.trouble
+    store.close()
+    days = [FIRST + timedelta(days=one) for one in (0, 20, 41)]
+    found = history_savings(tmp_path, "a", (days[0], days[1]), (days[1], days[2]), ())
+    energy = found["energy"] / found["parts"]
+    x = np.arange(21.0)
+    slope, offset = np.polyfit(x, energy, 1)
+    trend = found.trend
+    assert trend.mean == pytest.approx(energy.mean())
+    assert trend.change == pytest.approx(20 * slope / energy.mean())
+    assert trend.change == pytest.approx(0.2 / 1.1, abs=0.01)
+    # Half width of the slope: s / sqrt(sum of squares), Student's t of 19 degrees, 90 %.
+    scatter = np.sqrt(((energy - offset - slope * x) ** 2).sum() / 19)
+    half = 1.7291 * scatter / np.sqrt(((x - 10) ** 2).sum())
+    assert trend.band == pytest.approx(20 * half / energy.mean(), rel=1e-3)
+    few = history_savings(tmp_path, "a", (days[0], days[1]), (days[1], days[1] + timedelta(5)), ())
+    assert few.trend is None

@@ -1,5 +1,6 @@
 """What the history holds is what the registers counted, whatever happens."""
 
+import random
 import shutil
 import sqlite3
 from contextlib import closing
@@ -11,20 +12,25 @@ import pytest
 
 import accounts
 import histories
+import page_messages
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
+from page_messages import JOINTS, encoder_of, zeros
 from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.bag.cdr import stamp_columns
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history import schema
-from robot_energy.history.api import history
+from robot_energy.history import readings, schema
+from robot_energy.history.api import history, history_friction
 from robot_energy.history.check import check, repair
 from robot_energy.history.differences import CLOCK, EARLIER
 from robot_energy.history.files import open_reader
+from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.readings import COLUMNS, ReadingDecoder
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
 from robot_energy.history.tariffs import stored_tariffs
 from robot_energy.messages import RegistersWriter
+from robot_energy.messages.registers import ENERGY_REGISTERS
 
 IMPORT = "predicted_import_microjoule"
 
@@ -346,19 +352,19 @@ def test_an_older_schema_is_brought_up_to_date_with_a_copy(store, monkeypatch):
     write(store, robot, [robot.minute()])
     folder = store.folder
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 3)
+    monkeypatch.setattr(schema, "VERSION", 4)
     monkeypatch.setitem(
-        schema.MIGRATIONS, 2, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
+        schema.MIGRATIONS, 3, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
     )
     later = HistoryStore(folder)
     later.open()
-    assert "from version 2 to 3" in later.notices[0]
+    assert "from version 3 to 4" in later.notices[0]
     write(later, robot, [robot.minute()])
     later.close()
-    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-2")) as copy:
-        assert copy.execute("PRAGMA user_version").fetchone() == (2,)
-    monkeypatch.setattr(schema, "VERSION", 2)
-    with refused(HistoryError, found="version 3"):
+    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-3")) as copy:
+        assert copy.execute("PRAGMA user_version").fetchone() == (3,)
+    monkeypatch.setattr(schema, "VERSION", 3)
+    with refused(HistoryError, found="version 4"):
         HistoryStore(folder).open()
 
 
@@ -368,6 +374,8 @@ def test_the_first_tables_get_hours_days_and_a_file_of_tariffs(store):
         write(store, robot, [robot.minute() for _ in range(60)])
     folder = store.folder
     for table in ("slot60", "slot1440", "joint60", "joint1440", "curve"):
+        store._connection.execute(f"DROP TABLE {table}")
+    for table in ("job60", "job1440", "friction"):
         store._connection.execute(f"DROP TABLE {table}")
     store._connection.execute("DROP INDEX ended")
     store._connection.execute("DELETE FROM meta WHERE name = 'rolled_until'")
@@ -397,8 +405,8 @@ def test_a_migration_that_fails_leaves_all_as_it_was(store, monkeypatch):
     write(store, robot, [robot.minute()])
     folder = store.folder
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 3)
-    monkeypatch.setitem(schema.MIGRATIONS, 2, lambda c: c.execute("DROP TABLE no_such"))
+    monkeypatch.setattr(schema, "VERSION", 4)
+    monkeypatch.setitem(schema.MIGRATIONS, 3, lambda c: c.execute("DROP TABLE no_such"))
     with refused(HistoryError):
         HistoryStore(folder).open()
     monkeypatch.undo()
@@ -417,6 +425,27 @@ def test_jobs_are_the_same_however_often_they_come(store):
     with closing(open_reader(store.folder)) as connection:
         rows = connection.execute(f"SELECT id, name, {IMPORT} FROM job").fetchall()
     assert rows == [(3, "weld", 5)]
+
+
+def test_learned_friction_is_kept_by_day_and_model(store):
+    def learned(stamp, ratio, model="m1"):
+        return LearnedFriction(stamp, model, {"elbow": ratio, "wrist": 1.0})
+
+    store.add_friction("a", [learned(START + hour * HOUR, 1 + hour / 100) for hour in range(48)])
+    store.add_friction("a", [learned(START + 2 * DAY, 2.0, "m2"), learned(START + 40 * DAY, 1.9)])
+    write(store, Robot(), [])
+    store.add_friction("a", [learned(START + HOUR, 9.0)])  # late: the newest of a day stays
+    write(store, Robot(), [])
+    found = history_friction(store.folder, START, START + 59 * DAY)
+    own = found["joint"] == "elbow"
+    assert found["model_id"][own].tolist() == ["m1", "m2", "m1"]
+    assert found["days"][own].tolist() == [2, 1, 1]
+    assert found["ratio"][own] == pytest.approx([(1.23 + 1.47) / 2, 2.0, 1.9])
+    assert found["greatest"][own] == pytest.approx([1.47, 2.0, 1.9])
+    days = history_friction(store.folder, START, START + 2 * DAY, "day", timezone="Europe/Berlin")
+    assert days["ratio"][days["joint"] == "elbow"] == pytest.approx([1.23, 1.47, 2.0])
+    with refused(HistoryError, found="no robot 'b'"):
+        history_friction(store.folder, START, START + DAY, robots=["b"])
 
 
 def test_messages_of_an_account_are_its_history_to_the_microjoule(store):
@@ -456,3 +485,63 @@ def test_files_are_readable_by_nobody_else(tmp_path):
 def test_histories_have_the_columns_of_the_readings():
     assert len(Robot().read().values) == len(COLUMNS)
     assert histories.JOINTS == accounts.NAMES
+
+
+def drawn_messages(seed, count=400):
+    """A course of seconds with resets, clocks that are set, late and doubled messages; a batch."""
+    draw, robot, rows = random.Random(seed), Robot(seed), []
+    for _ in range(count):
+        match draw.random():
+            case x if x < 0.01:
+                robot.reset()
+            case x if x < 0.02:
+                robot.step_clock(draw.choice((-1, 1)) * draw.randint(1, 3 * MINUTE))
+            case x if x < 0.03:
+                robot.meter = draw.choice((0, 1, 2))
+            case x if x < 0.05:
+                robot.rest(SECOND)
+        robot.advance(SECOND)
+        rows.append(robot.read(robot.now if robot.now % MINUTE == 0 else 0))
+        if draw.random() < 0.02:
+            rows += rows[-draw.randint(1, 5) :]
+    encoder = encoder_of(ENERGY_REGISTERS, JOINTS)
+    columns = zeros(encoder, len(rows)) | {
+        name: np.array([row.values[COLUMNS.index(name)] for row in rows])
+        for name in ("observed_ns", "gap_ns", IMPORT)
+    }
+    for prefix, field in (("header.stamp", "stamp_ns"), ("energy_start", "energy_start_ns"),
+                          ("minute", "minute_ns")):  # fmt: skip
+        columns |= stamp_columns(np.array([getattr(row, field) for row in rows]), prefix)
+    meters = np.array([row.meter_location for row in rows], dtype=np.uint8)
+    columns |= {"meter_location": meters, "band": np.uint8(0), "gap_count": np.uint64(0)}
+    columns["persisted"] = True
+    return page_messages.batch(ENERGY_REGISTERS, encoder.encode(columns, len(rows)))
+
+
+def test_readings_in_between_are_left_out_where_the_next_takes_their_place(tmp_path, monkeypatch):
+    for seed in range(8):
+        given, held = drawn_messages(seed), []
+        for name in ("thinned", "whole"):
+            with monkeypatch.context() as patch:
+                if name == "whole":
+                    patch.setattr(readings, "_kept", lambda run, *_: np.full(len(run.rows), True))
+                found = ReadingDecoder().decode(given)
+            assert len(found) < 0.2 * len(given) if name == "thinned" else len(found) == len(given)
+            store = HistoryStore(tmp_path / f"{name}{seed}")
+            store.open()
+            for one in found:  # one by one, as they arrive
+                store.add("a", [one])
+            assert store.write(START + DAY, newest=True)
+            store.close()
+            with closing(open_reader(store.folder)) as connection:
+                held.append(
+                    [
+                        connection.execute(f"SELECT {what} ORDER BY 1, 2").fetchall()
+                        for what in (
+                            f"start, stop, flags, {IMPORT}, gap_ns FROM slot1",
+                            f"start, stop, flags, {IMPORT}, gap_ns FROM slot15",
+                            "stamp, kind, text FROM event",
+                        )
+                    ]
+                )
+        assert held[0] == held[1], seed

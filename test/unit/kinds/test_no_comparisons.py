@@ -32,7 +32,7 @@ BY_CLASS = {
     # The free curve of identified friction is a table or a constant, by definition.
     "robot_energy_identify/friction/friction.py",
     # A temperature shape that is lent is that of an exponential law.
-    "robot_energy_identify/friction/shape.py",
+    "robot_energy_identify/friction/shared_shape.py",
     # A factor on the viscous friction of the arm of paper B, whose law is exponential.
     "robot_energy_papers/wall_sensitivity.py",
 }

@@ -19,8 +19,8 @@ def pulse(size, width, watt):
 
 def test_two_pulses_are_put_after_each_other():
     found = level_starts([pulse(100, 40, 900.0), pulse(100, 50, 700.0)], 10.0)
-    assert found.peak_before == 1600.0
-    assert found.peak == 1000.0
+    assert found.together == 1600.0
+    assert found.least == 1000.0
     assert 4.0 <= found.start[1] <= 5.0
     assert found.mean == pytest.approx(420.0 + 400.0)
 
@@ -35,8 +35,8 @@ def test_three_robots_against_every_combination():
     found = level_starts(curves, 16.0)
     shifts = np.rint(found.start).astype(int)
     total = sum(np.roll(one, shift) for one, shift in zip(curves, shifts, strict=True))
-    assert total.max() == pytest.approx(found.peak)
-    assert best <= found.peak <= 1.03 * best
+    assert total.max() == pytest.approx(found.least)
+    assert best <= found.least <= 1.03 * best
 
 
 def test_robots_of_one_cell_do_not_start_together():

@@ -13,7 +13,7 @@ import pytest
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.rows import JOB_COLUMNS
+from robot_energy.history.schema import JOB_COLUMNS
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_report.page.history_figures import MAX_SERIES

@@ -20,6 +20,7 @@ from robot_energy_report.page.web_server import PageServer
 
 TOKEN = "0123456789abcdef0123"
 DAY = "?period=day&at=2026-01-01"
+SAVINGS = f"{DAY}&baseline_start=2025-12-01&baseline_stop=2025-12-31"
 TARIFF = {"begin": "2026-01-01", "price_per_kwh": 0.3, "co2_kg_per_kwh": 0.4, "timezone": "UTC"}
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
 
@@ -75,7 +76,8 @@ def test_the_history_is_served_to_this_computer(serve):
 
 def test_another_address_needs_the_token_for_the_history(serve, token_file):
     url = serve(address="0.0.0.0", token_file=token_file)
-    for path in (f"/api/history{DAY}", f"/api/history/shifts{DAY}", f"/history.csv{DAY}"):
+    paths = ("/api/history", "/api/history/shifts", "/api/history/friction", "/history.csv")
+    for path in (*(f"{one}{DAY}" for one in paths), f"/api/history/savings{SAVINGS}"):
         assert request(url, path)[0] == 401
         assert request(url, path, **BEARER)[0] == 200
     assert request(url, "/history")[0] == 200  # the page itself holds no figure
@@ -129,7 +131,7 @@ def test_what_is_no_tariff_is_refused_and_changes_nothing(serve, token_file, bod
 )  # fmt: skip
 def test_no_request_reads_anything_else(serve, query):
     url = serve()
-    for path in ("/api/history", "/history.csv"):
+    for path in ("/api/history", "/api/history/friction", "/api/history/savings", "/history.csv"):
         status, _, body = request(url, path + query)
         assert status == 400, body
         assert b"expected" in body

@@ -234,6 +234,43 @@ def test_events_bring_the_newest_and_late_pages_get_the_state(serve):
         read_until(client, b"event: power", b"321.0")
 
 
+def test_of_many_robots_a_page_gets_one_whole_and_an_overview_of_all(serve):
+    hub = PageHub("", PageSettings(), live=False)
+    url = serve(hub)
+    for number in range(2, 101):
+        robot = hub.robot(f"robot{number}")
+        robot.take_power(power_states([1.0], [100.0 + number]), 0.0)
+        robot.take_registers(registers(3600.0 * number))
+    state = json.loads(request(url, "/api/state?robot=robot42")[2])
+    assert [one["name"] for one in state["robots"]] == ["robot42"]
+    assert len(state["history"]) == 1
+    assert state["count"] == len(state["fleet"]) == 100
+    row = state["fleet"][41]
+    whole = state["robots"][0]
+    assert row["name"] == "robot42"
+    assert row["predicted_grid_power"] == whole["power"]["predicted_grid_power"] == 142.0
+    assert row["energy"] == whole["headline"]["energy"] == 3600.0 * 42
+    assert row["alarms"] == len(whole["alarms"])
+    assert len(json.dumps(state)) < 120_000
+    assert state_of(url)["robots"][0]["name"] == "robot1"
+    for unknown in ("robot999", "%00", "..%2F", "x" * 2000):
+        assert json.loads(request(url, f"/api/state?robot={unknown}")[2])["robots"]
+    saved = request(url, "/saved.html?robot=robot42")[2]
+    assert b"robot100" in saved
+    assert len(saved) < 400_000
+    with connected(url) as client:
+        client.sendall(b"GET /api/events?robot=robot42 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        wait_until(lambda: hub.watched["robot42"] == 1, "the page")
+        hub.tick(time.monotonic() + 10.0)
+        read_until(client, b"event: state", b"event: fleet", b"event: power", b"142.0")
+        sent = hub.events_of("robot42")
+        assert len(sent.power) < 2000
+        assert len(sent.fleet) < 30_000
+    wait_until(lambda: "robot42" not in hub.watched, "its end")
+    hub.tick(time.monotonic() + 20.0)
+    assert set(hub.events) == {""}
+
+
 def test_slow_pages_do_not_hold_up_others_and_are_dropped(serve, monkeypatch):
     hub = PageHub("test", PageSettings())
     url = serve(hub)
@@ -243,7 +280,7 @@ def test_slow_pages_do_not_hold_up_others_and_are_dropped(serve, monkeypatch):
 
     def pressed():
         hub.tick(time.monotonic())
-        hub._state_due = 0.0
+        hub._due.clear()
         return not hub.events or len(streams(hub)) == 0
 
     def streams(hub):

@@ -31,12 +31,23 @@ def test_everything_is_written_and_labelled(found, capsys):
     figures, folder = found
     page = (folder / "report.html").read_text()
     assert "virtual rig" in page
-    assert page.count("<img ") == 12
+    assert page.count("<img ") == 13
     assert "nothing was measured on a robot" in figures["about"]
     assert load(folder / "identified.yaml").joint_names == ("joint_1", "joint_2", "joint_3")
     assert (folder / "front.svg").stat().st_size > 1000
     assert main(["reproduce", "paper-b", "--quick", "--out", str(folder)]) == 2
     assert "give --overwrite" in capsys.readouterr().err  # all of it is ours
+
+
+def test_the_arm_stretches_upward_while_the_wall_grows(found):
+    """Counterpart of fig. 12: joints of the arm at each height, the first one the same at all."""
+    arm = np.array(found[0]["machines"]["irb4600"]["joint_ranges_at_heights"])
+    assert arm.shape == (2, 2, 6)  # two heights; least and greatest
+    turned = arm[1].mean(axis=0) - arm[0].mean(axis=0)
+    assert abs(turned[0]) < 1e-3
+    assert np.abs(turned[1:3]).max() > 0.3
+    gantry = np.array(found[0]["machines"]["testbed"]["joint_ranges_at_heights"])
+    assert (gantry[0] == gantry[1]).all()  # its height is not looked at in the short form
 
 
 def test_mechanical_energy_is_predicted_on_runs_that_no_fit_saw(found):

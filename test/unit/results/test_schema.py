@@ -28,6 +28,7 @@ COMMANDS = {
     "prediction": ["predict", MOVES, "--model", "kr16", "--temperature", "30", "--payload", "2"],
     "optimization": ["optimize", MOVES, "--model", "kr16", "--temperature", "20..50",
                      "--cycle-time", "60", "--standby", "--regenerative"],
+    "shared_bus": ["shared-bus", MOVES, MOVES, "--model", "kr16", "--cycle-time", "40"],
     "advice": ["advise", BAG, "--model", "kr16", "--price", "0.3", "--co2", "0.4"],
     "friction": ["identify", "friction", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "friction_study": ["identify", "friction", "--log", "runs.csv", "--mapping", "runs.yaml",

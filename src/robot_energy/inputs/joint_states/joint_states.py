@@ -25,7 +25,7 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
     IMPOSSIBLE_POSITION,
     PublisherConflictFilter,
 )
-from robot_energy.inputs.joint_states.velocities import VelocityCheck
+from robot_energy.inputs.joint_states.velocity_check import VelocityCheck
 from robot_energy.inputs.joint_states.zero_states import ZeroStateFilter
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog

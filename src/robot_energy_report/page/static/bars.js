@@ -8,7 +8,7 @@ const KNOWN = 0.995; // observed share from which on a part of the time is whole
 
 export const kindOf = (series, index) => (series.rest ? "s-rest" : series.kind ? `s-${series.kind}` : `s${index}`);
 
-function niceStep(span, count) {
+export function niceStep(span, count) {
   const raw = span / count;
   const power = 10 ** Math.floor(Math.log10(raw));
   return [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((step) => step >= raw * 0.999);

@@ -2,6 +2,7 @@
 import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, DASH } from "./format.js";
 import { ask, keep, setToken, tokenHash } from "./access.js";
 import { drawBars, kindOf } from "./bars.js";
+import { baselineOf, fillBaseline, showFriction, showSavings } from "./savings.js";
 import "./theme.js";
 
 const REFRESH = 60000; // of a period that is not over [ms]
@@ -53,7 +54,7 @@ async function load() {
     byId("access").hidden = true;
     byId("content").hidden = false;
     show();
-    await showShifts(asked, wish);
+    await Promise.all([showShifts(asked, wish), loadFriction(asked, wish), loadSavings(asked, wish)]);
   } catch (error) {
     if (asked !== view.asked) return;
     if (error.message === "token") {
@@ -183,6 +184,38 @@ function links(table, names, open) {
   });
 }
 
+async function loadFriction(asked, wish) {
+  const found = await (await ask(`api/history/friction?${wish}`)).json();
+  if (asked !== view.asked) return;
+  view.friction = found;
+  showFriction(found, params().getAll("robot").length === 1 || view.answer.known.length === 1);
+}
+
+async function loadSavings(asked, wish) {
+  const { period, timezone } = view.answer;
+  fillBaseline(params(), new Date(1000 * period.start).toLocaleDateString("sv", { timeZone: timezone }));
+  view.savings = null;
+  byId("baseline-clear").hidden = !params().has("baseline_start");
+  if (!params().has("baseline_start")) {
+    byId("savings").hidden = true;
+    return;
+  }
+  setText(byId("baseline-answer"), "comparing");
+  try {
+    const found = await (await ask(`api/history/savings?${wish}`)).json();
+    if (asked !== view.asked) return;
+    view.savings = found;
+    setText(byId("baseline-answer"), "");
+    showSaved();
+  } catch (error) {
+    if (asked !== view.asked) return;
+    byId("savings").hidden = true;
+    setText(byId("baseline-answer"), error.message);
+  }
+}
+
+const showSaved = () => showSavings(view.savings, goPeriod, (name) => go({ robot: name }), links);
+
 // Asked for after the rest, which does not wait for it.
 async function showShifts(asked, wish) {
   const { rows, currency } = await (await ask(`api/history/shifts?${wish}`)).json();
@@ -278,6 +311,8 @@ byId("span-form").addEventListener("submit", (event) => {
   end.setUTCDate(end.getUTCDate() + 1);
   goPeriod({ period: "span", start: byId("span-start").value, stop: end.toISOString().slice(0, 10) });
 });
+byId("baseline").addEventListener("submit", (event) => { event.preventDefault(); go(baselineOf()); });
+byId("baseline-clear").addEventListener("click", () => go({ baseline_start: "", baseline_stop: "", driver: "", measured: "" }));
 byId("csv").addEventListener("click", async () => {
   try {
     keep(await (await ask(`history.csv?${query({ fallback: view.answer.timezone })}`)).blob(), "robot_energy_history.csv");
@@ -289,6 +324,11 @@ byId("robot-search").addEventListener("input", () => { view.search = byId("robot
 byId("access").addEventListener("submit", (event) => { event.preventDefault(); setToken(byId("token").value); load(); });
 addEventListener("popstate", load);
 let width = innerWidth;
-addEventListener("resize", () => { if (innerWidth !== width && view.answer) { width = innerWidth; showBars(); } });
+addEventListener("resize", () => { if (innerWidth !== width && view.answer) {
+  width = innerWidth;
+  showBars();
+  if (view.savings) showSaved();
+  if (view.friction) showFriction(view.friction, params().getAll("robot").length === 1 || view.answer.known.length === 1);
+} });
 setInterval(() => { if (!document.hidden && view.answer?.running) load(); }, REFRESH);
 load();

@@ -5,13 +5,14 @@ import { append, drawLines } from "./lines.js";
 import { showAlarms, showFleet, showHeadline, showMeanPower, showPower, showTables, phaseText } from "./tables.js";
 import "./theme.js";
 import { keep, setToken, tokenHash } from "./access.js";
-import { act, fetchSaved, fetchState, follow } from "./stream.js";
+import { act, fetchSaved, fetchState, follow, restart } from "./stream.js";
 
 const STALE = 2000; // without powers from the monitor the figures are stale [ms]
 const DRAW = 240; // between two drawings of the lines [ms]
-const view = { state: null, chosen: 0, flow: "energy_flow", span: "live", heard: 0, number: 0, drawn: 0, connected: false };
+const view = { state: null, name: new URLSearchParams(location.search).get("robot") ?? "", flow: "energy_flow", span: "live", heard: 0, number: 0, drawn: 0, connected: false };
 
-const robot = () => view.state?.robots[view.chosen];
+const place = () => Math.max(0, view.state.robots.findIndex((one) => one.name === view.name));
+const robot = () => view.state?.robots[place()];
 const stale = () => view.state?.live && (!view.connected || performance.now() - view.heard > STALE || robot()?.power.stale);
 
 // What the browser itself has not heard of is not shown either.
@@ -52,7 +53,7 @@ function showStatus() {
 }
 
 function showLines() {
-  const history = view.state.history?.[view.chosen];
+  const history = view.state.history?.[place()];
   if (!history || document.hidden) return;
   view.drawn = performance.now();
   drawLines(byId("lines"), history[view.span], robot().meter, robot().spans[view.span], stale());
@@ -75,22 +76,31 @@ function showAll() {
   byId("content").hidden = !robot();
   if (!robot()) return;
   const shown = stale() ? withoutLive(robot()) : robot();
-  setText(byId("title"), view.state.robots.length > 1 || !view.state.title ? shown.name : view.state.title);
+  setText(byId("title"), view.state.count > 1 || !view.state.title ? shown.name : view.state.title);
   showHeadline(shown);
   if (view.state.live) showPower(shown.power); else showMeanPower(shown);
   showTables(shown);
   showAlarms(shown);
-  showFleet(view.state.robots, view.chosen, (index) => { view.chosen = index; showAll(); });
+  showFleet(view.state, shown.name, choose, Boolean(view.saved));
   showFlow();
   showLines();
   byId("control").hidden = !view.state.control || Boolean(view.saved);
   setText(byId("foot"), `Model ${shown.model_id ?? "unknown"}. Predicted powers and energies are those of the model; measured ones those of the meter${shown.meter === "DC_BUS" ? " on the DC bus" : ""}.`);
 }
 
+// Another robot; one that is not here whole is asked for.
+function choose(name) {
+  view.name = name;
+  const next = new URLSearchParams(location.search);
+  next.set("robot", name);
+  if (!view.saved) history.replaceState(null, "", `?${next}${location.hash}`);
+  if (view.state.robots.some((one) => one.name === name)) showAll(); else restart();
+}
+
 const handle = {
+  shown: () => view.name,
   begin(state) {
     Object.assign(view, { state, connected: true, heard: performance.now(), number: state.number });
-    view.chosen = Math.min(view.chosen, Math.max(0, state.robots.length - 1));
     byId("access").hidden = true;
     byId("save").hidden = false;
     byId("past").hidden = !state.recorded;
@@ -98,12 +108,18 @@ const handle = {
   },
   state(state) {
     const known = view.state.history ?? [];
-    view.state = { ...state, history: known };
+    view.state = { ...state, history: known, ...(state.count > state.robots.length ? { fleet: view.state.fleet } : {}) };
+    const missing = view.name && state.robots.length && !state.robots.some((one) => one.name === view.name);
+    if (missing && view.state.fleet?.some((one) => one.name === view.name)) return restart();
     view.heard = performance.now();
     const whole = known.length === state.robots.length && state.robots.every((one, index) =>
       Object.entries(one.buckets).every(([name, fresh]) => append(known[index][name], fresh)));
     if (!whole) refetch();
     showAll();
+  },
+  fleet(rows) {
+    view.state.fleet = rows;
+    if (robot()) showFleet(view.state, robot().name, choose, false);
   },
   power(event) {
     const missed = event.number > view.number + 1;
@@ -146,11 +162,11 @@ async function refetch() {
   if (performance.now() - fetched < 5000) return;
   fetched = performance.now();
   try {
-    view.state.history = (await fetchState()).history;
+    view.state.history = (await fetchState(view.name)).history;
   } catch { /* the stream notices what is wrong */ }
 }
 
-function choose(attribute, key) {
+function switchOf(attribute, key) {
   const buttons = [...document.querySelectorAll(`[data-${attribute}]`)];
   for (const button of buttons) button.addEventListener("click", () => {
     view[key] = button.dataset[attribute];
@@ -159,7 +175,7 @@ function choose(attribute, key) {
   });
 }
 
-byId("save").addEventListener("click", async () => keep(await fetchSaved(), "robot_energy.html"));
+byId("save").addEventListener("click", async () => keep(await fetchSaved(view.name), "robot_energy.html"));
 byId("past").addEventListener("click", () => { byId("past").href = `history${tokenHash()}`; });
 async function control(action) {
   const name = byId("job-name").value.trim();
@@ -179,8 +195,9 @@ for (const button of document.querySelectorAll("[data-action]")) {
   if (button.type !== "submit") button.addEventListener("click", () => control(button.dataset.action));
 }
 byId("control").addEventListener("submit", (event) => { event.preventDefault(); control("open_interval"); });
-choose("flow", "flow");
-choose("span", "span");
+switchOf("flow", "flow");
+switchOf("span", "span");
+byId("robot-search").addEventListener("input", () => { if (robot()) showFleet(view.state, robot().name, choose, Boolean(view.saved)); });
 let width = innerWidth;
 addEventListener("resize", () => { if (innerWidth !== width && robot()) { width = innerWidth; showAll(); } });
 

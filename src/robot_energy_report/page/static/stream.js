@@ -4,8 +4,13 @@ import { ask } from "./access.js";
 const SILENCE = 2500; // without any event the stream is begun again [ms]
 const WAITS = [300, 600, 1200, 2500];
 
-export const fetchState = async () => (await ask("api/state", { signal: AbortSignal.timeout(5000) })).json();
-export const fetchSaved = async () => (await ask("saved.html")).blob();
+let reading = null; // what ends the stream that is read
+
+// Of many robots the monitor sends one whole: that of this name, or the first.
+const of = (name) => (name ? `?robot=${encodeURIComponent(name)}` : "");
+export const fetchState = async (name) => (await ask(`api/state${of(name)}`, { signal: AbortSignal.timeout(5000) })).json();
+export const fetchSaved = async (name) => (await ask(`saved.html${of(name)}`)).blob();
+export const restart = () => reading?.abort("restart");
 
 export async function act(robot, action, text) {
   try {
@@ -21,12 +26,13 @@ export async function act(robot, action, text) {
 
 async function readEvents(handle) {
   const abort = new AbortController();
+  reading = abort;
   let alarm = setTimeout(() => abort.abort(), 2 * SILENCE);
   // A page that is left may live on in the cache of the browser: it keeps no connection.
   const leave = () => abort.abort();
   addEventListener("pagehide", leave);
   try {
-    const answer = await ask("api/events", { signal: abort.signal });
+    const answer = await ask(`api/events${of(handle.shown())}`, { signal: abort.signal });
     const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
     let rest = "";
     for (;;) {
@@ -48,15 +54,16 @@ async function readEvents(handle) {
   }
 }
 
-// Keeps the page up to date for ever: `handle` has begin, state, power, lost and refused.
+// Keeps the page up to date for ever: `handle` has shown, begin, state, fleet, power, lost and refused.
 export async function follow(handle) {
   for (let attempt = 0; ; attempt += 1) {
     try {
-      handle.begin(await fetchState());
+      handle.begin(await fetchState(handle.shown()));
       attempt = 0;
       await readEvents(handle);
       handle.lost();
     } catch (error) {
+      if (error === "restart") continue;
       if (error.message === "token") {
         handle.lost();
         await handle.refused();

@@ -149,18 +149,48 @@ function showDiagnostics(findings) {
   });
 }
 
-export function showFleet(robots, chosen, choose) {
-  byId("fleet").hidden = robots.length < 2;
-  const table = byId("robots");
-  fillRows(table, robots.map((robot) => [
-    "", robot.power.stale ? "stale" : phaseText(robot.power.phase),
-    n(watts(known(robot.power.measured_power) ? robot.power.predicted_power_at_meter : robot.power.predicted_grid_power)),
-    n(watts(robot.power.measured_power)), n(energy(robot.headline.energy)), n(String(robot.alarms.length)),
-  ]));
-  robots.forEach((robot, index) => {
-    const cell = table.tBodies[0].rows[index].cells[0];
-    const button = element("button", { type: "button", class: "plain", "aria-pressed": String(index === chosen) }, robot.name);
-    button.addEventListener("click", () => choose(index));
-    cell.replaceChildren(button);
+// A row of the overview, of a robot that is here whole.
+const overview = ({ name, power, headline, alarms }) => ({ ...power, name, energy: headline.energy, alarms: alarms.length });
+const powerOf = (row) => (known(row.measured_power) ? row.predicted_power_at_meter : row.predicted_grid_power);
+const cellOf = (name) => (name.includes("/") ? name.slice(0, name.indexOf("/") + 1) : "");
+const total = (rows, value) => (rows.some((row) => known(value(row))) ? rows.reduce((sum, row) => sum + (known(value(row)) ? value(row) : 0), 0) : null);
+
+// All robots: those of `fleet` if there are many, else those that are here whole.
+export function showFleet({ fleet, robots }, chosen, choose, saved) {
+  const all = fleet ?? robots.map(overview);
+  byId("fleet").hidden = all.length < 2;
+  byId("robot-search").hidden = !fleet;
+  const wanted = fleet ? byId("robot-search").value.trim().toLowerCase() : "";
+  const rows = all.filter((row) => row.name.toLowerCase().includes(wanted));
+  fillRows(byId("robots"), rows.map((row) => [row.name, row.stale ? "stale" : phaseText(row.phase),
+    n(watts(powerOf(row))), n(watts(row.measured_power)), n(energy(row.energy)), n(String(row.alarms))]));
+  const open = saved && fleet ? () => null : choose;
+  buttons("robots", rows.map((row) => row.name), open, (name) => name === chosen);
+  setText(byId("fleet-note"), fleet ? `${rows.length < all.length ? `${rows.length} of ` : ""}${all.length} robots, every two seconds. The rest of the page is ${chosen}.` : "");
+  const cells = new Map();
+  for (const row of fleet ?? []) cells.set(cellOf(row.name), [...(cells.get(cellOf(row.name)) ?? []), row]);
+  byId("cells-part").hidden = cells.size < 2;
+  if (cells.size < 2) return;
+  const listed = [...cells].sort(([a], [b]) => a.localeCompare(b, undefined, { numeric: true }));
+  fillRows(byId("cells"), listed.map(([name, own]) => [name || "without", n(String(own.length)), n(String(own.filter((row) => row.stale).length)),
+    n(watts(total(own, powerOf))), n(watts(total(own, (row) => row.measured_power))), n(energy(total(own, (row) => row.energy))), n(String(total(own, (row) => row.alarms)))]));
+  buttons("cells", listed.map(([name]) => name || "without"), (name) => {
+    const search = byId("robot-search");
+    search.value = search.value === name || name === "without" ? "" : name;
+    search.dispatchEvent(new Event("input"));
+  }, (name) => name === byId("robot-search").value);
+}
+
+// The first cell of each row as a button; one that is there stays, and so does its focus.
+function buttons(table, names, open, pressed) {
+  names.forEach((name, place) => {
+    const cell = byId(table).tBodies[0].rows[place].cells[0];
+    let button = cell.querySelector("button");
+    if (!button) {
+      button = element("button", { type: "button", class: "plain" }, name);
+      cell.replaceChildren(button);
+    }
+    button.onclick = () => open(name);
+    button.setAttribute("aria-pressed", String(pressed(name)));
   });
 }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from robot_energy_identify.data.recordings import rest_of, still
+from robot_energy_identify.data.rest import rest_of, still
 
 RATE, AXES, STANDSTILL = 250, 7, 2e-3
 TIME = np.arange(0, 24 * RATE) / RATE

@@ -8,7 +8,7 @@ import pytest
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.friction.friction import fit_axes
-from robot_energy_identify.friction.shape import common_shape, share_shape
+from robot_energy_identify.friction.shared_shape import common_shape, share_shape
 from unit.identify.friction.test_friction import A, B, C, measurement, viscous
 
 SIZES = {"one": 1.0, "two": 3.0, "three": 0.5}

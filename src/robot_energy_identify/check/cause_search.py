@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_energy_identify.check.evidence import Evidence
-from robot_energy_identify.check.hypotheses import (
+from robot_energy_identify.check.payload import more_payload
+from robot_energy_identify.check.possible_causes import (
     FREE,
     Cause,
     candidates,
@@ -23,7 +24,6 @@ from robot_energy_identify.check.hypotheses import (
     worth_a_fit,
     zero_offset,
 )
-from robot_energy_identify.check.payload import more_payload
 from robot_energy_identify.check.torque_fit import TorqueFit
 
 MAX_CAUSES = 4  # found one after the other

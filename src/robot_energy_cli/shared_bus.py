@@ -1,0 +1,85 @@
+"""`robot-energy shared-bus`: what several robots save on one DC bus."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from typing import Any
+
+from robot_energy_cli.command import Command, add_options
+from robot_energy_cli.replay_options import DAMAGED, add_reading, options_of
+from robot_energy_cli.terminal import OUTPUTS, check_outputs, present
+from robot_energy_cli.tool_options import add_tool, tool_options
+
+DESCRIPTION = """\
+Say what several robots save on one DC bus, where what one brakes is used by another: from bags that
+were recorded at one time, or for programs that repeat in a common cycle, with all starts at once,
+with starts that fall anywhere and with the best ones. Capacitors add up; one brake resistor takes
+what is left. Nothing is measured here: the bus is that of the models.
+"""
+EPILOG = """\
+examples:
+  robot-energy shared-bus robot1_bag robot2_bag --model kr16
+  robot-energy shared-bus monday tuesday --model my_robot.yaml --same-start
+  robot-energy shared-bus a.yaml b.yaml --model kr16 --model irb4600 --temperature 40 \\
+      --cycle-time 12 --report bus.html
+"""
+OPTIONS = {
+    "--model FILE|NAME": (
+        "model of the robots: once for all, or once for each, in the order of the motions",
+        {"required": True, "action": "append"},
+    ),
+    "--temperature DEGC": "of all motors, for programs (default: that of each model)",
+    "--cycle-time S": "of programs: a robot waits at its end until then (default: the longest one)",
+    "--same-start": "the recordings were made at other times: lay them upon each other",
+    "--topic NAME": "of the JointTrajectory in a bag",
+}
+
+
+def _options(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "motions",
+        nargs="+",
+        metavar="BAG|PROGRAM",
+        help="one of each robot: bags of recorded joint states, or programs as of predict",
+    )
+    add_options(parser, OPTIONS)
+    add_options(parser.add_argument_group("outputs"), OUTPUTS)
+    add_tool(parser.add_argument_group("G-code"))
+    add_reading(parser)
+
+
+def _run(args: Namespace) -> int:
+    from robot_energy_plan.api.shared_bus import shared_bus
+    from robot_energy_report.document import Document
+    from robot_energy_report.shared_bus import shared_bus_document
+
+    check_outputs(args, [*args.motions, *args.model, args.inputs])
+    options: dict[str, Any] = {k: v for k, v in options_of(args).items() if v is not None}
+    found = shared_bus(
+        args.motions,
+        args.model,
+        args.temperature,
+        cycle_time=args.cycle_time,
+        same_start=args.same_start,
+        topic=args.topic,
+        tool=tool_options(args, args.base, args.start_position),
+        **options,
+    )
+    page = Document(
+        "Several robots on one DC bus",
+        "Through the models of the robots: with a supply each, and on one bus. "
+        "Nothing in this report was measured.",
+    )
+    shared_bus_document(found.report, page)
+    present(args, found.report, page)
+    return DAMAGED if found.report.recorded and found.report.problems else 0
+
+
+COMMAND = Command(
+    "shared-bus",
+    "what several robots save on one DC bus",
+    _run,
+    _options,
+    DESCRIPTION,
+    EPILOG,
+)

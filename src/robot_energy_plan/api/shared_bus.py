@@ -1,0 +1,132 @@
+"""Robots on one DC bus: what one brakes, another uses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Unpack
+
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.shown import Shown
+from robot_energy.foundation.signature import lists
+from robot_energy.model import RobotModel
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.replay.api import ReplayOptions, run_replay
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.load_motion import BAG, ToolOptions, load_motion
+from robot_energy_plan.optimization.forms import holds_trajectory
+from robot_energy_plan.results.shared_bus import SharedBusReport, shared_bus_report
+from robot_energy_plan.shared_bus import (
+    BusRobot,
+    planned_exchange,
+    planned_robot,
+    recorded_exchange,
+)
+
+MAX_ROBOTS = 50
+
+
+@dataclass(frozen=True)
+class SharedBusResult(Shown):
+    """What several robots save on one DC bus.
+
+    Attributes:
+        report: All figures.
+        robots: Each with its power over time.
+    """
+
+    report: SharedBusReport
+    robots: tuple[BusRobot, ...] = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values: the JSON of ``robot-energy shared-bus``."""
+        return self.report.to_dict()
+
+
+@lists(ReplayOptions)
+def shared_bus(
+    motions: Sequence[str | Path],
+    models: ModelName | Sequence[ModelName],
+    temperature: float | Sequence[float] | Float | None = None,
+    *,
+    cycle_time: float | None = None,
+    same_start: bool = False,
+    topic: str | None = None,
+    tool: ToolOptions | None = None,
+    **options: Unpack[ReplayOptions],
+) -> SharedBusResult:
+    """Return what robots save if they share one DC bus instead of having a supply each.
+
+    Args:
+        motions: One of each robot: bags of recorded joint states, all of them, or programs, which
+            repeat in a common cycle.
+        models: Of each robot, or one for all.
+        temperature: Of all motors, for programs; None: the fallback of each model. [degC]
+        cycle_time: Of programs; None: the longest one. [s]
+        same_start: Whether recordings that were made at other times are laid upon each other.
+        topic: Of a JointTrajectory in a bag.
+        tool: What G-code does not state.
+        **options: How bags are read: see `ReplayOptions`.
+
+    Returns:
+        Energies apart and on one bus, and the saving with its band.
+
+    Raises:
+        MotionError: If there are not two robots at least, or recordings and programs are mixed.
+        RobotEnergyError: If a motion or model cannot be used.
+    """
+    named: list[ModelName] = (
+        [models] if isinstance(models, str | Path | RobotModel) else list(models)
+    )
+    if not 2 <= len(motions) <= MAX_ROBOTS:
+        raise MotionError(f"{len(motions)} motions were named", f"2 to {MAX_ROBOTS}, one a robot")
+    if len(named) not in (1, len(motions)):
+        raise MotionError(
+            f"{len(named)} models for {len(motions)} robots", "one for all, or one for each"
+        )
+    used = [model_of(name) for name in named] * (len(motions) if len(named) == 1 else 1)
+    recorded = [_is_recording(path, topic) for path in motions]
+    if any(recorded) and not all(recorded):
+        bag, program = motions[recorded.index(True)], motions[recorded.index(False)]
+        raise MotionError(
+            f"'{bag}' is a recording and '{program}' a program", "recordings alone, or programs"
+        )
+    if all(recorded):
+        given = {"cycle time": cycle_time, "temperature": temperature}
+    else:
+        given = {"same start": same_start or None, **options}
+    if unused := [name for name, value in given.items() if value is not None and value != []]:
+        kind = "recordings" if all(recorded) else "programs"
+        raise MotionError(f"{unused[0]} says nothing of {kind}", "leave it out")
+    if all(recorded):
+        robots = [
+            _replayed(path, model, options) for path, model in zip(motions, used, strict=True)
+        ]
+        notes = ["the recordings are laid upon each other as if begun at once"] * same_start
+        report = shared_bus_report(robots, recorded_exchange(robots, same_start), notes)
+        return SharedBusResult(report, tuple(robots))
+    robots = []
+    for path, model in zip(motions, used, strict=True):
+        motion = load_motion(path, Robot.from_model(model), tool, topic)
+        degc = model.temperature.fallback_degc if temperature is None else temperature
+        robots.append(planned_robot(motion.name, model, motion.motion, degc, motion.repeat))
+    report = shared_bus_report(robots, planned_exchange(robots, cycle_time))
+    return SharedBusResult(report, tuple(robots))
+
+
+def _is_recording(path: str | Path, topic: str | None) -> bool:
+    place = Path(path)
+    if not place.exists():
+        raise MotionError(f"there is no program or bag '{path}'", "a file or a bag")
+    return (place.suffix.lower() in BAG or place.is_dir()) and not holds_trajectory(place, topic)
+
+
+def _replayed(path: str | Path, model: RobotModel, options: ReplayOptions) -> BusRobot:
+    robot = BusRobot(str(path), model)
+    found = run_replay(path, model, on_output=robot.take, **options)
+    robot.problems += found.problems
+    if not found.topics.temperatures:
+        robot.notes.append(f"no motor temperatures were recorded in {path}")
+    return robot

@@ -1,0 +1,148 @@
+"""Robots on one DC bus: every figure that terminal, JSON and pages show of them."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+
+from robot_energy.certainty.band import Z90
+from robot_energy.physics.shared_bus import BusExchange, shared_cabinet
+from robot_energy.results.base import Number, Result, Texts
+from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.timeline.blocks import Float
+from robot_energy_plan.optimization.deviations import FORM_FED_BACK
+from robot_energy_plan.shared_bus import BusRobot, PlannedBus
+
+FEW = 0.5  # of the recorded time, below which a gap makes the figures doubtful [-]
+
+
+class SharedBusRobot(Result):
+    """One of the robots, with a supply of its own."""
+
+    name: Annotated[str, "Of its program or recording."]
+    model: Annotated[ModelUsed, "The model used."]
+    energy: Annotated[float, "From the grid, with a supply of its own. [J]"]
+    brake_energy: Annotated[float, "Into its own brake resistor. [J]"]
+    peak_power: Annotated[float, "Greatest from the grid. [W]"]
+    start: Annotated[
+        Number, "After the beginning of the cycle, with the best starts; None for recordings. [s]"
+    ]
+
+
+class SharedBusReport(Result, name="shared_bus"):
+    """What several robots save on one DC bus."""
+
+    recorded: Annotated[bool, "Whether the motions were recorded; else they are planned."]
+    duration: Annotated[float, "Of the time that counts: a cycle, or what all recorded. [s]"]
+    robots: Annotated[tuple[SharedBusRobot, ...], "Each with a supply of its own."]
+    energy_apart: Annotated[float, "From the grid, of all with supplies of their own. [J]"]
+    energy: Annotated[float, "From the grid, of all on one bus. [J]"]
+    brake_energy_apart: Annotated[float, "Into all their resistors. [J]"]
+    brake_energy: Annotated[float, "Into the resistor of the bus. [J]"]
+    saved: Annotated[float, "By the bus: the difference of the energies. [J]"]
+    relative: Annotated[Number, "Over the energy with supplies of their own. [-]"]
+    half: Annotated[float, "Half width of the 90 % band of what is saved. [J]"]
+    claimed: Annotated[bool, "Whether more is saved than that."]
+    peak_power_apart: Annotated[float, "Greatest of the sum of all supplies. [W]"]
+    peak_power: Annotated[float, "Greatest of the supply of the bus. [W]"]
+    capacitor_energy: Annotated[float, "That the capacitors of the bus take at most. [J]"]
+    saved_any_start: Annotated[
+        Number, "Mean over starts that fall anywhere in the cycle, without capacitors; None for "
+        "recordings. [J]"
+    ]  # fmt: skip
+    saved_best: Annotated[Number, "With the best starts found; None for recordings. [J]"]
+    half_best: Annotated[Number, "Half width of the 90 % band of that. [J]"]
+    peak_power_best: Annotated[Number, "Of the supply of the bus then. [W]"]
+    problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
+    notes: Annotated[Texts, "What a reader should know, one sentence each."]
+
+
+def shared_bus_report(
+    robots: Sequence[BusRobot], found: BusExchange | PlannedBus, notes: Sequence[str] = ()
+) -> SharedBusReport:
+    """Return all figures.
+
+    Args:
+        found: Flows of recordings, or of a planned cycle.
+        notes: What a reader should know, one sentence each.
+    """
+    planned = found if isinstance(found, PlannedBus) else None
+    flows = found if isinstance(found, BusExchange) else found.together
+    capacitor = shared_cabinet([robot.model.cabinet for robot in robots]).capacitor
+    energy, brake = flows.grid_energy(flows.shared), flows.brake_energy(flows.shared)
+    apart = [flows.grid_energy(one) for one in flows.own]
+    braked = [flows.brake_energy(one) for one in flows.own]
+    share = relative_half(robots)
+    half = flows.saved * share
+    starts = [None] * len(robots) if planned is None else planned.levelling.start.tolist()
+    any_start = None
+    if planned is not None:
+        level = planned.levelling
+        any_start = sum(apart) - energy + (level.together - level.any_start) * flows.duration
+    problems = [text for robot in robots for text in robot.problems]
+    span = float(flows.stamp_ns[-1] - flows.stamp_ns[0]) * 1e-9
+    if flows.duration < FEW * span:
+        problems.append(
+            f"all robots are known over {flows.duration:.4g} s of {span:.4g} s: the rest is gaps"
+        )
+    return SharedBusReport(
+        recorded=planned is None,
+        duration=flows.duration,
+        robots=tuple(
+            SharedBusRobot(
+                robot.name,
+                model_used(robot.model),
+                own,
+                own_brake,
+                flows.peak_power([balance]),
+                start,
+            )
+            for robot, own, own_brake, balance, start in zip(
+                robots, apart, braked, flows.own, starts, strict=True
+            )
+        ),
+        energy_apart=sum(apart),
+        energy=energy,
+        brake_energy_apart=sum(braked),
+        brake_energy=brake,
+        saved=flows.saved,
+        relative=flows.saved / sum(apart) if sum(apart) > 0 else None,
+        half=half,
+        claimed=flows.saved > half > 0,
+        peak_power_apart=flows.peak_power(flows.own),
+        peak_power=flows.peak_power([flows.shared]),
+        capacitor_energy=0.0 if capacitor is None else capacitor.swing,
+        saved_any_start=any_start,
+        saved_best=None if planned is None else planned.best.saved,
+        half_best=None if planned is None else planned.best.saved * share,
+        peak_power_best=None if planned is None else planned.best.peak_power([planned.best.shared]),
+        problems=tuple(dict.fromkeys(problems)),
+        notes=(
+            *notes,
+            *dict.fromkeys(text for robot in robots for text in robot.notes),
+            "constant losses are those of all robots together: one rectifier instead of several "
+            "would lose less, which is not counted",
+            "nothing here was measured: the energy on one bus is that of the models",
+        ),
+    )
+
+
+def relative_half(robots: Sequence[BusRobot]) -> float:
+    """Return the half width of the 90 % band of a saving, over the saving.
+
+    What the bus saves errs as what the resistors took without it, alike for robots of one model and
+    independently for different ones: ``S / B sqrt(sum_k B_k^2)`` with the changes ``B_k`` of the
+    braked energy B by the errors of the figures k.
+
+    Args:
+        robots: That brake.
+    """
+    braked = sum(robot.deviations.braked for robot in robots)
+    if braked <= 0:
+        return Z90 * FORM_FED_BACK
+    columns: dict[str, Float] = {}
+    for robot in robots:
+        known = columns.get(robot.model.model_id, np.zeros(1))
+        columns[robot.model.model_id] = known + robot.deviations.brake
+    squares = sum(float((one**2).sum()) for one in columns.values())
+    return Z90 * float(np.sqrt(squares)) / braked

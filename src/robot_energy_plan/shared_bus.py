@@ -1,0 +1,208 @@
+"""Robots on one DC bus: their powers side by side, recorded together or planned in one cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import motor_rest
+from robot_energy.physics.shared_bus import BusExchange, exchange
+from robot_energy.pipeline import Output
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_plan.motion.planned import STEP, PlannedMotion
+from robot_energy_plan.optimization.deviations import DeviationSums
+from robot_energy_plan.optimization.levelling import Levelling, drawn, level_starts, samples_of
+from robot_energy_plan.prediction import predict
+
+MAX_STEPS = 500_000  # of a cycle
+ROUNDING = 1e-3  # s, by which a motion may be longer than its cycle
+
+
+@dataclass
+class BusRobot:
+    """What one robot gives the bus and takes from it, as the pipeline finds it.
+
+    Attributes:
+        name: Of its program or recording.
+        deviations: What errors of the model do to its energies.
+        notes: What a reader should know of it, one sentence each.
+        problems: What makes its figures doubtful, one sentence each.
+    """
+
+    name: str
+    model: RobotModel
+    notes: list[str] = field(default_factory=list[str])
+    problems: list[str] = field(default_factory=list[str])
+
+    def __post_init__(self) -> None:
+        self.deviations = DeviationSums(self.model)
+        self._parts: list[tuple[Int, Int, Float]] = []
+        self._moving = False
+
+    @property
+    def moves_at_end(self) -> bool:
+        """Whether some motor turns at the last sample."""
+        return self._moving
+
+    def take(self, output: Output) -> None:
+        """Take what a step of the pipeline gave.
+
+        Args:
+            output: In time order.
+        """
+        self.deviations.take(output)
+        if output.power is not None and len(block := output.power):
+            self._parts.append((block.stamp_ns, block.segment, block.bus_power))
+            speed = np.abs(block.motor_velocity[-1])
+            self._moving = bool((speed > motor_rest(self.model)).any())
+
+    def power(self) -> tuple[Int, Float]:
+        """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap.
+
+        Raises:
+            MotionError: If there is nothing, or time jumps back.
+        """
+        if not self._parts:
+            raise MotionError(f"{self.name} gave no power", "samples of motion")
+        stamp, segment, power = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+        if (np.diff(stamp) < 0).any():
+            raise MotionError(
+                f"the time of {self.name} jumps back",
+                "a recording of one run",
+                "name a part of it with --start and --end",
+            )
+        stamp, first = np.unique(stamp, return_index=True)
+        segment, power = segment[first], power[first]
+        gap = np.flatnonzero(np.diff(segment))
+        middle = (stamp[gap] + stamp[gap + 1]) // 2
+        return np.insert(stamp, gap + 1, middle), np.insert(power, gap + 1, np.nan)
+
+
+def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> BusExchange:
+    """Return the flows over the time in which all robots were recorded.
+
+    Between samples of a robot its power is linear.
+
+    Args:
+        robots: Each with its recording.
+        same_start: Whether the recordings, made at other times, are laid upon each other.
+
+    Raises:
+        MotionError: If there is no such time.
+    """
+    series = [robot.power() for robot in robots]
+    if same_start:
+        series = [(stamp - stamp[0], power) for stamp, power in series]
+    begin, end = max(one[0][0] for one in series), min(one[0][-1] for one in series)
+    if begin >= end:
+        apart = (begin - end) * NANOSECOND
+        raise MotionError(
+            f"the recordings were not made at one time: {apart:.6g} s lie between the end of one "
+            "and the start of another",
+            "recordings of robots that ran together",
+            "--same-start lays them upon each other, for what would be saved",
+        )
+    stamp = np.unique(np.concatenate([one for one, _ in series]))
+    stamp = stamp[(stamp >= begin) & (stamp <= end)]
+    powers = np.stack([np.interp(stamp - begin, own - begin, power) for own, power in series])
+    return exchange(stamp, powers, [robot.model.cabinet for robot in robots])
+
+
+@dataclass(frozen=True)
+class PlannedBus:
+    """Robots in a common cycle.
+
+    Attributes:
+        together: Flows with all starts at once.
+        best: Flows with the starts that need least.
+        levelling: These starts, and what any others need; without capacitors.
+    """
+
+    together: BusExchange
+    best: BusExchange
+    levelling: Levelling
+
+
+def planned_robot(
+    name: str,
+    model: RobotModel,
+    motion: PlannedMotion,
+    degc: float | Sequence[float] | Float,
+    repeat: int = 1,
+) -> BusRobot:
+    """Return a robot with the predicted power of a motion.
+
+    Args:
+        degc: Of all motors, or of each, shape (n,). [degC]
+        repeat: How often the motion is made in a cycle.
+    """
+    robot = BusRobot(name, model)
+    found = predict(model, motion, degc, name, repeat, on_output=robot.take)
+    robot.notes += found.notes
+    robot.problems += found.limits.sentences()
+    return robot
+
+
+def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None) -> PlannedBus:
+    """Return the flows of planned motions that repeat in a common cycle.
+
+    Each robot waits at its end, at the power it has there, until the cycle is over. Capacitors are
+    as they are after a cycle.
+
+    Args:
+        robots: Each with its motion.
+        cycle_time: Of all; None: the longest motion. [s]
+
+    Raises:
+        MotionError: If a motion is longer than the cycle, or does not end at rest where it waits.
+    """
+    series = [robot.power() for robot in robots]
+    times = [(stamp - stamp[0]) * NANOSECOND for stamp, _ in series]
+    durations = [float(one[-1]) for one in times]
+    cycle = max(durations) if cycle_time is None else cycle_time
+    for robot, duration in zip(robots, durations, strict=True):
+        if duration > cycle + ROUNDING:
+            raise MotionError(
+                f"{robot.name} takes {duration:.4g} s", f"at most the cycle time, {cycle:g} s"
+            )
+        if robot.moves_at_end and duration < cycle - ROUNDING:
+            raise MotionError(
+                f"{robot.name} is in motion at its end and cannot wait there until {cycle:.4g} s",
+                "a motion that ends at rest",
+            )
+
+    def at(time: Float, start: Float) -> Float:
+        """Powers of all robots at times of the cycle, shape (R, N)."""
+        return np.stack(
+            [
+                np.interp((time - begin) % cycle, own, power)
+                for begin, own, (_, power) in zip(start.tolist(), times, series, strict=True)
+            ]
+        )
+
+    cabinets = [robot.model.cabinet for robot in robots]
+    rounds = 1 + any(one.capacitor is not None for one in cabinets)
+    steps = min(max(1, round(cycle / STEP)), MAX_STEPS)
+    time = np.arange(rounds * steps + 1) * (cycle / steps)
+    stamp = np.rint(time * SECOND_NS).astype(np.int64)
+
+    def flows(start: Float) -> BusExchange:
+        return exchange(stamp, at(time, start), cabinets).after(int(stamp[(rounds - 1) * steps]))
+
+    count = samples_of(cycle)
+    losses = np.array([[one.loss_dc.value] for one in cabinets])
+    middle = (np.arange(count) + 0.5) * cycle / count
+    demand = at(middle, np.zeros(len(robots))) + losses
+    found = level_starts(list(demand), cycle, drawn)
+    together = flows(np.zeros(len(robots)))
+    best = flows(found.start)
+    if best.saved <= together.saved:  # capacitors keep what the search takes as lost
+        best = together
+        found = Levelling(np.zeros(len(robots)), found.together, found.together, found.any_start,
+                          found.mean)  # fmt: skip
+    return PlannedBus(together, best, found)

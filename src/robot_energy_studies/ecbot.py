@@ -1,0 +1,253 @@
+"""Total electrical power of real cobots, each recording predicted by a fit to the others.
+
+The measure is that of EcBot (Heredia, Schlette, Kjaergaard, ICAR 2023, arXiv 2508.06276): the RMS
+error of total power on data that no fit has seen. Recordings are those of public sets with measured
+power of the whole robot; `WITHOUT` says why others are not among them. They are not part of the
+project: the folder is named by the user.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy.model import RobotModel, load
+from robot_energy.pipeline import Output
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import Float
+from robot_energy_identify.api.bag_source import BagSource
+from robot_energy_identify.drives.drive_data import DriveData, drive_data, drive_data_of_logs
+from robot_energy_identify.drives.total_power import fit_structure, fit_total, predict
+from robot_energy_identify.drives.total_sums import Sums, sums
+from robot_energy_identify.stats.cross_validation import rms_of
+from robot_energy_logs.log_formats import LOG_FORMATS
+from robot_energy_logs.log_import import contents_of, open_logs
+from robot_energy_logs.mapping import load_mapping
+from robot_energy_papers.job_pool import Steps, StudyRun
+
+DATA = "ROBOT_ENERGY_DATA"  # names the folder of the recordings
+ECBOT_TRAIN, ECBOT_TEST = (1.42, 2.80), (1.45, 5.25)  # W, of four robots
+EXAMPLES = Path(__file__).parents[1] / "examples"
+WITHOUT = {
+    "ur3_cobotops": "UR3: currents, temperatures and speeds of the joints; no power, no voltage, "
+    "no positions",
+    "xarm6_j3": "xArm 6: current of one joint; no power, no voltage",
+    "kr300": "KR 300: torques; no power, and no cobot",
+    "tx40": "TX40: drive signals; no power, and no cobot",
+}
+"""Sets without power of the whole robot, by folder."""
+
+
+@dataclass(frozen=True)
+class TestedRecording:
+    """One recording that no fit has seen.
+
+    Attributes:
+        readings: Of the power.
+        duration: That they cover. [s]
+        mean_power: Measured. [W]
+        rms: Error of the power. [W]
+        energy_error: Predicted over measured energy minus 1. [-]
+        tool_path: Way of the tool; None without kinematics. [m]
+        body_work: What lifted and accelerated bodies; None without a model. [J]
+    """
+
+    name: str
+    readings: int
+    duration: float
+    mean_power: float
+    rms: float
+    energy_error: float
+    tool_path: float | None
+    body_work: float | None
+
+    @property
+    def energy_per_metre(self) -> float | None:
+        """Measured energy over the path of the tool. [J/m]"""
+        return None if not self.tool_path else self.mean_power * self.duration / self.tool_path
+
+    @property
+    def body_work_share(self) -> float | None:
+        """Work on the bodies over the measured energy. [-]"""
+        return (
+            None if self.body_work is None else self.body_work / (self.mean_power * self.duration)
+        )
+
+
+@dataclass(frozen=True)
+class TestedRobot:
+    """One robot.
+
+    Attributes:
+        meter: What was measured, in words.
+        torque: Where the torque comes from, in words.
+        rate: Of the readings. [Hz]
+        train_rms: Error of a fit to all recordings, on the same. [W]
+        rms: Error on recordings that the fit has not seen. [W]
+        constant_rms: The same of a constant power. [W]
+        spread: Standard deviation of the measured power. [W]
+        mean_power: Measured. [W]
+    """
+
+    robot: str
+    meter: str
+    torque: str
+    rate: float
+    train_rms: float
+    rms: float
+    constant_rms: float
+    spread: float
+    mean_power: float
+    recordings: tuple[TestedRecording, ...]
+
+    @property
+    def of_mean(self) -> float:
+        """Held-out error over the mean power. [-]"""
+        return self.rms / self.mean_power
+
+    @property
+    def of_spread(self) -> float:
+        """Held-out error over the standard deviation of the power; 1 says nothing. [-]"""
+        return self.rms / self.spread
+
+
+def data_folder(given: str | None = None) -> Path:
+    """Return the folder of the recordings.
+
+    Args:
+        given: By the user; None: as the environment says.
+
+    Raises:
+        ReportError: If there is none.
+    """
+    folder = Path(given or os.environ.get(DATA, "") or "-")
+    if not (folder / "rad_ur3e").is_dir() or not (folder / "voraus").is_dir():
+        raise ReportError(
+            f"no recordings of robots in '{folder}'",
+            "a folder with rad_ur3e/L*.csv and voraus/test.parquet",
+            f"name it with --data or {DATA}; src/doc/reproduce.md says where they are published",
+        )
+    return folder
+
+
+def study(options: StudyRun, folder: Path) -> tuple[TestedRobot, ...]:
+    """Return the test of each robot.
+
+    Args:
+        options: Its progress counts; nothing is drawn.
+        folder: Of the recordings.
+
+    Raises:
+        RobotEnergyError: If recordings cannot be read.
+    """
+    steps = Steps(2, options.progress)
+    robots = [_ur3e(folder / "rad_ur3e")]
+    steps.done()
+    robots.append(_yu_cobot(folder / "voraus" / "test.parquet"))
+    steps.done()
+    return tuple(robots)
+
+
+def _ur3e(folder: Path) -> TestedRobot:
+    """A UR3e by the RTDE interface; its controller reports voltage and current of the 48 V bus."""
+    model, files = load("ur3e"), sorted(folder.glob("L*.csv"))
+    recording = LOG_FORMATS["ur-rtde"].recording
+    assert recording is not None
+    with TemporaryFolder() as scratch:
+        bags = [
+            recording(str(file), scratch.path / file.stem, model.joint_names).bag for file in files
+        ]
+        data = drive_data(BagSource(bags).recordings(model), [None] * len(bags), False)
+        work = [_work(bag, model) for bag in bags]
+    names = [file.stem.removesuffix(".unix") for file in files]
+    return tested(
+        "UR3e (Universal Robots)", "DC bus, 48 V: controller's voltage x current",
+        "model: shipped bodies and friction, nothing fitted", data, model, names, work,
+    )  # fmt: skip
+
+
+def _work(bag: str | Path, model: RobotModel) -> tuple[float, float]:
+    """Path of the tool [m] and work on the bodies [J]."""
+
+    def observe(_: Output) -> None:
+        """Let the replay keep joint positions."""
+
+    work = replay(bag, model, on_output=observe).work
+    return work.tool_path, work.body_work
+
+
+def _yu_cobot(file: Path) -> TestedRobot:
+    """A Yu-Cobot with measured voltage and current of its supply, and torque of each motor."""
+    mapping = load_mapping(EXAMPLES / "mappings" / "voraus.yaml")
+    logs = open_logs([str(file)], mapping)
+    effort = mapping.joints.effort
+    parts = [(contents_of(logs, mapping), [log.whole()]) for log in logs]
+    data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
+    return tested(
+        "Yu-Cobot (Yuanda, voraus controller)", "DC supply: voltage x current",
+        "measured motor torque", data, None, None, None,
+    )  # fmt: skip
+
+
+def tested(
+    robot: str,
+    meter: str,
+    torque: str,
+    data: DriveData,
+    model: RobotModel | None,
+    names: Sequence[str] | None,
+    work: Sequence[tuple[float, float]] | None,
+) -> TestedRobot:
+    """Return how well each recording is predicted by a fit to the others.
+
+    Structure and figures of a fit are chosen without the recording that it is tested on.
+
+    Args:
+        names: Of the recordings; None to number them.
+        work: Path of the tool [m] and work on the bodies [J] of each; None where not known.
+    """
+    pieces = sums(data, model)
+    numbers = np.unique(pieces.recording).tolist()
+    predicted, constant = np.empty(len(pieces)), np.empty(len(pieces))
+    rows: list[TestedRecording] = []
+    for place, number in enumerate(numbers):
+        out = pieces.recording == number
+        train, test = pieces.rows(~out), pieces.rows(out)
+        predicted[out] = predict(test, fit_total(train))
+        constant[out] = predict(test, fit_structure(train, "constant"))
+        path, moved = (None, None) if work is None else work[place]
+        rows.append(
+            TestedRecording(
+                name=str(place + 1) if names is None else names[place],
+                readings=len(test),
+                duration=float(test.duration.sum()),
+                mean_power=_mean(test.measured, test),
+                rms=rms_of(predicted[out] - test.measured),
+                energy_error=_mean(predicted[out], test) / _mean(test.measured, test) - 1.0,
+                tool_path=path,
+                body_work=moved,
+            )
+        )
+    return TestedRobot(
+        robot=robot,
+        meter=meter,
+        torque=torque,
+        rate=len(pieces) / float(pieces.duration.sum()),
+        train_rms=rms_of(predict(pieces, fit_total(pieces)) - pieces.measured),
+        rms=rms_of(predicted - pieces.measured),
+        constant_rms=rms_of(constant - pieces.measured),
+        spread=float(pieces.measured.std()),
+        mean_power=_mean(pieces.measured, pieces),
+        recordings=tuple(rows),
+    )
+
+
+def _mean(power: Float, pieces: Sums) -> float:
+    """Mean over time. [W]"""
+    return float(power @ pieces.duration / pieces.duration.sum())

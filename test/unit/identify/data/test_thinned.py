@@ -1,0 +1,112 @@
+"""Recordings of any length in bounded memory, and seen with another model."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from places import ROOT
+from robot_energy.model import load
+from robot_energy.pipeline import Output, Settings
+from robot_energy.replay.bag_replay import replay
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.data.thinned import LONGEST_STEP, Thinned
+
+BAG, MODEL = ROOT / "bags/kr16_cold", load("kr16")
+TORQUE = EffortMeaning.MOTOR_TORQUE
+MOST = 3000
+
+
+def test_what_is_held_does_not_grow_with_the_length_of_a_recording():
+    outputs: list[Output] = []
+    replay(BAG, MODEL, None, Settings(power_period=None), on_output=outputs.append)
+    length = 45_000_000_000
+    held, samples, thinned = list[int](), 0, Thinned(MOST)
+    for number in range(2):
+        for output in outputs:
+            later = {
+                name: replace(block, stamp_ns=block.stamp_ns + number * length)
+                for name in ("torque", "power", "meter", "temperatures")
+                if (block := getattr(output, name)) is not None
+            }
+            thinned.take(Output(**later))
+            samples += len(later.get("torque", ()))
+        held.append(thinned.held)
+    assert samples > 5 * MOST
+    assert max(held) <= MOST
+    torque, power, degc = thinned.torque(), thinned.power(), thinned.temperatures()
+    assert torque is not None
+    assert power is not None
+    assert degc is not None
+    assert samples / thinned.every == pytest.approx(len(torque), abs=1)
+    np.testing.assert_array_equal(torque.stamp_ns, power.stamp_ns)
+    assert np.asarray(power.deviation).size == 0
+    assert len(degc) <= 2 * length * 1e-9
+    arrays = [getattr(torque, one.name) for one in fields(torque)]
+    assert all(one.base is None or one.base.nbytes <= one.nbytes for one in arrays)
+
+
+def test_samples_stay_close_enough_for_friction():
+    recording = read_recording(BAG, MODEL, TORQUE, most=10)
+    assert recording.every > 1
+    step = float(np.median(np.diff(recording.torque.stamp_ns))) * 1e-9
+    assert 0.5 * LONGEST_STEP < step <= LONGEST_STEP
+    whole = read_recording(BAG, MODEL, TORQUE)
+    kept = whole.torque[np.arange(0, len(whole), recording.every)]
+    np.testing.assert_array_equal(recording.torque.motor_torque_rigid, kept.motor_torque_rigid)
+    energies = [sum(part.drawn.sum() for part in one.compared) for one in (recording, whole)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-3)
+
+
+def test_another_model_sees_a_recording_as_if_the_bag_were_read_again():
+    coulomb = [
+        joint.model_copy(
+            update={
+                "friction": joint.friction.model_copy(
+                    update={
+                        "coulomb": joint.friction.coulomb.model_copy(
+                            update={"value": 1.5 * joint.friction.coulomb.value}
+                        )
+                    }
+                )
+            }
+        )
+        for joint in MODEL.joints
+    ]
+    other = MODEL.changed(joints=coulomb)
+    expected = read_recording(BAG, other, TORQUE)
+    found = read_recording(BAG, MODEL, TORQUE).with_model(other)
+    assert found.model is other
+    for name in ("motor_torque", "grid_power", "motor_temperature_degc", "quality", "phase"):
+        np.testing.assert_array_equal(getattr(found.power, name), getattr(expected.power, name))
+    np.testing.assert_array_equal(found.compared[0].drawn, expected.compared[0].drawn)
+
+
+def test_the_starts_of_a_thinned_bag_have_every_sample():
+    bag = Bag(BAG, TORQUE, most=1000)
+    bag = replace(bag, kept=bag.whole(MODEL))
+    (start,) = bag.starts(MODEL, 5.0)
+    (expected,) = Bag(BAG, TORQUE).starts(MODEL, 5.0)
+    assert bag.whole(MODEL).every > 1
+    assert len(expected) > 5.0 * 240
+    np.testing.assert_array_equal(start.torque.stamp_ns, expected.torque.stamp_ns)
+    np.testing.assert_array_equal(
+        start.torque.motor_torque_rigid, expected.torque.motor_torque_rigid
+    )
+
+
+def test_minutes_are_spread_over_a_recording():
+    recording = read_recording(BAG, MODEL, TORQUE)
+    assert recording.spread(100.0) is recording
+    long = replace(
+        recording,
+        torque=replace(recording.torque, stamp_ns=recording.torque.stamp_ns * 10),
+        power=replace(recording.power, stamp_ns=recording.power.stamp_ns * 10),
+    )
+    some = long.spread(200.0)
+    minutes = np.unique((some.power.stamp_ns - long.power.stamp_ns[0]) // 60_000_000_000)
+    assert minutes.tolist() == [0, 2, 4]
+    assert len(np.unique(some.power.segment)) == 3
+    np.testing.assert_array_equal(some.torque.segment, some.power.segment)

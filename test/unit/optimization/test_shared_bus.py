@@ -1,0 +1,90 @@
+"""Robots on one DC bus: programs in a common cycle, and bags recorded together."""
+
+import numpy as np
+import pytest
+
+import robot_energy as re
+from places import ROOT
+from robot_energy.foundation.errors import MotionError
+from robot_energy_cli.main import main
+from robot_energy_plan.optimization.levelling import drawn, level_starts
+
+MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
+COLD, WARM = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"
+
+
+def test_braking_of_one_is_put_where_the_other_drives():
+    square = np.where(np.arange(100) < 50, 900.0, -700.0)
+    found = level_starts([square, square], 10.0, drawn)
+    assert found.together == pytest.approx(900.0)  # 1800 W for half the time
+    assert found.start[1] == pytest.approx(5.0)
+    assert found.least == pytest.approx(200.0)
+    # k of 100 steps apart: both drive in 50 - k steps, one in 2 k of them, at 1800 and 200 W
+    apart = np.minimum(np.arange(100), 100 - np.arange(100))
+    assert found.any_start == pytest.approx((1800.0 * (50 - apart) + 400.0 * apart).mean() / 100)
+
+
+def test_programs_in_a_common_cycle():
+    found = re.shared_bus([MOVES, MOVES], "kr16", 40.0)
+    report = found.report
+    alone = re.predict(MOVES, "kr16", 40.0).energy
+    assert report.robots[0].energy == pytest.approx(alone.net, rel=1e-3)
+    assert report.robots[0].brake_energy == pytest.approx(alone.brake, rel=0.02)
+    assert report.saved == pytest.approx(0.0, abs=1e-6)  # both do the same at the same time
+    assert 0 < report.saved_any_start < report.saved_best <= 2.001 * report.robots[0].brake_energy
+    assert report.robots[1].start > 0
+    assert report.brake_energy == pytest.approx(report.brake_energy_apart)
+
+
+def test_a_robot_waits_until_the_cycle_is_over():
+    short, long = (
+        re.shared_bus([MOVES, MOVES], "kr16", 40.0, cycle_time=cycle).report
+        for cycle in (35.0, 45.0)
+    )
+    assert long.energy - short.energy == pytest.approx(2 * 10.0 * 400.0, rel=0.02)  # at rest
+    with pytest.raises(MotionError, match=r"takes 33\.\d+ s"):
+        re.shared_bus([MOVES, MOVES], "kr16", cycle_time=30.0)
+
+
+def test_starts_with_the_least_energy():
+    given = {"cycle_time": 9.0, "level": [MOVES], "one_bus": True}
+    found = re.optimize(MOVES, "kr16", 40.0, **given).report
+    bus = found.shared_bus
+    assert [one.start for one in found.starts] == [one.start for one in bus.robots]
+    assert found.supply.mean_power == pytest.approx((bus.energy_apart - bus.saved_best) / 9.0)
+    with pytest.raises(MotionError, match="no other robot"):
+        re.optimize(MOVES, "kr16", 40.0, cycle_time=9.0, one_bus=True)
+
+
+def test_bags_recorded_together():
+    found = re.shared_bus([COLD, WARM], "kr16").report
+    for bag, robot in zip((COLD, WARM), found.robots, strict=True):
+        energy = re.replay(bag, "kr16").energy
+        assert robot.energy == pytest.approx(energy.net, rel=1e-3)
+        assert robot.brake_energy == pytest.approx(energy.brake, rel=1e-3)
+    less_braked = found.brake_energy_apart - found.brake_energy
+    assert found.saved == pytest.approx(less_braked, rel=1e-9)  # nothing else changes
+    assert 0 < found.half < found.saved
+    with pytest.raises(MotionError, match="not made at one time"):
+        re.shared_bus([COLD, ROOT / "bags/kr16_all_topics"], "kr16")
+
+
+def test_the_command_lays_recordings_of_other_times_upon_each_other(capsys):
+    bags = [str(COLD), str(ROOT / "bags/kr16_all_topics")]
+    assert main(["shared-bus", *bags, "--model", "kr16"]) == 2
+    assert "--same-start" in capsys.readouterr().err
+    assert main(["shared-bus", *bags, "--model", "kr16", "--model", "kr16", "--same-start"]) == 0
+    said = capsys.readouterr().out
+    assert "9.12 s of recordings of all robots" in said
+    assert "as if begun at once" in said
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(MotionError, match="one a robot"):
+        re.shared_bus([MOVES], "kr16")
+    with pytest.raises(MotionError, match="recordings alone, or programs"):
+        re.shared_bus([MOVES, COLD], "kr16")
+    with pytest.raises(MotionError, match="cycle time says nothing of recordings"):
+        re.shared_bus([COLD, WARM], "kr16", cycle_time=5.0)
+    with pytest.raises(MotionError, match="3 models for 2"):
+        re.shared_bus([COLD, WARM], ["kr16"] * 3)
