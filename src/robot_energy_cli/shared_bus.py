@@ -29,7 +29,7 @@ OPTIONS = {
         {"required": True, "action": "append"},
     ),
     "--temperature DEGC": "temperature of all motors, for programs (default: that of each model)",
-    "--cycle-time S": "cycle time of programs: each robot waits until then (default: the longest one)",
+    "--cycle-time S": "cycle time of programs: each robot waits until then (default: the longest)",
     "--same-start": "the recordings were made at different times: treat them as begun at once",
     "--topic NAME": "topic of the JointTrajectory in a bag",
 }
