@@ -139,7 +139,7 @@ def test_a_meter_a_little_from_the_future_is_named_although_something_is_compare
 def test_a_meter_slower_than_what_is_bridged_is_named():
     bench = Bench(max_gap=2.0)
     (found,) = bench.run(61, 100.0, spacing=5)
-    assert "come 5.0 s apart" in found
+    assert "are 5.0 s apart" in found
     assert "meter_max_gap" in found
 
 
