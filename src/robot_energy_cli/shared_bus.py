@@ -28,10 +28,10 @@ OPTIONS = {
         "model of the robots: once for all, or once for each, in the order of the motions",
         {"required": True, "action": "append"},
     ),
-    "--temperature DEGC": "of all motors, for programs (default: that of each model)",
-    "--cycle-time S": "of programs: a robot waits at its end until then (default: the longest one)",
-    "--same-start": "the recordings were made at other times: lay them upon each other",
-    "--topic NAME": "of the JointTrajectory in a bag",
+    "--temperature DEGC": "temperature of all motors, for programs (default: that of each model)",
+    "--cycle-time S": "cycle time of programs: each robot waits until then (default: the longest)",
+    "--same-start": "the recordings were made at different times: treat them as begun at once",
+    "--topic NAME": "topic of the JointTrajectory in a bag",
 }
 
 

@@ -90,7 +90,7 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
 
     Args:
         robots: Each with its recording.
-        same_start: Whether the recordings, made at other times, are laid upon each other.
+        same_start: Whether the recordings, made at other times, count as begun at once.
 
     Raises:
         MotionError: If there is no such time.
@@ -105,7 +105,7 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
             f"the recordings were not made at one time: {apart:.6g} s lie between the end of one "
             "and the start of another",
             "recordings of robots that ran together",
-            "--same-start lays them upon each other, for what would be saved",
+            "--same-start treats them as begun at once, to see what would be saved",
         )
     stamp = np.unique(np.concatenate([one for one, _ in series]))
     stamp = stamp[(stamp >= begin) & (stamp <= end)]

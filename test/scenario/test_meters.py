@@ -228,7 +228,7 @@ def test_a_wrong_unit_is_asked_about_and_not_converted(spoken, reference):
         {"type": FLOAT64, "topic": "kilowatts", "unit": "W", **MEAN},
         kilowatts=(FLOAT64, packed(FLOAT64, readings.power / 1000), readings.stamp_ns),
     )
-    assert any(note.endswith("is it in kW?") for note in replay_report(result).notes)
+    assert any(note.endswith("is its unit kW?") for note in replay_report(result).notes)
     assert books(result)[0] == pytest.approx(books(reference)[0] / 1000, abs=1e-3)
 
 

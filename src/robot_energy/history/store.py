@@ -375,8 +375,7 @@ class HistoryStore:
             raise HistoryError(
                 f"{self.folder} has {free // 2**20} MB of free space",
                 f"at least {self._min_free // 2**20} MB",
-                "free space on the disk; counting goes on, and this energy is then recorded as one "
-                "span",
+                "free space there; counting goes on, and this energy is then recorded as one span",
             )
 
     def _disconnect(self) -> None:
@@ -395,6 +394,5 @@ def _unusable(folder: Path, error: Exception) -> HistoryError:
         "a folder that can be written, on a disk with space",
         f"stop the recorder and run: robot-energy history repair {folder}"
         if damaged
-        else "counting goes on; this energy is recorded as one span once the history can be "
-        "written",
+        else "counting goes on; this energy is recorded as one span once writing is possible",
     )

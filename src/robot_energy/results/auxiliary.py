@@ -11,38 +11,43 @@ from robot_energy.timeline.blocks import NANOSECOND
 class LoadState(Result):
     """One state of a load, over the time in which the power of the load is known."""
 
-    time: Annotated[float, "In this state. [s]"]
-    energy: Annotated[float, "Over that time. [J]"]
-    mean_power: Annotated[Number, "Over that time: with a meter, what the state draws. [W]"]
+    time: Annotated[float, "Time in this state. [s]"]
+    energy: Annotated[float, "Energy over that time. [J]"]
+    mean_power: Annotated[
+        Number, "Mean power over that time: with a meter, what the state draws. [W]"
+    ]
     model_power: Annotated[float, "Power of the state in the model file. [W]"]
 
 
 class LoadEnergy(Result):
     """One load."""
 
-    name: Annotated[str, "Of the load."]
-    metered: Annotated[bool, "Whether a meter of its own says its power."]
-    energy: Annotated[Number, "Over the observed time; None where part of it is not known. [J]"]
-    known_energy: Annotated[float, "Over the time in which it is known. [J]"]
+    name: Annotated[str, "Name of the load."]
+    metered: Annotated[bool, "Whether a meter of its own measures its power."]
+    energy: Annotated[
+        Number,
+        "Energy over the observed time; None if the power is not known for a part of it. [J]",
+    ]
+    known_energy: Annotated[float, "Energy over the time in which the power is known. [J]"]
     known_energy_microjoule: Annotated[int, "The same, exact. [uJ]"]
     known_ns: Annotated[int, "That time. [ns]"]
-    missing_ns: Annotated[int, "Observed time in which it is not known. [ns]"]
-    missing_count: Annotated[int, "How often it ceased to be known."]
-    mean_power: Annotated[Number, "Over the known time. [W]"]
-    states: Annotated[dict[str, LoadState], "By their names."]
+    missing_ns: Annotated[int, "Observed time in which the power is not known. [ns]"]
+    missing_count: Annotated[int, "How often the power ceased to be known."]
+    mean_power: Annotated[Number, "Mean power over the known time. [W]"]
+    states: Annotated[dict[str, LoadState], "States by their names."]
 
 
 class AuxiliaryReport(Result):
     """The auxiliary branch, and the outlet that feeds it and the cabinet."""
 
-    loads: Annotated[tuple[LoadEnergy, ...], "In the order of the model file."]
-    balanced_ns: Annotated[int, "Time in which all loads are known. [ns]"]
+    loads: Annotated[tuple[LoadEnergy, ...], "Loads in the order of the model file."]
+    balanced_ns: Annotated[int, "Time in which the powers of all loads are known. [ns]"]
     outlet_energy_microjoule: Annotated[
         int, "From the outlet over that time: cabinet and loads, exact. [uJ]"
     ]
     outlet_energy: Annotated[float, "The same. [J]"]
-    cabinet_energy: Annotated[float, "Of the cabinet over that time, as predicted. [J]"]
-    auxiliary_energy: Annotated[float, "Of all loads over that time. [J]"]
+    cabinet_energy: Annotated[float, "Predicted energy of the cabinet over that time. [J]"]
+    auxiliary_energy: Annotated[float, "Energy of all loads over that time. [J]"]
 
 
 def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None:

@@ -11,15 +11,15 @@ from robot_energy.results.base import Number, Result
 class LearnedJoint(Result):
     """Friction of one joint against the model file, from measured torque."""
 
-    name: Annotated[str, "Of the joint."]
+    name: Annotated[str, "Name of the joint."]
     multiplier: Annotated[
         Number,
         "Measured over model friction, mean over speeds and temperatures, within its bounds; "
         "None where nothing is known. [-]",
     ]
-    multiplier_raw: Annotated[Number, "That of the newest minute of motion. [-]"]
+    multiplier_raw: Annotated[Number, "Multiplier of the newest minute of motion. [-]"]
     valid: Annotated[bool, "Whether it can be used."]
-    motion: Annotated[float, "Time in motion behind it. [s]"]
+    motion: Annotated[float, "Time in motion from which it was learned. [s]"]
     records: Annotated[int, "Records of motion that the test for wear keeps."]
 
 
@@ -38,8 +38,10 @@ class WearFinding(Result):
 class ConditionReport(Result):
     """Learned figures and lasting changes of friction."""
 
-    learning: Annotated[str, "What was done with them: ``off``, ``observe`` or ``apply``."]
-    joints: Annotated[tuple[LearnedJoint, ...], "In model order."]
+    learning: Annotated[
+        str, "What was done with learned figures: ``off``, ``observe`` or ``apply``."
+    ]
+    joints: Annotated[tuple[LearnedJoint, ...], "Joints in model order."]
     friction_factor: Annotated[
         float, "On the friction of joints without torque, from the meter. [-]"
     ]

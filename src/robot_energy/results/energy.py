@@ -27,21 +27,21 @@ class EnergyBreakdown(Result):
     """
 
     grid_import: Annotated[float, "Drawn from the grid."]
-    grid_return: Annotated[float, "Fed back by a regenerative supply."]
-    brake: Annotated[float, "Into the brake resistor."]
+    grid_return: Annotated[float, "Energy fed back by a regenerative supply."]
+    brake: Annotated[float, "Energy into the brake resistor."]
     loss_dc: Annotated[float, "Constant loss on the DC side."]
     loss_grid: Annotated[float, "Loss on the grid side."]
-    capacitor: Annotated[Number, "Into the DC-link capacitor, signed; None if not modelled."]
-    rigid: Annotated[float, "Moving the bodies, all joints."]
-    friction: Annotated[float, "All joints."]
+    capacitor: Annotated[Number, "Energy into the DC-link capacitor, signed; None if not modelled."]
+    rigid: Annotated[float, "Energy that moves the bodies, all joints."]
+    friction: Annotated[float, "Energy lost in friction, all joints."]
     drive_loss: Annotated[
         Number, "Drive input minus shaft energy, all joints; None if not modelled."
     ]
-    sum_of_parts: Annotated[float, "Of all parts."]
+    sum_of_parts: Annotated[float, "Sum of all parts."]
     balance_residual: Annotated[
         float, "What the grid gave minus the sum of the parts; rounding only."
     ]
-    balanced: Annotated[bool, "Whether it is no more than rounding."]
+    balanced: Annotated[bool, "Whether that difference is no more than rounding."]
 
     @property
     def net(self) -> float:
@@ -52,14 +52,14 @@ class EnergyBreakdown(Result):
 class JointEnergy(Result):
     """Where the energy of one joint went. [J]"""
 
-    name: Annotated[str, "Of the joint."]
-    shaft_energy_positive: Annotated[float, "Given by the motor."]
-    shaft_energy_negative: Annotated[float, "Taken back by the motor, >= 0."]
-    rigid_energy: Annotated[float, "Moving the bodies."]
-    friction_energy: Annotated[float, "Lost in friction."]
+    name: Annotated[str, "Name of the joint."]
+    shaft_energy_positive: Annotated[float, "Shaft energy given by the motor."]
+    shaft_energy_negative: Annotated[float, "Shaft energy taken back by the motor, >= 0."]
+    rigid_energy: Annotated[float, "Energy that moves the bodies."]
+    friction_energy: Annotated[float, "Energy lost in friction."]
     drive_loss_energy: Annotated[Number, "Drive input minus shaft energy; None if not modelled."]
     drive_input_energy: Annotated[float, "Sum of the three."]
-    share_of_grid: Annotated[Number, "Of the energy from the grid. [-]"]
+    share_of_grid: Annotated[Number, "Share of the energy from the grid. [-]"]
     last_motor_temperature_degc: Annotated[Number, "Newest temperature, or the assumed one. [degC]"]
     last_gear_temperature_degc: Annotated[
         Number,
@@ -72,22 +72,24 @@ class MeterComparison(Result):
     """Predicted and measured over the same intervals; None where nothing was measured."""
 
     meter_location: Annotated[str | None, "``grid`` or ``dc_bus``."]
-    compared_ns: Annotated[int, "Time that both cover. [ns]"]
+    compared_ns: Annotated[int, "Time that meter and prediction cover. [ns]"]
     compared_time: Annotated[float, "The same. [s]"]
     coverage: Annotated[Number, "Compared share of the observed time. [-]"]
-    predicted_energy_at_meter: Annotated[Number, "Over that time. [J]"]
-    measured_energy: Annotated[Number, "Over that time. [J]"]
+    predicted_energy_at_meter: Annotated[Number, "Predicted energy over that time. [J]"]
+    measured_energy: Annotated[Number, "Measured energy over that time. [J]"]
     predicted_minus_measured_energy: Annotated[Number, "The error. [J]"]
     predicted_minus_measured_relative: Annotated[Number, "The error over the measured energy. [-]"]
-    predicted_mean_power_at_meter: Annotated[Number, "Over that time. [W]"]
-    measured_mean_power: Annotated[Number, "Over that time. [W]"]
+    predicted_mean_power_at_meter: Annotated[Number, "Predicted mean power over that time. [W]"]
+    measured_mean_power: Annotated[Number, "Measured mean power over that time. [W]"]
     constant_power_at_meter: Annotated[
         float,
         "Losses of the model that flow whether the robot moves or not. They can hide how well "
         "motion is predicted. [W]",
     ]
-    predicted_energy_beyond_constant: Annotated[Number, "Without them. [J]"]
-    measured_energy_beyond_constant: Annotated[Number, "Without them. [J]"]
+    predicted_energy_beyond_constant: Annotated[
+        Number, "Predicted energy without these constant losses. [J]"
+    ]
+    measured_energy_beyond_constant: Annotated[Number, "Measured energy without them. [J]"]
     beyond_constant_relative: Annotated[
         Number, "The error over the measured energy without them. [-]"
     ]
@@ -100,28 +102,28 @@ class MeterComparison(Result):
     half_relative: Annotated[
         Number,
         "Half width of the 90 % band of the predicted energy at the meter, over that energy, from "
-        "the figures of the model: nothing that the meter showed is in it. [-]",
+        "the figures of the model alone, without what the meter showed. [-]",
     ] = None
 
 
 class PhaseEnergy(Result):
     """One phase of the motion."""
 
-    time: Annotated[float, "How long it held. [s]"]
+    time: Annotated[float, "Time in the phase. [s]"]
     grid_import_energy: Annotated[float, "Drawn from the grid meanwhile. [J]"]
 
 
 class GridPower(Result):
     """Predicted power at the grid. [W]"""
 
-    predicted_peak_grid_power: Annotated[Number, "The highest."]
-    predicted_mean_grid_power: Annotated[Number, "The mean over the observed time."]
+    predicted_peak_grid_power: Annotated[Number, "Highest predicted power."]
+    predicted_mean_grid_power: Annotated[Number, "Mean predicted power over the observed time."]
 
 
 class SampleQuality(Result):
     """How good the samples were."""
 
-    samples: Annotated[int, "All that gave a power."]
+    samples: Annotated[int, "Number of samples that gave a power."]
     counts: Annotated[
         dict[str, int], "Samples with each quality bit that is set somewhere, by its name."
     ]
@@ -130,9 +132,9 @@ class SampleQuality(Result):
 class Contribution(Result):
     """What one figure of the model, or several of one kind, add to the uncertainty."""
 
-    name: Annotated[str, "Of the figures."]
+    name: Annotated[str, "Name of the figures."]
     std: Annotated[float, "Standard deviation of the energy that they alone cause. [J]"]
-    share: Annotated[Number, "Of the variance. [-]"]
+    share: Annotated[Number, "Share of the variance. [-]"]
 
 
 class EnergyUncertainty(Result):
@@ -144,10 +146,10 @@ class EnergyUncertainty(Result):
         "``parametric``: from that alone; ``calibrated``: scaled by the errors that a meter "
         "showed in windows of 5 s.",
     ]
-    lower: Annotated[float, "Of the 90 % band. [J]"]
-    upper: Annotated[float, "Of the 90 % band. [J]"]
+    lower: Annotated[float, "Lower end of the 90 % band. [J]"]
+    upper: Annotated[float, "Upper end of the 90 % band. [J]"]
     half_relative: Annotated[Number, "Half width over the energy. [-]"]
-    readings: Annotated[int, "Of the meter that were compared with the band of power."]
+    readings: Annotated[int, "Number of meter readings that were compared with the band of power."]
     inside: Annotated[Number, "Share of them that lay within it. [-]"]
     inside_parametric: Annotated[
         Number, "The same of a band from the standard deviation alone. [-]"

@@ -16,23 +16,23 @@ TAGS: tuple[str, ...] = get_args(Tag)
 class ModelUsed(Result):
     """The model behind a result."""
 
-    model_id: Annotated[str, "Of its content."]
+    model_id: Annotated[str, "Hash of its content."]
     source: Annotated[str, "File, or name of a shipped model."]
-    robot: Annotated[str, "Type."]
-    serial: Annotated[str | None, "Of the robot; None if it has none."]
+    robot: Annotated[str, "Type of the robot."]
+    serial: Annotated[str | None, "Serial of the robot; None if the model file states none."]
     drive: Annotated[str, "Drive model."]
     fallback_temperature_degc: Annotated[float, "Taken where no motor temperature is known. [degC]"]
     figures: Annotated[dict[str, int], "Count of its figures by how they are known."]
     change: Annotated[
         str | None, "What was changed about it, such as fixed friction; None for nothing."
     ]
-    notes: Annotated[str | None, "Of its provenance."]
+    notes: Annotated[str | None, "Notes of its provenance."]
 
 
 class JointOfModel(Result):
     """One joint of a model file, motor side."""
 
-    name: Annotated[str, "Of the joint."]
+    name: Annotated[str, "Name of the joint."]
     gear_ratio: Annotated[float, "Motor turns per joint turn. [-]"]
     rotor_inertia: Annotated[float, "[kg m^2]"]
     coulomb: Annotated[float, "Coulomb friction. [N m]"]
@@ -45,12 +45,12 @@ class JointOfModel(Result):
 class ModelReport(ModelUsed, name="model"):
     """What a model file holds."""
 
-    description: Annotated[str | None, "Of the robot."]
-    joints: Annotated[tuple[JointOfModel, ...], "In model order."]
+    description: Annotated[str | None, "Description of the robot."]
+    joints: Annotated[tuple[JointOfModel, ...], "Joints in model order."]
     locked_joints: Annotated[Texts, "Joints of the URDF that are held."]
     inventory: Annotated[Texts, "Joints and links of the URDF, one sentence each."]
     coupling: Annotated[Texts, "Motors that turn with another joint."]
-    moving_mass: Annotated[float, "Payload included. [kg]"]
+    moving_mass: Annotated[float, "Moving mass, payload included. [kg]"]
     payload_mass: Annotated[float, "[kg]"]
     loss_dc: Annotated[float, "Constant loss on the DC side. [W]"]
     loss_grid: Annotated[float, "Constant loss on the grid side. [W]"]

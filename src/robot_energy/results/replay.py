@@ -37,22 +37,24 @@ class ObservedTime(Result):
     start_ns: Annotated[int | None, "First joint state; None if there is none. [ns since 1970]"]
     end_ns: Annotated[int | None, "Last joint state. [ns since 1970]"]
     span_ns: Annotated[int, "From the first to the last joint state, used or not. [ns]"]
-    observed_ns: Annotated[int, "Predicted. [ns]"]
-    gap_ns: Annotated[int, "Not predicted. [ns]"]
+    observed_ns: Annotated[int, "Time that is predicted. [ns]"]
+    gap_ns: Annotated[int, "Time that is not predicted. [ns]"]
     gap_count: Annotated[int, "Number of gaps."]
     backward_jumps: Annotated[int, "How often stamps jumped back."]
     coverage: Annotated[Number, "Observed share of the span. [-]"]
-    observed_time: Annotated[float, "Predicted. [s]"]
+    observed_time: Annotated[float, "Time that is predicted. [s]"]
 
 
 class JointShaft(Result):
     """Shaft energy of one joint, over the intervals in which its effort is known. [J]"""
 
-    name: Annotated[str, "Of the joint."]
-    compared_time: Annotated[float, "Of these intervals. [s]"]
+    name: Annotated[str, "Name of the joint."]
+    compared_time: Annotated[float, "Time over which both are known. [s]"]
     coverage: Annotated[Number, "Their share of the observed time. [-]"]
-    shaft_energy_positive_measured: Annotated[Number, "Given by the motor."]
-    shaft_energy_negative_measured: Annotated[Number, "Taken back by the motor."]
+    shaft_energy_positive_measured: Annotated[Number, "Measured shaft energy given by the motor."]
+    shaft_energy_negative_measured: Annotated[
+        Number, "Measured shaft energy taken back by the motor."
+    ]
     shaft_energy_positive_compared: Annotated[Number, "Predicted over the same time."]
     shaft_energy_negative_compared: Annotated[Number, "Predicted over the same time."]
     predicted_minus_measured_energy: Annotated[Number, "The error."]
@@ -79,26 +81,26 @@ class PayloadHistory(Result):
 class InputAccount(Result):
     """Account of one input: received = accepted + sum of rejected."""
 
-    received: Annotated[int, "All."]
-    accepted: Annotated[int, "Of them."]
-    rejected: Annotated[dict[str, int], "Of them, by reason."]
-    balanced: Annotated[bool, "Whether the account balances."]
+    received: Annotated[int, "Number received."]
+    accepted: Annotated[int, "Number of these that were accepted."]
+    rejected: Annotated[dict[str, int], "Number of these that were rejected, by reason."]
+    balanced: Annotated[bool, "Whether accepted, rejected and waiting ones sum to those received."]
 
 
 class JobFigures(Result):
     """Energy of one job or cycle; its bounds are stamps of counted samples."""
 
-    name: Annotated[str, "Equal for all of one kind."]
-    start_ns: Annotated[int, "Of its first sample. [ns since 1970]"]
-    end_ns: Annotated[int, "Of its last sample. [ns since 1970]"]
-    time: Annotated[float, "Observed. [s]"]
-    gap_time: Annotated[float, "Not observed. [s]"]
+    name: Annotated[str, "Name of the job, the same for all of one kind."]
+    start_ns: Annotated[int, "Stamp of its first sample. [ns since 1970]"]
+    end_ns: Annotated[int, "Stamp of its last sample. [ns since 1970]"]
+    time: Annotated[float, "Observed time. [s]"]
+    gap_time: Annotated[float, "Time that was not observed. [s]"]
     energy: Annotated[float, "Predicted from the grid, less what was returned. [J]"]
     energy_band: Annotated[
         Number, "Half width of its band of 90 %; None where it is not known. [J]"
     ]
-    peak_grid_power: Annotated[Number, "Predicted; the highest. [W]"]
-    predicted_energy_at_meter: Annotated[Number, "Over the compared time. [J]"]
+    peak_grid_power: Annotated[Number, "Highest predicted power. [W]"]
+    predicted_energy_at_meter: Annotated[Number, "Predicted energy over the compared time. [J]"]
     measured_energy: Annotated[
         Number, "Over the compared time; None where nothing was measured. [J]"
     ]
@@ -122,7 +124,9 @@ class ReplayReport(EnergyReport, name="replay"):
         "ReplayReport | None", "A second replay of the same bag, with fixed friction."
     ] = None
     jobs: Annotated[tuple[JobFigures, ...], "Jobs and cycles, in order of time."] = ()
-    condition: Annotated[ConditionReport | None, "What was learned; None where nothing is."] = None
+    condition: Annotated[
+        ConditionReport | None, "What was learned; None if nothing is learned."
+    ] = None
     auxiliary: Annotated[
         AuxiliaryReport | None, "Loads outside of the cabinet; None where the model has none."
     ] = None

@@ -9,19 +9,22 @@ from robot_energy.results.model import ModelUsed
 class AdviceBasis(Result):
     """How recordings stand for a day and a year."""
 
-    recordings: Annotated[int, "How many."]
-    recorded_time: Annotated[float, "Predicted, of all robots together. [s]"]
-    recorded_energy: Annotated[float, "From the grid in that time. [J]"]
+    recordings: Annotated[int, "Number of recordings."]
+    recorded_time: Annotated[float, "Predicted time of all robots together. [s]"]
+    recorded_energy: Annotated[float, "Energy from the grid in that time. [J]"]
     hours_per_day: Annotated[
-        Number, "Of such work by all robots together; None if neither given nor recorded. [h]"
+        Number,
+        "Hours of such work a day, all robots together; None if neither given nor recorded. [h]",
     ]
-    days_per_year: Annotated[Number, "With such work; None if neither given nor recorded. [1]"]
+    days_per_year: Annotated[
+        Number, "Days of such work a year; None if neither given nor recorded. [1]"
+    ]
     duty: Annotated[
         Number, "Share of the recorded time outside of rests; in bags these last 1 s or more. [-]"
     ]
-    price_per_kwh: Annotated[Number, "None without one. [currency/kWh]"]
-    currency: Annotated[str, "Of the price."]
-    co2_kg_per_kwh: Annotated[Number, "None without one. [kg/kWh]"]
+    price_per_kwh: Annotated[Number, "Price of a kWh; None if none was given. [currency/kWh]"]
+    currency: Annotated[str, "Currency of the price."]
+    co2_kg_per_kwh: Annotated[Number, "Emission factor; None if none was given. [kg/kWh]"]
     sentence: Annotated[str, "What the recordings are, and how they stand for a year."]
 
 
@@ -33,17 +36,19 @@ class Advice(Result):
         "``standby``, ``regenerative``, ``shared_bus``, ``warm_up``, ``speeds`` or "
         "``waiting_pose``.",
     ]
-    label: Annotated[str, "In words."]
+    label: Annotated[str, "The change in words."]
     energy: Annotated[float, "Saved in the recordings. [J]"]
     half: Annotated[float, "Half width of its 90 % band. [J]"]
-    relative: Annotated[Number, "Over the energy of the recordings. [-]"]
-    claimed: Annotated[bool, "Whether it is larger than its band."]
+    relative: Annotated[Number, "Saving over the energy of the recordings. [-]"]
+    claimed: Annotated[bool, "Whether the saving is larger than its band."]
     energy_per_hour: Annotated[float, "Saved in an hour of such work. [J]"]
     half_per_hour: Annotated[float, "Half width of the 90 % band of that. [J]"]
-    energy_per_year: Annotated[Number, "None where hours or days are not known. [J]"]
+    energy_per_year: Annotated[
+        Number, "Saved in a year; None where hours or days are not known. [J]"
+    ]
     half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
-    cost_per_year: Annotated[Number, "Saved, at the price; None without one. [currency]"]
-    co2_per_year: Annotated[Number, "Saved; None without a factor. [kg]"]
+    cost_per_year: Annotated[Number, "Cost saved in a year; None without a price. [currency]"]
+    co2_per_year: Annotated[Number, "Emission saved in a year; None without a factor. [kg]"]
     sure: Annotated[
         str,
         "``measured``: from the meter alone; ``predicted``: by the model; ``assumed``: with a "
@@ -59,13 +64,17 @@ class AdviceReport(Result, name="advice"):
     """What would save how much."""
 
     source: Annotated[Texts, "Recordings, or the dataset."]
-    model: Annotated[ModelUsed, "With which they were replayed."]
-    basis: Annotated[AdviceBasis, "How they stand for a year."]
+    model: Annotated[ModelUsed, "The model with which the recordings were replayed."]
+    basis: Annotated[AdviceBasis, "How the recordings stand for a year."]
     advice: Annotated[tuple[Advice, ...], "What is claimed, the largest saving first."]
     unproven: Annotated[tuple[Advice, ...], "Savings that are smaller than their own uncertainty."]
     without: Annotated[Texts, "What these recordings do not show, and why, one sentence each."]
-    energy_per_hour: Annotated[float, "Of all that is claimed and does not overlap. [J]"]
-    half_per_hour: Annotated[float, "Of its 90 % band: the sum, as all rest on one model. [J]"]
+    energy_per_hour: Annotated[
+        float, "Saved in an hour by all that is claimed and does not overlap. [J]"
+    ]
+    half_per_hour: Annotated[
+        float, "Half width of its 90 % band: the sum of all, as they rest on one model. [J]"
+    ]
     energy_per_year: Annotated[Number, "The same in a year; None where that is not known. [J]"]
     half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     counted: Annotated[Texts, "Names of the advice in that sum."]

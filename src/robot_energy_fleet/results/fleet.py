@@ -9,15 +9,15 @@ from robot_energy_identify.friction.friction import FrictionFit
 class RefusedBag(Result):
     """A bag that could not be read."""
 
-    bag: Annotated[str, "Its place."]
+    bag: Annotated[str, "Address of the bag."]
     robot: Annotated[str, "Name of the robot."]
-    reason: Annotated[str, "Why not."]
+    reason: Annotated[str, "Why it could not be read."]
 
 
 class DamagedBag(Result):
     """A bag that is damaged: what could be read of it counts."""
 
-    bag: Annotated[str, "Its place."]
+    bag: Annotated[str, "Address of the bag."]
     robot: Annotated[str, "Name of the robot."]
     problems: Annotated[Texts, "What is wrong with it, one sentence each."]
 
@@ -25,16 +25,16 @@ class DamagedBag(Result):
 class FleetRunReport(Result, name="fleet_run"):
     """What a run over the bags of a fleet has done."""
 
-    dataset: Annotated[str, "Where the rows are."]
-    bags: Annotated[int, "That were asked for, how many."]
-    there: Annotated[int, "Of them, that the dataset held already, unchanged."]
-    replayed: Annotated[int, "How many."]
+    dataset: Annotated[str, "Folder of the dataset."]
+    bags: Annotated[int, "Number of bags that were asked for."]
+    there: Annotated[int, "Number of these that the dataset held already, unchanged."]
+    replayed: Annotated[int, "Number of bags replayed."]
     refused: Annotated[tuple[RefusedBag, ...], "Bags that could not be used."]
     damaged: Annotated[tuple[DamagedBag, ...], "Bags replayed that were read in part."]
-    jobs_left_out: Annotated[int, "Jobs of which a bag replayed holds a part only, how many."]
-    observed_time: Annotated[float, "Predicted, of the bags replayed. [s]"]
-    elapsed_time: Annotated[float, "That the run took. [s]"]
-    row_size: Annotated[int, "Of the rows written. [bytes]"]
+    jobs_left_out: Annotated[int, "Number of jobs of which a replayed bag holds only a part."]
+    observed_time: Annotated[float, "Predicted time of the bags replayed. [s]"]
+    elapsed_time: Annotated[float, "Time that the run took. [s]"]
+    row_size: Annotated[int, "Size of the rows written. [bytes]"]
     peak_memory: Annotated[int, "Most memory that one worker has held. [bytes]"]
 
 
@@ -42,27 +42,27 @@ class RobotEnergy(Result):
     """Energy of one robot, in what was recorded of it."""
 
     robot: Annotated[str, "Its name."]
-    bags: Annotated[int, "How many were read."]
-    observed_time: Annotated[float, "Predicted. [s]"]
+    bags: Annotated[int, "Number of bags read."]
+    observed_time: Annotated[float, "Predicted time. [s]"]
     grid_energy: Annotated[float, "From the grid, predicted. [J]"]
     measured_energy: Annotated[
         Number, "By the meter, over the compared time; None without one. [J]"
     ]
     error: Annotated[Number, "Predicted over measured energy minus 1, over the compared time. [-]"]
-    jobs: Annotated[int, "How many."]
+    jobs: Annotated[int, "Number of jobs."]
     standby_time: Annotated[float, "At rest with drives on, a minute or more at a time. [s]"]
-    standby_energy: Annotated[float, "From the grid meanwhile. [J]"]
+    standby_energy: Annotated[float, "Energy from the grid in that time. [J]"]
     standby_cost: Annotated[Number, "At the price of each hour; None without prices. [currency]"]
 
 
 class ProgrammeEnergy(Result):
     """Energy of all jobs of one name."""
 
-    name: Annotated[str, "Of the programme."]
-    robots: Annotated[int, "That have done it."]
-    jobs: Annotated[int, "Whole ones, how many."]
-    mean_time: Annotated[float, "Of a job. [s]"]
-    mean_energy: Annotated[float, "Of a job, from the grid, predicted. [J]"]
+    name: Annotated[str, "Name of the programme."]
+    robots: Annotated[int, "Number of robots that have done it."]
+    jobs: Annotated[int, "Number of whole jobs."]
+    mean_time: Annotated[float, "Mean time of a job. [s]"]
+    mean_energy: Annotated[float, "Mean energy of a job from the grid, predicted. [J]"]
     lowest: Annotated[float, "The mean of the robot that needs least. [J]"]
     highest: Annotated[float, "The mean of the robot that needs most. [J]"]
     error: Annotated[Number, "Predicted over measured energy minus 1, over the compared time. [-]"]
@@ -72,20 +72,20 @@ class ShiftEnergy(Result):
     """Energy of all robots in one shift of the day."""
 
     name: Annotated[str, "Its beginning and end, local time."]
-    observed_time: Annotated[float, "Predicted. [s]"]
-    grid_energy: Annotated[float, "From the grid. [J]"]
+    observed_time: Annotated[float, "Predicted time. [s]"]
+    grid_energy: Annotated[float, "Energy from the grid, predicted. [J]"]
     cost: Annotated[Number, "At the price of each hour; None without prices. [currency]"]
-    standby_time: Annotated[float, "At rest with drives on. [s]"]
-    standby_energy: Annotated[float, "From the grid meanwhile. [J]"]
+    standby_time: Annotated[float, "Time at rest with drives on, a minute or more at a time. [s]"]
+    standby_energy: Annotated[float, "Energy from the grid in that time. [J]"]
     standby_cost: Annotated[Number, "None without prices. [currency]"]
 
 
 class ModelError(Result):
     """Error of the model in bags of like motor temperature."""
 
-    low_degc: Annotated[float, "Mean motor temperature of the bags, from here. [degC]"]
-    high_degc: Annotated[float, "To here. [degC]"]
-    bags: Annotated[int, "With a meter, how many."]
+    low_degc: Annotated[float, "Lower bound of the mean motor temperature of the bags. [degC]"]
+    high_degc: Annotated[float, "Upper bound of it. [degC]"]
+    bags: Annotated[int, "Number of bags with a meter."]
     error: Annotated[float, "Predicted over measured energy minus 1, all together. [-]"]
     low: Annotated[float, "A tenth of the bags lie below. [-]"]
     high: Annotated[float, "A tenth of the bags lie above. [-]"]
@@ -98,7 +98,7 @@ class FleetFinding(Result):
     kind: Annotated[
         str,
         "``wear``: friction of a joint has changed; ``friction``: it differs from that of the "
-        "sisters; ``payload``: gravity says another payload; ``standby``: it stands with drives "
+        "sisters; ``payload``: gravity shows another payload; ``standby``: it rests with drives "
         "on; ``energy``: its jobs need more or less.",
     ]
     subject: Annotated[str, "Joint or programme; empty for the whole robot."]
@@ -120,7 +120,7 @@ class FrictionCurve(Result):
     degc: Annotated[tuple[float, ...], "Motor temperatures. [degC]"]
     middle: Annotated[
         tuple[Number, ...],
-        "Median of the robots at each; None where fewer than three were seen. [-]",
+        "Median of the robots at each temperature; None where fewer than three were seen. [-]",
     ]
     low: Annotated[tuple[Number, ...], "A tenth of the robots lie below. [-]"]
     high: Annotated[tuple[Number, ...], "A tenth of the robots lie above. [-]"]
@@ -129,7 +129,7 @@ class FrictionCurve(Result):
     ]
     by_degc: Annotated[
         tuple[tuple[Number, ...], ...],
-        "Measured over model friction of each, at the same temperatures. [-]",
+        "Measured over model friction of each of these, at the same temperatures. [-]",
     ]
     weeks_ns: Annotated[tuple[int, ...], "Middle of each week. [ns since 1970]"]
     week_low: Annotated[
@@ -138,20 +138,23 @@ class FrictionCurve(Result):
     week_middle: Annotated[tuple[Number, ...], "Median of the robots. [-]"]
     week_high: Annotated[tuple[Number, ...], "A tenth lie above. [-]"]
     by_week: Annotated[
-        tuple[tuple[Number, ...], ...], "Of the robots named, at equal temperature. [-]"
+        tuple[tuple[Number, ...], ...],
+        "Measured over model friction of each of these in each week, at equal temperature. [-]",
     ]
 
 
 class FleetReport(Result, name="fleet_report"):
     """Energy and condition of a fleet."""
 
-    dataset: Annotated[str, "Where it lies."]
-    model_ids: Annotated[Texts, "Of the models used."]
-    start_ns: Annotated[int | None, "Of the first bag. [ns since 1970]"]
-    end_ns: Annotated[int | None, "Of the last bag. [ns since 1970]"]
-    bags: Annotated[int, "Read, how many."]
+    dataset: Annotated[str, "Folder of the dataset."]
+    model_ids: Annotated[Texts, "Ids of the models used."]
+    start_ns: Annotated[int | None, "Start of the first bag. [ns since 1970]"]
+    end_ns: Annotated[int | None, "End of the last bag. [ns since 1970]"]
+    bags: Annotated[int, "Number of bags read."]
     refused: Annotated[tuple[RefusedBag, ...], "Bags that could not be read."]
-    damaged: Annotated[tuple[DamagedBag, ...], "Bags that were read in part, and count with that."]
+    damaged: Annotated[
+        tuple[DamagedBag, ...], "Damaged bags, of which the part that was read counts."
+    ]
     robots: Annotated[tuple[RobotEnergy, ...], "By name."]
     programmes: Annotated[tuple[ProgrammeEnergy, ...], "The most frequent first."]
     shifts: Annotated[tuple[ShiftEnergy, ...], "In the order of the day."]
@@ -161,13 +164,13 @@ class FleetReport(Result, name="fleet_report"):
         "Findings that need attention, those of one robot together, the most certain first.",
     ]
     friction: Annotated[tuple[FrictionCurve, ...], "Of each joint, in the order of the model."]
-    comparisons: Annotated[int, "Kinds of figures that robots were compared by."]
-    compared_with_sisters: Annotated[int, "Robots with enough sisters and bags for that, how many."]
+    comparisons: Annotated[int, "Number of kinds of figures by which robots were compared."]
+    compared_with_sisters: Annotated[int, "Number of robots with enough sisters and bags for that."]
     compared_with_before: Annotated[
-        int, "Robots with enough bags to be compared with themselves before, how many."
+        int, "Number of robots with enough bags to be compared with their own past."
     ]
     not_compared: Annotated[
-        Texts, "Where not all were: how many, and what it takes, one sentence each."
+        Texts, "How many robots could not be compared, and what that needs, one sentence each."
     ]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
@@ -176,9 +179,9 @@ class FleetTorqueScore(Result):
     """Torque of bags that the fit has not seen, with the new friction and with that before."""
 
     joint: Annotated[str, "Its name."]
-    rms: Annotated[float, "Of the error of the friction torque. [N m]"]
+    rms: Annotated[float, "RMS error of the friction torque. [N m]"]
     rms_before: Annotated[
-        float, "With the friction of the model that the bags were run with. [N m]"
+        float, "The same with the friction of the model that the bags were run with. [N m]"
     ]
     energy_error: Annotated[Number, "Predicted over measured friction energy minus 1. [-]"]
     energy_error_before: Annotated[Number, "The same with that model. [-]"]
@@ -187,12 +190,13 @@ class FleetTorqueScore(Result):
 class FleetFriction(Result, name="fleet_friction"):
     """One friction model from all bags of a fleet."""
 
-    dataset: Annotated[str, "Where it lies."]
-    bags: Annotated[int, "Used, how many."]
-    robots: Annotated[int, "Used, how many."]
+    dataset: Annotated[str, "Folder of the dataset."]
+    bags: Annotated[int, "Number of bags used."]
+    robots: Annotated[int, "Number of robots used."]
     axes: Annotated[tuple[FrictionFit, ...], "Friction of each joint."]
     refused: Annotated[Texts, "Why other joints could not be identified, one sentence each."]
     held_out: Annotated[
-        tuple[FleetTorqueScore, ...], "On a fifth of the bags at a time that the fit has not seen."
+        tuple[FleetTorqueScore, ...],
+        "Errors on a fifth of the bags, from a time that the fit has not seen.",
     ]
     left_out: Annotated[Texts, "Robots whose friction differs from that of their sisters."]

@@ -24,19 +24,19 @@ class LossTerm(Result):
 class AxisLosses(Result):
     """Losses of one drive behind one meter for all."""
 
-    name: Annotated[str, "Of the joint."]
-    copper: Annotated[LossTerm, "Over squared motor torque. [W/(N m)^2]"]
-    linear: Annotated[LossTerm, "Over motor speed. [W s/rad]"]
-    quadratic: Annotated[LossTerm, "Over squared motor speed. [W s2/rad2]"]
+    name: Annotated[str, "Name of the joint."]
+    copper: Annotated[LossTerm, "Loss over squared motor torque. [W/(N m)^2]"]
+    linear: Annotated[LossTerm, "Loss over motor speed. [W s/rad]"]
+    quadratic: Annotated[LossTerm, "Loss over squared motor speed. [W s^2/rad^2]"]
 
 
 class TotalPower(Result):
     """Losses of all drives, from one meter."""
 
     location: Annotated[MeterLocation, "Where the meter sits."]
-    readings: Annotated[int, "Of the meter."]
-    duration: Annotated[float, "That they cover. [s]"]
-    recordings: Annotated[int, "That they come from."]
+    readings: Annotated[int, "Number of readings of the meter."]
+    duration: Annotated[float, "Time that they cover. [s]"]
+    recordings: Annotated[int, "Number of recordings that they come from."]
     structure: Annotated[str, "What the readings distinguish."]
     constant: Annotated[float, "Constant power. [W]"]
     constant_std: Annotated[Number, "[W]"]
@@ -45,9 +45,13 @@ class TotalPower(Result):
     held_out: Annotated[str, "``recordings`` or ``blocks``."]
     ways: Annotated[dict[str, EnergyScore], "Predictions of held-out readings, by way."]
     meter_delay: Annotated[
-        Delay | None, "Of the meter behind the joint states; None where it cannot be determined."
+        Delay | None,
+        "Lag of the meter behind the joint states; None where it cannot be determined.",
     ]
-    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    meter_time_constant: Annotated[
+        Delay | None,
+        "Time constant of a low pass in the meter; None where it cannot be determined.",
+    ]
     notes: Annotated[Texts, "What the readings do not determine, one sentence each."]
     parts: Annotated[
         dict[str, dict[str, float]], "Of the standard deviations, by column of the fit and cause."
@@ -58,11 +62,12 @@ class DrivesReport(Result, name="drives"):
     """Electrical power of the drives."""
 
     torque: Annotated[str, "Where the torque comes from; empty if that was not asked."]
-    drives: Annotated[DrivesFit | None, "From the power of each drive; None without."]
+    drives: Annotated[DrivesFit | None, "Fit to the power of each drive; None without such power."]
     delay: Annotated[
-        Delay | None, "Of that power behind the joint states; None where it cannot be determined."
+        Delay | None,
+        "Lag of that power behind the joint states; None where it cannot be determined.",
     ]
-    total: Annotated[TotalPower | None, "From one meter for all drives; None without."]
+    total: Annotated[TotalPower | None, "Fit to one meter for all drives; None without a meter."]
     notes: Annotated[Texts, "What was decided for the model file without data, one sentence each."]
 
 

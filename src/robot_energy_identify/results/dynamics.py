@@ -21,14 +21,16 @@ from robot_energy_identify.stats.lag import Delay
 class BaseParameter(Result):
     """One group of inertial, rotor and friction parameters."""
 
-    name: Annotated[str, "Of the standard parameter that stands for the group."]
+    name: Annotated[str, "Name of the standard parameter that stands for the group."]
     sum: Annotated[str, "The group."]
-    value: Annotated[float, "In the unit of that parameter."]
+    value: Annotated[float, "Value in the unit of that parameter."]
     std: Annotated[Number, "Standard deviation."]
     interval_95: Annotated[Number, "Half width of the 95 % interval."]
     weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
-    better_known_by_urdf: Annotated[bool, "Whether the URDF knows it better than they do."]
-    parts: Annotated[dict[str, float], "Of the standard deviation, by cause."]
+    better_known_by_urdf: Annotated[
+        bool, "Whether the URDF determines it more precisely than the recordings."
+    ]
+    parts: Annotated[dict[str, float], "Parts of the standard deviation, by cause."]
 
 
 class DynamicsReport(Result, name="dynamics"):
@@ -37,11 +39,13 @@ class DynamicsReport(Result, name="dynamics"):
     base_parameters: Annotated[tuple[BaseParameter, ...], "Groups that torque determines."]
     torque_error: Annotated[
         dict[str, TorqueError],
-        "By ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can exist); "
-        "``held_out_given_bodies`` where it was compared.",
+        "Error by test: ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can "
+        "exist); ``held_out_given_bodies`` where it was compared.",
     ]
-    delay: Annotated[Delay, "Of the torque behind the positions."]
-    across: Annotated[LeaveOneOut | None, "Recordings held out whole; None for a single one."]
+    delay: Annotated[Delay, "Lag of the torque behind the positions."]
+    across: Annotated[
+        LeaveOneOut | None, "Errors of recordings held out whole; None for a single one."
+    ]
     notes: Annotated[Texts, "What the user should know, one sentence each."]
     result: Annotated[Dynamics, "The identification behind it."] = field(repr=False)
 
@@ -88,16 +92,20 @@ KINDS = ("position", "velocity", "acceleration", "torque")
 class ExcitedJoint(Result):
     """One joint of the motion."""
 
-    name: Annotated[str, "Of the joint."]
+    name: Annotated[str, "Name of the joint."]
     start: Annotated[float, "Position at the start. [rad] or [m]"]
-    use: Annotated[dict[str, Number], "Of each limit, by kind; None without a limit. [-]"]
+    use: Annotated[
+        dict[str, Number], "Share of each limit that is used, by kind; None without a limit. [-]"
+    ]
 
 
 class ExcitationReport(Result, name="excitation"):
     """A motion for the identification of the dynamics."""
 
-    settings: Annotated[ExcitationSettings, "Of the search."]
-    before: Annotated[ExcitationScore, "How well the best random start determines them."]
+    settings: Annotated[ExcitationSettings, "Settings of the search."]
+    before: Annotated[
+        ExcitationScore, "How well the best random start determines the base parameters."
+    ]
     after: Annotated[ExcitationScore, "How well the optimised motion does."]
     base_parameters: Annotated[
         dict[str, str], "All that a motion can determine: sum of each group by its name."
@@ -107,7 +115,7 @@ class ExcitationReport(Result, name="excitation"):
     acceleration_assumed: Annotated[bool, "Whether the limits of the acceleration were not given."]
     joints: Annotated[tuple[ExcitedJoint, ...], "In model order."]
     floor: Annotated[Floor | None, "Height that a link keeps; None without one."]
-    least_height: Annotated[Number, "That it reaches; None without a floor. [m]"]
+    least_height: Annotated[Number, "Least height that the link reaches; None without a floor. [m]"]
 
 
 def excitation_report(found: Excitation) -> ExcitationReport:

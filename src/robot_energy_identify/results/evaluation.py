@@ -23,9 +23,9 @@ MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
 class JointScore(Result):
     """Errors at one motor, predicted minus measured; None where torque was not measured."""
 
-    name: Annotated[str, "Of the joint; of the row of all joints, ``all joints``."]
-    samples: Annotated[int, "That counted."]
-    moving_samples: Annotated[int, "Of them, those in which the joint moved."]
+    name: Annotated[str, "Name of the joint, or ``all joints`` for the row of all."]
+    samples: Annotated[int, "Number of samples that count."]
+    moving_samples: Annotated[int, "Number of these in which the joint moved."]
     torque_rms: Annotated[Number, "RMS error of the motor torque; None for all joints. [N m]"]
     torque_rms_moving: Annotated[Number, "The same while the joint moved. [N m]"]
     torque_relative: Annotated[Number, "Norm of the error over that of the measured torque. [-]"]
@@ -53,10 +53,10 @@ class ModelScore(Result):
     all_joints: Annotated[
         JointScore | None, "All of them together; None where no torque was measured."
     ]
-    predicted_energy: Annotated[Number, "At the meter, over the compared time. [J]"]
+    predicted_energy: Annotated[Number, "Predicted energy at the meter over the compared time. [J]"]
     energy_error: Annotated[Number, "Predicted minus measured. [J]"]
     energy_relative: Annotated[Number, "The same over the measured energy. [-]"]
-    power_error_rms: Annotated[Number, "Of the mean power from reading to reading. [W]"]
+    power_error_rms: Annotated[Number, "RMS error of the mean power from reading to reading. [W]"]
 
 
 class RecordingScore(Result):
@@ -71,12 +71,12 @@ class RecordingScore(Result):
     ]
     reason: Annotated[str, "Why, in one sentence."]
     origin: Annotated[str | None, "Where the recording comes from, as its writer said."]
-    observed_time: Annotated[float, "Predicted. [s]"]
-    lowest_degc: Annotated[Number, "Of all motor temperatures; None without any. [degC]"]
-    highest_degc: Annotated[Number, "Of all motor temperatures. [degC]"]
+    observed_time: Annotated[float, "Time that is predicted. [s]"]
+    lowest_degc: Annotated[Number, "Lowest of all motor temperatures; None without any. [degC]"]
+    highest_degc: Annotated[Number, "Highest of all motor temperatures. [degC]"]
     meter_location: Annotated[str | None, "``grid`` or ``dc_bus``; None without a meter."]
     compared_time: Annotated[float, "Time that prediction and meter cover. [s]"]
-    measured_energy: Annotated[Number, "At the meter, over that time. [J]"]
+    measured_energy: Annotated[Number, "Measured energy at the meter over that time. [J]"]
     band_relative: Annotated[
         Number,
         "Half width of the 90 % band of the predicted energy at the meter, over that energy, from "
@@ -105,7 +105,7 @@ class EvaluationReport(Result, name="test"):
 
     model: Annotated[ModelUsed, "The model."]
     effort: Annotated[str, "What the effort in the joint states was taken for."]
-    recordings: Annotated[tuple[RecordingScore, ...], "One by one."]
+    recordings: Annotated[tuple[RecordingScore, ...], "Scores of each recording."]
     together: Annotated[
         tuple[ModelScore, ...],
         "The scores over all recordings: sums of energies, RMS over all samples.",

@@ -97,7 +97,7 @@ def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
 class AxisStudy(Result):
     """Laws of one axis, tested on temperatures that their fits have not seen."""
 
-    name: Annotated[str, "Of the axis."]
+    name: Annotated[str, "Name of the axis."]
     study: Annotated[Study, "The test."]
     gain: Annotated[
         Number, "RMS of the exponential law over that of the constant; None without such a law. [-]"
@@ -136,12 +136,16 @@ class CabinetReport(Result, name="cabinet"):
 
     losses: Annotated[CabinetFit, "Constant losses."]
     meter_delay: Annotated[
-        Delay | None, "Of the meter behind the joint states; None where it cannot be determined."
+        Delay | None,
+        "Lag of the meter behind the joint states; None where it cannot be determined.",
     ]
-    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    meter_time_constant: Annotated[
+        Delay | None,
+        "Time constant of a low pass in the meter; None where it cannot be determined.",
+    ]
     link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not determined."]
     link_taken: Annotated[bool, "Whether the model has it."]
-    link_reason: Annotated[str, "Why not; empty if it has."]
+    link_reason: Annotated[str, "Why the model does not have it; empty if it has."]
     link_note: Annotated[str, "Where its voltages come from; empty if the model has none."]
 
 
@@ -169,28 +173,34 @@ class StepReport(Result):
     taken: Annotated[bool, "Whether the model has what was found."]
     reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
     notes: Annotated[Texts, "What was decided without data, one sentence each."]
-    found: Annotated[StepFound | None, "From the recordings; None if the step was left out."]
+    found: Annotated[StepFound | None, "What the recordings show; None if the step was left out."]
     step: Annotated[Step, "The step behind it."] = field(repr=False)
 
 
 class IdentificationReport(Result, name="identification"):
     """All that was identified, and the test on what was held out."""
 
-    model: Annotated[RobotModel, "As it is written, with its provenance; in JSON its identity."]
-    given: Annotated[RobotModel, "As it was before; likewise."]
+    model: Annotated[
+        RobotModel, "The model as it is written, with its provenance; in JSON its identity."
+    ]
+    given: Annotated[RobotModel, "The model as it was given; in JSON its identity."]
     recordings: Annotated[tuple[BagFacts, ...], "Bags of the fit."]
     tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
     steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
     meter_delay: Annotated[
-        Delay | None, "Of the meter behind the joint states; None where it cannot be determined."
+        Delay | None,
+        "Lag of the meter behind the joint states; None where it cannot be determined.",
     ]
-    meter_time_constant: Annotated[Delay | None, "Of a low pass in the meter; likewise."]
+    meter_time_constant: Annotated[
+        Delay | None,
+        "Time constant of a low pass in the meter; None where it cannot be determined.",
+    ]
     energy: Annotated[
-        HeldOutEnergy | None, "Energy on what was held out; None if there was no test."
+        HeldOutEnergy | None, "Energy errors on held-out recordings; None if there was no test."
     ]
     mean_error: Annotated[
         dict[str, float],
-        "Mean size of its error at the meter, by stage; empty without a meter. [-]",
+        "Mean absolute error of that energy at the meter, by stage; empty without a meter. [-]",
     ]
     notes: Annotated[Texts, "What does not fit the model as given, one sentence each."] = ()
 

@@ -65,7 +65,7 @@ def shared_bus(
         models: Of each robot, or one for all.
         temperature: Of all motors, for programs; None: the fallback of each model. [degC]
         cycle_time: Of programs; None: the longest one. [s]
-        same_start: Whether recordings that were made at other times are laid upon each other.
+        same_start: Whether recordings that were made at other times count as begun at once.
         topic: Of a JointTrajectory in a bag.
         tool: What G-code does not state.
         **options: How bags are read: see `ReplayOptions`.
@@ -99,12 +99,14 @@ def shared_bus(
         given = {"same start": same_start or None, **options}
     if unused := [name for name, value in given.items() if value is not None and value != []]:
         kind = "recordings" if all(recorded) else "programs"
-        raise MotionError(f"{unused[0]} says nothing of {kind}", "leave it out")
+        raise MotionError(f"{unused[0]} does not apply to {kind}", "leave it out")
     if all(recorded):
         robots = [
             _replayed(path, model, options) for path, model in zip(motions, used, strict=True)
         ]
-        notes = ["the recordings are laid upon each other as if begun at once"] * same_start
+        notes = [
+            "the recordings were made at different times and count as begun at once"
+        ] * same_start
         report = shared_bus_report(robots, recorded_exchange(robots, same_start), notes)
         return SharedBusResult(report, tuple(robots))
     robots = []

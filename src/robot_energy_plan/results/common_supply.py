@@ -19,16 +19,19 @@ from robot_energy_plan.shared_bus import ROUNDING, planned_exchange, planned_rob
 class StartTime(Result):
     """When a robot on a common supply starts."""
 
-    program: Annotated[str, "Of the robot."]
+    program: Annotated[str, "Program of the robot."]
     start: Annotated[float, "After the beginning of the common cycle. [s]"]
 
 
 class CommonSupply(Result):
     """Power of a supply for several robots."""
 
-    peak_power_together: Annotated[float, "Greatest, with all starts at once. [W]"]
-    peak_power: Annotated[float, "Greatest, with the starts as chosen. [W]"]
-    mean_power: Annotated[float, "With these starts; of supplies that are apart, with any. [W]"]
+    peak_power_together: Annotated[float, "Greatest power with all starts at once. [W]"]
+    peak_power: Annotated[float, "Greatest power with the starts as chosen. [W]"]
+    mean_power: Annotated[
+        float,
+        "Mean power with these starts; with separate supplies it is the same for any starts. [W]",
+    ]
 
 
 Robots = Sequence[tuple[str, PlannedMotion]]

@@ -29,32 +29,32 @@ MIN_CYCLES = 20  # of each program, in a test on the robot
 class CycleFigures(Result):
     """What one cycle needs."""
 
-    duration: Annotated[float, "With all rests. [s]"]
-    energy: Annotated[float, "From the grid. [J]"]
+    duration: Annotated[float, "Time of a cycle with all rests. [s]"]
+    energy: Annotated[float, "Energy from the grid. [J]"]
     half: Annotated[float, "Half width of its 90 % band. [J]"]
     mean_power: Annotated[float, "[W]"]
     peak_power: Annotated[float, "Greatest power from the grid. [W]"]
-    brake_energy: Annotated[float, "Into the brake resistor. [J]"]
+    brake_energy: Annotated[float, "Energy into the brake resistor. [J]"]
 
 
 class SavingFigures(Result):
     """What a change saves per cycle."""
 
-    energy: Annotated[float, "Positive where it is less. [J]"]
-    relative: Annotated[Number, "Over the energy as it is. [-]"]
+    energy: Annotated[float, "Energy saved; negative where more is needed. [J]"]
+    relative: Annotated[Number, "Saving over the energy of the program as it is. [-]"]
     half: Annotated[float, "Half width of the 90 % band of the saving. [J]"]
-    claimed: Annotated[bool, "Whether it is larger than that."]
+    claimed: Annotated[bool, "Whether the saving is larger than that."]
 
 
 class MeasureResult(Result):
     """One measure alone."""
 
-    name: Annotated[str, "Of the measure."]
-    label: Annotated[str, "In words."]
+    name: Annotated[str, "Name of the measure."]
+    label: Annotated[str, "The measure in words."]
     changes: Annotated[str, "What is changed."]
-    cycle: Annotated[CycleFigures | None, "With it; None where it does not apply."]
+    cycle: Annotated[CycleFigures | None, "A cycle with the measure; None where it does not apply."]
     saving: Annotated[
-        SavingFigures | None, "Over the program as it is; None where it does not apply."
+        SavingFigures | None, "Saving over the program as it is; None where it does not apply."
     ]
     verdict: Annotated[str, "What is claimed, in one sentence."]
 
@@ -93,7 +93,7 @@ class FrontPoint(Result):
 class TemperatureFigures(Result):
     """The program at one temperature."""
 
-    motor_temperature_degc: Annotated[float, "Of all motors, their mean. [degC]"]
+    motor_temperature_degc: Annotated[float, "Mean temperature of all motors. [degC]"]
     energy_before: Annotated[float, "As it is. [J]"]
     energy: Annotated[float, "As chosen for all temperatures. [J]"]
     best_energy: Annotated[float, "As it would be chosen for this one. [J]"]
@@ -119,10 +119,10 @@ class OptimizationReport(Result, name="optimization"):
     cycle_time: Annotated[
         Number, "Time of one cycle that was given; None: the next one begins at once. [s]"
     ]
-    peak_limit: Annotated[Number, "Of the power from the grid that was given. [W]"]
+    peak_limit: Annotated[Number, "Limit of the power from the grid that was given. [W]"]
     before: Annotated[CycleFigures, "The program as it is."]
     after: Annotated[CycleFigures, "As chosen: all measures that change the program, together."]
-    saving: Annotated[SavingFigures, "Of the choice."]
+    saving: Annotated[SavingFigures, "Saving of the choice."]
     measures: Annotated[tuple[MeasureResult, ...], "Each measure alone."]
     moves: Annotated[tuple[MoveChange, ...], "Move by move."]
     rests: Annotated[tuple[RestChange, ...], "Rest by rest."]
@@ -142,7 +142,7 @@ class OptimizationReport(Result, name="optimization"):
     shared_bus: Annotated[
         SharedBusReport | None, "Energy of that supply where it is one DC bus; else None."
     ]
-    checked_energy: Annotated[float, "Of the choice by the prediction of live operation. [J]"]
+    checked_energy: Annotated[float, "Energy of the choice, as live operation predicts it. [J]"]
     how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]

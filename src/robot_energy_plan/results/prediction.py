@@ -21,9 +21,9 @@ from robot_energy_plan.prediction import Prediction
 class PredictedTime(Result):
     """Time of a prediction."""
 
-    duration: Annotated[float, "Of all repetitions. [s]"]
-    predicted_time: Annotated[float, "Of which the energy is known. [s]"]
-    gap_ns: Annotated[int, "Of which it is not. [ns]"]
+    duration: Annotated[float, "Time of all repetitions. [s]"]
+    predicted_time: Annotated[float, "Part of it for which the energy is known. [s]"]
+    gap_ns: Annotated[int, "Part of it for which the energy is not known. [ns]"]
 
 
 class ToolPathReport(Result):
@@ -31,26 +31,30 @@ class ToolPathReport(Result):
 
     length: Annotated[float, "[m]"]
     printed_length: Annotated[
-        Number, "Of which material is laid; None if the program prints nothing. [m]"
+        Number, "Length on which material is laid; None if the program prints nothing. [m]"
     ]
-    stops: Annotated[int | None, "Of one repetition."]
+    stops: Annotated[int | None, "Stops of one repetition."]
     full_speed_share: Annotated[Number, "Share of the length at the programmed speed. [-]"]
-    energy_per_printed_metre: Annotated[Number, "From the grid. [J/m]"]
+    energy_per_printed_metre: Annotated[Number, "Energy from the grid per printed metre. [J/m]"]
 
 
 class JointLimitUse(Result):
     """Greatest use of the limits of the URDF by one joint."""
 
-    name: Annotated[str, "Of the joint."]
-    speed_use: Annotated[Number, "Of the speed limit. [-]"]
-    torque_use: Annotated[Number, "Of the torque limit; None without one. [-]"]
+    name: Annotated[str, "Name of the joint."]
+    speed_use: Annotated[Number, "Greatest share of the speed limit. [-]"]
+    torque_use: Annotated[Number, "Greatest share of the torque limit; None without one. [-]"]
 
 
 class FrictionReach(Result):
     """Joints whose friction law does not determine the assumed temperature."""
 
-    extrapolated_joints: Annotated[Texts, "Their law was never fitted there."]
-    one_temperature_joints: Annotated[Texts, "Their law is the same at every temperature."]
+    extrapolated_joints: Annotated[
+        Texts, "Joints whose friction law was not fitted at that temperature."
+    ]
+    one_temperature_joints: Annotated[
+        Texts, "Joints whose friction law is the same at every temperature."
+    ]
 
 
 class PredictionReport(EnergyReport):
@@ -61,9 +65,10 @@ class PredictionReport(EnergyReport):
     motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]
     payload: Annotated[
         tuple[Payload, ...],
-        "As given: instead of what the model has on the same link, besides what it has on others.",
+        "The payload given: it replaces what the model has on the same link and adds to what it "
+        "has on others.",
     ]
-    time: Annotated[PredictedTime, "Of the motion."]
+    time: Annotated[PredictedTime, "Time of the motion."]
     tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]
     limits: Annotated[tuple[JointLimitUse, ...], "Use of the limits of the URDF, in model order."]
     friction: Annotated[
@@ -79,7 +84,9 @@ class PredictionReport(EnergyReport):
 class PredictionsReport(Result, name="prediction"):
     """All programs by all robots at all temperatures."""
 
-    runs: Annotated[tuple[PredictionReport, ...], "One for each."]
+    runs: Annotated[
+        tuple[PredictionReport, ...], "One prediction for each program, robot and temperature."
+    ]
 
 
 def prediction_report(result: Prediction, motion: LoadedMotion | None = None) -> PredictionReport:

@@ -19,13 +19,13 @@ FEW = 0.5  # of the recorded time, below which a gap makes the figures doubtful 
 class SharedBusRobot(Result):
     """One of the robots, with a supply of its own."""
 
-    name: Annotated[str, "Of its program or recording."]
+    name: Annotated[str, "Name of its program or recording."]
     model: Annotated[ModelUsed, "The model used."]
-    energy: Annotated[float, "From the grid, with a supply of its own. [J]"]
-    brake_energy: Annotated[float, "Into its own brake resistor. [J]"]
-    peak_power: Annotated[float, "Greatest from the grid. [W]"]
+    energy: Annotated[float, "Energy from the grid with a supply of its own. [J]"]
+    brake_energy: Annotated[float, "Energy into its own brake resistor. [J]"]
+    peak_power: Annotated[float, "Greatest power from the grid. [W]"]
     start: Annotated[
-        Number, "After the beginning of the cycle, with the best starts; None for recordings. [s]"
+        Number, "Start after that of the cycle, with the best starts; None for recordings. [s]"
     ]
 
 
@@ -33,26 +33,26 @@ class SharedBusReport(Result, name="shared_bus"):
     """What several robots save on one DC bus."""
 
     recorded: Annotated[bool, "Whether the motions were recorded; else they are planned."]
-    duration: Annotated[float, "Of the time that counts: a cycle, or what all recorded. [s]"]
+    duration: Annotated[float, "Time that counts: a cycle, or what all recorded. [s]"]
     robots: Annotated[tuple[SharedBusRobot, ...], "Each with a supply of its own."]
-    energy_apart: Annotated[float, "From the grid, of all with supplies of their own. [J]"]
-    energy: Annotated[float, "From the grid, of all on one bus. [J]"]
-    brake_energy_apart: Annotated[float, "Into all their resistors. [J]"]
-    brake_energy: Annotated[float, "Into the resistor of the bus. [J]"]
-    saved: Annotated[float, "By the bus: the difference of the energies. [J]"]
-    relative: Annotated[Number, "Over the energy with supplies of their own. [-]"]
+    energy_apart: Annotated[float, "Energy from the grid, each with its own supply. [J]"]
+    energy: Annotated[float, "Energy from the grid, all on one bus. [J]"]
+    brake_energy_apart: Annotated[float, "Energy into all their resistors. [J]"]
+    brake_energy: Annotated[float, "Energy into the resistor of the bus. [J]"]
+    saved: Annotated[float, "Saved by the bus: the difference of the energies. [J]"]
+    relative: Annotated[Number, "Saving over the energy with supplies of their own. [-]"]
     half: Annotated[float, "Half width of the 90 % band of what is saved. [J]"]
-    claimed: Annotated[bool, "Whether more is saved than that."]
-    peak_power_apart: Annotated[float, "Greatest of the sum of all supplies. [W]"]
-    peak_power: Annotated[float, "Greatest of the supply of the bus. [W]"]
-    capacitor_energy: Annotated[float, "That the capacitors of the bus take at most. [J]"]
+    claimed: Annotated[bool, "Whether the saving is larger than that."]
+    peak_power_apart: Annotated[float, "Greatest power of all supplies together. [W]"]
+    peak_power: Annotated[float, "Greatest power of the supply of the bus. [W]"]
+    capacitor_energy: Annotated[float, "Energy that the capacitors of the bus take at most. [J]"]
     saved_any_start: Annotated[
-        Number, "Mean over starts that fall anywhere in the cycle, without capacitors; None for "
+        Number, "Mean saving if starts fall anywhere in the cycle, without capacitors; None for "
         "recordings. [J]"
     ]  # fmt: skip
-    saved_best: Annotated[Number, "With the best starts found; None for recordings. [J]"]
+    saved_best: Annotated[Number, "Saving with the best starts found; None for recordings. [J]"]
     half_best: Annotated[Number, "Half width of the 90 % band of that. [J]"]
-    peak_power_best: Annotated[Number, "Of the supply of the bus then. [W]"]
+    peak_power_best: Annotated[Number, "Greatest power of the supply of the bus then. [W]"]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]
 

@@ -67,14 +67,14 @@ def test_the_residual_is_that_of_the_newest_minute():
 @pytest.mark.parametrize(
     ("measured", "unit", "meaning", "asked"),
     [
-        (130_000.0, "", MeterMeaning.INSTANTANEOUS, "is it in mW?"),
-        (0.08, "", MeterMeaning.INSTANTANEOUS, "is it in kW?"),
+        (130_000.0, "", MeterMeaning.INSTANTANEOUS, "is its unit mW?"),
+        (0.08, "", MeterMeaning.INSTANTANEOUS, "is its unit kW?"),
         (0.13, "kW", MeterMeaning.INSTANTANEOUS, ""),  # a thousandth, and no smaller unit known
         (0.0011, "mW", MeterMeaning.INSTANTANEOUS, ""),
-        (100.0 / 3600, "J", MeterMeaning.CUMULATIVE, "is it in Wh?"),
-        (100.0 * 3600, "Wh", MeterMeaning.CUMULATIVE, "is it in J?"),
-        (0.1, "Wh", MeterMeaning.CUMULATIVE, "is it in kWh?"),
-        (0.1, "J", MeterMeaning.CUMULATIVE, "is it in kJ?"),
+        (100.0 / 3600, "J", MeterMeaning.CUMULATIVE, "is its unit Wh?"),
+        (100.0 * 3600, "Wh", MeterMeaning.CUMULATIVE, "is its unit J?"),
+        (0.1, "Wh", MeterMeaning.CUMULATIVE, "is its unit kWh?"),
+        (0.1, "J", MeterMeaning.CUMULATIVE, "is its unit kJ?"),
         (40.0, "", MeterMeaning.INSTANTANEOUS, ""),  # a bad model is not a wrong unit
         (300.0, "", MeterMeaning.INSTANTANEOUS, ""),
         (-90.0, "", MeterMeaning.INSTANTANEOUS, "is its sign load_negative?"),
@@ -97,9 +97,9 @@ def test_a_factor_that_only_a_unit_explains_is_asked_about_and_never_applied(
     ("measured", "unit", "meaning", "seconds", "asked"),
     [
         (100_000.0, "", MeterMeaning.INSTANTANEOUS, 7, ""),
-        (100_000.0, "", MeterMeaning.INSTANTANEOUS, 10, "is it in mW?"),
-        (0.1, "", MeterMeaning.INSTANTANEOUS, 10, "is it in kW?"),
-        (100.0 / 3600, "J", MeterMeaning.CUMULATIVE, 12, "is it in Wh?"),
+        (100_000.0, "", MeterMeaning.INSTANTANEOUS, 10, "is its unit mW?"),
+        (0.1, "", MeterMeaning.INSTANTANEOUS, 10, "is its unit kW?"),
+        (100.0 / 3600, "J", MeterMeaning.CUMULATIVE, 12, "is its unit Wh?"),
         (-90.0, "", MeterMeaning.INSTANTANEOUS, 10, "is its sign load_negative?"),
         (360.0, "kJ", MeterMeaning.CUMULATIVE, 20, ""),  # Wh, but a bad model may be that wrong
     ],
@@ -139,7 +139,7 @@ def test_a_meter_a_little_from_the_future_is_named_although_something_is_compare
 def test_a_meter_slower_than_what_is_bridged_is_named():
     bench = Bench(max_gap=2.0)
     (found,) = bench.run(61, 100.0, spacing=5)
-    assert "come 5.0 s apart" in found
+    assert "are 5.0 s apart" in found
     assert "meter_max_gap" in found
 
 

@@ -69,7 +69,7 @@ def test_it_shows_robots_jobs_and_costs(folder, tmp_path, capsys):
 
 def test_it_checks_and_repairs(folder, capsys):
     assert main(["history", "check", str(folder)]) == 0
-    assert "those of the registers" in capsys.readouterr().out
+    assert "the sums of all slots equal the registers" in capsys.readouterr().out
     store = HistoryStore(folder)
     store.open()
     store._connection.execute("DELETE FROM slot15 WHERE robot = 1")

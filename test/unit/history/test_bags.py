@@ -87,7 +87,7 @@ def test_a_bag_gives_way_to_live_registers_that_come_later(store):
     robot = live(store, START, 60, off=50)
     assert whole(store) == robot.values[IMPORT] + kept
     events = history_events(store.folder, START - DAY, START + DAY)
-    assert any("gave way" in text for text in events["text"].tolist())
+    assert any("was also recorded live" in text for text in events["text"].tolist())
 
 
 @pytest.mark.parametrize("rolled", [False, True])

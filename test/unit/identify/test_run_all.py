@@ -239,7 +239,7 @@ def test_bodies_are_said_at_one_temperature(
     assert isinstance(known, DynamicsFound)
     assert known.consistent.total < 0.97 * blind.consistent.total
     assert known.given.total < 0.97 * blind.given.total
-    assert "taken off first" in whole.step("dynamics").notes[0]
+    assert "was removed first" in whole.step("dynamics").notes[0]
 
 
 def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:

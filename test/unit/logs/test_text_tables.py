@@ -109,7 +109,7 @@ def test_lines_of_comments_count_for_the_places_of_rows(tmp_path):
         ("2,1,1,inf", "p is 'inf'", ""),
         ("2,1,1,1e400", "p is '1e400'", ""),
         ("2,1,1,true", "p is 'true'", ""),
-        ("2,1,1,60 W", "p is '60 W'", "write numbers alone"),
+        ("2,1,1,60 W", "p is '60 W'", "write numbers only"),
         ('2,1,1,"60,5"', "p is '60,5'", 'decimal: ","'),
         ('2,1,1,"1,234.5"', "p is '1,234.5'", "without separators of thousands"),
         ("2,1,1", "has 3 cells", ""),

@@ -84,7 +84,7 @@ def test_what_does_not_fit_is_refused():
         re.shared_bus([MOVES], "kr16")
     with pytest.raises(MotionError, match="recordings alone, or programs"):
         re.shared_bus([MOVES, COLD], "kr16")
-    with pytest.raises(MotionError, match="cycle time says nothing of recordings"):
+    with pytest.raises(MotionError, match="cycle time does not apply to recordings"):
         re.shared_bus([COLD, WARM], "kr16", cycle_time=5.0)
     with pytest.raises(MotionError, match="3 models for 2"):
         re.shared_bus([COLD, WARM], ["kr16"] * 3)

@@ -62,7 +62,7 @@ def test_a_further_recording_gives_no_disjoint_intervals(plant, bags, result):
 def test_cabinet_and_drives_agree_when_the_turns_end(bags, result):
     """Once more, each with the other, the constants stay where they are."""
     steps = {step.subject: step for step in result.steps}
-    assert "each with the other" in steps["drives"].notes[-1]
+    assert "each with the result of the other" in steps["drives"].notes[-1]
     before = steps["drives"].model.cabinet
     base = steps["friction"].model
     _, again = in_turns(steps["cabinet"], steps["drives"], bags, base, "again")
