@@ -19,6 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import bench_history
 import bench_identify
 import bench_layouts
+import bench_length
 import bench_live
 import bench_many
 import bench_page
@@ -35,6 +36,7 @@ BENCHES = {
     "identify": bench_identify,
     "history": bench_history,
     "many": bench_many,
+    "length": bench_length,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
@@ -52,7 +54,7 @@ def main() -> int:
     target = BUILD / "bench.json"
     missed: list[str] = []
     if not arguments.names and not arguments.quick:
-        console.print("all benchmarks: about five minutes on two cores that do nothing else")
+        console.print("all benchmarks: about half an hour on two cores that do nothing else")
     for name in arguments.names or list(BENCHES):
         table, result, goals = BENCHES[name].run(BUILD / "bench", arguments.quick)
         console.print(table)
