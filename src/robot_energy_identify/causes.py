@@ -30,9 +30,10 @@ from robot_energy_identify.check.evidence import (
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
-from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.recordings import Recording, spread
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.provenance import require_some
+from robot_energy_identify.stats.regression import one_thread
 
 # What no identification can mend, whatever the bodies: others, such as a payload, are notes.
 MISTAKES = (
@@ -92,6 +93,7 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
     )
 
 
+@one_thread
 def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
     """The causes that make the torque of recordings of one model differ from the model's."""
     found, _ = check_torque(joined([part.thinned() for part in parts]))
@@ -149,7 +151,7 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
     Raises:
         ImplausibleIdentificationError: Naming the cause and the line that mends it.
     """
-    for recording in recordings:
+    for recording in spread(recordings):
         if recording.meter is not None:
             found, _ = check_meter(_evidence_of(recording, effort))
             _refuse(

@@ -19,6 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import bench_history
 import bench_identify
 import bench_layouts
+import bench_length
 import bench_live
 import bench_page
 import bench_pipeline
@@ -33,6 +34,7 @@ BENCHES = {
     "page": bench_page,
     "identify": bench_identify,
     "history": bench_history,
+    "length": bench_length,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
@@ -50,7 +52,7 @@ def main() -> int:
     target = BUILD / "bench.json"
     missed: list[str] = []
     if not arguments.names and not arguments.quick:
-        console.print("all benchmarks: about five minutes on two cores that do nothing else")
+        console.print("all benchmarks: about half an hour on two cores that do nothing else")
     for name in arguments.names or list(BENCHES):
         table, result, goals = BENCHES[name].run(BUILD / "bench", arguments.quick)
         console.print(table)

@@ -323,7 +323,7 @@ def read_recording(
         topics: Topics to use where they cannot be determined by type.
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        most: Samples that are kept, about 0.7 kB each for six joints.
+        most: Samples that are kept, about 0.7 kB each for six joints. [-]
         time_range: Part of the bag; None for all.
 
     Returns:

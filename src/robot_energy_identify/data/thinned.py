@@ -44,7 +44,7 @@ class Thinned:
     """Keeps samples until there are too many, then every second one of them, and so on.
 
     Args:
-        most: Samples to keep, but at least 25 in a second.
+        most: Samples to keep, but at least 25 in a second. [-]
 
     Attributes:
         every: Of how many samples one is kept.
