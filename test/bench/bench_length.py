@@ -163,7 +163,7 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
             goals[f"{name}: memory as flat as 10 %: {short.peak:.0f}, {long.peak:.0f} MB"] = (
                 long.peak <= 1.1 * short.peak
             )
-    figures = {
+    figures: dict[str, object] = {
         name: {"slope_ms": slope, "cpu": [c.cpu for c in costs], "peak_mb": [c.peak for c in costs]}
         for name, (slope, costs) in found.items()
     }

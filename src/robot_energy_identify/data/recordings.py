@@ -148,7 +148,7 @@ class Recording:
         meter = undone(self.meter, delay, time_constant)
         return replace(self, meter=meter)._compared_by(MeterResponse())
 
-    def _compared_by(self, response: MeterResponse) -> Recording:
+    def _compared_by(self, response: MeterResponse | None) -> Recording:
         """The recording, its power compared with its meter."""
         meter, supply = self.meter, self.power.supply
         if meter is None:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
@@ -192,10 +193,10 @@ def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | No
             continue
         limits = data.limits[number]
         tried: list[tuple[Float, Float]] = []
-        for (lag, of), (_, before) in zip(tries, [(0.0, None), *tries], strict=False):
-            if of is not before:
-                integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], of[rows])
-            tried.append(_moved(meter, limits, lag, integrals))
+        for _, group in groupby(tries, lambda each: id(each[1])):
+            lags, columns = zip(*group, strict=True)
+            integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], columns[0][rows])
+            tried += [_moved(meter, limits, lag, integrals) for lag in lags]
         same = np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried])
         parts.append(np.stack([mean[same] for _, mean in tried]))
         targets.append(tried[0][0][same])
