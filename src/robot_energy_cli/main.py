@@ -11,7 +11,6 @@ from argparse import (
     ArgumentError,
     ArgumentParser,
     Namespace,
-    _SubParsersAction,
 )
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
@@ -149,8 +148,8 @@ def build_parser() -> ArgumentParser:
         one = waiting.pop()
         one.complete()
         for action in one._actions:  # argparse has no other way to them
-            if isinstance(action, _SubParsersAction):
-                waiting += action.choices.values()
+            if isinstance(action.choices, dict):
+                waiting += cast("dict[str, Parser]", action.choices).values()
     return parser
 
 

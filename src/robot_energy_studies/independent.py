@@ -67,7 +67,7 @@ class IndependentStudySize:
     moves: int
 
 
-FULL = IndependentStudySize(12, (0.0, 0.25, 0.5, 0.75, 1.0), (0.1, 0.35, 0.65, 0.9), 20)
+FULL = IndependentStudySize(10, (0.0, 0.25, 0.5, 0.75, 1.0), (0.1, 0.35, 0.65, 0.9), 20)
 QUICK = IndependentStudySize(2, (0.0, 0.5, 1.0), (0.3, 0.9), 12)
 
 
