@@ -33,7 +33,7 @@ from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.provenance import require_some
-from robot_energy_identify.stats.regression import one_thread
+from robot_energy.foundation.blas_threads import one_thread
 
 # What no identification can mend, whatever the bodies: others, such as a payload, are notes.
 MISTAKES = (

@@ -36,7 +36,7 @@ from robot_energy_identify.drives.delays import meter_lags, with_response
 from robot_energy_identify.drives.drive_data import DriveData, drive_data
 from robot_energy_identify.provenance import identified_from
 from robot_energy_identify.stats.lag import Delay
-from robot_energy_identify.stats.regression import one_thread
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy_identify.steps import (
     STEPS,
     SUBJECTS,

@@ -146,9 +146,9 @@ class Recording:
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
         meter = undone(self.meter, delay, time_constant)
-        return replace(self, meter=meter)._compared_by(MeterResponse())
+        return replace(self, meter=meter).compared_by(MeterResponse())
 
-    def _compared_by(self, response: MeterResponse | None) -> Recording:
+    def compared_by(self, response: MeterResponse | None) -> Recording:
         """The recording, its power compared with its meter."""
         meter, supply = self.meter, self.power.supply
         if meter is None:
@@ -201,7 +201,7 @@ class Recording:
         torque = replace(torque, motor_torque_measured=block.motor_torque_measured)
         powers = _powers(torque, self.temperatures, self.meter, model, settings)
         again = replace(self, model=model, torque=torque, power=powers)
-        return again._compared_by(MeterResponse.of(model))
+        return again.compared_by(MeterResponse.of(model))
 
 
 def _powers(
@@ -365,4 +365,4 @@ def read_recording(
         temperatures=kept.temperatures(),
         every=kept.every,
     )
-    return recording._compared_by(MeterResponse.of(model))
+    return recording.compared_by(MeterResponse.of(model))

@@ -220,7 +220,7 @@ def test_two_robots_on_one_bus_by_hand():
     # 100 J/s go into each resistor in the mean of four cases instead of 200
     claim = shared_bus(demand((600.0, 50.0), (-400.0, 50.0)), MODEL)
     assert claim.energy == pytest.approx(100.0 * 100.0)
-    assert claim.half == pytest.approx(1.645 * np.hypot(0.5 * 30.0, 0.15 * 1e4), rel=1e-3)
+    assert claim.half == pytest.approx(1.645 * np.hypot(0.5 * 30.0, 0.25 * 1e4), rel=1e-3)
     # 100 W less than the other brakes: of two in three cases 300 W are left, one keeps 100 W
     little = shared_bus(demand((100.0, 50.0), (-400.0, 50.0)), MODEL)
     assert little.energy == pytest.approx(0.5 * 100.0 * 0.5 * 100.0)
