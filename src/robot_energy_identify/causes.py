@@ -14,6 +14,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -33,7 +34,6 @@ from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.provenance import require_some
-from robot_energy.foundation.blas_threads import one_thread
 
 # What no identification can mend, whatever the bodies: others, such as a payload, are notes.
 MISTAKES = (

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import (
     ImplausibleIdentificationError,
     ModelFileError,
@@ -36,7 +37,6 @@ from robot_energy_identify.drives.delays import meter_lags, with_response
 from robot_energy_identify.drives.drive_data import DriveData, drive_data
 from robot_energy_identify.provenance import identified_from
 from robot_energy_identify.stats.lag import Delay
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy_identify.steps import (
     STEPS,
     SUBJECTS,

@@ -98,7 +98,8 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
     series = [robot.power() for robot in robots]
     if same_start:
         series = [(stamp - stamp[0], power) for stamp, power in series]
-    begin, end = max(one[0][0] for one in series), min(one[0][-1] for one in series)
+    begin = max(int(stamp[0]) for stamp, _ in series)
+    end = min(int(stamp[-1]) for stamp, _ in series)
     if begin >= end:
         apart = (begin - end) * NANOSECOND
         raise MotionError(
@@ -180,7 +181,7 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
         """Powers of all robots at times of the cycle, shape (R, N)."""
         return np.stack(
             [
-                np.interp((time - begin) % cycle, own, power)
+                np.interp((time - float(begin)) % cycle, own, power)
                 for begin, own, (_, power) in zip(start.tolist(), times, series, strict=True)
             ]
         )

@@ -109,7 +109,7 @@ def shared_bus(
         ] * same_start
         report = shared_bus_report(robots, recorded_exchange(robots, same_start), notes)
         return SharedBusResult(report, tuple(robots))
-    robots = []
+    robots: list[BusRobot] = []
     for path, model in zip(motions, used, strict=True):
         motion = load_motion(path, Robot.from_model(model), tool, topic)
         degc = model.temperature.fallback_degc if temperature is None else temperature

@@ -94,8 +94,8 @@ def savings_answer(
         folder, wish.baseline, wish.reported, wish.drivers, robots, period.zone.key,
         measured=wish.measured,
     )  # fmt: skip
-    rows = [{"robot": name, **_total(one)} for name, one in found.items()]
-    rows.sort(key=lambda row: -abs(row["saved"]) / max(row["band"], 1e-9))
+    rows: list[dict[str, Any]] = [{"robot": name, **_total(one)} for name, one in found.items()]
+    rows.sort(key=lambda row: -abs(float(row["saved"])) / max(float(row["band"]), 1e-9))
     alone = next(iter(found.values())) if len(found) == 1 and not failed else None
     name = Period("span", *wish.baseline, "day", period.zone).name
     return {
