@@ -267,7 +267,7 @@ def test_a_file_that_may_not_be_read_is_not_to_be_moved(tmp_path, monkeypatch):
     with pytest.raises(DatasetError) as met:
         read_tables(tmp_path / "d")
     assert str(file) in met.value.found
-    assert "rights" in met.value.remedy
+    assert "permissions" in met.value.remedy
 
 
 def other_parquet() -> bytes:

@@ -76,7 +76,7 @@ def test_the_command_lays_recordings_of_other_times_upon_each_other(capsys):
     assert main(["shared-bus", *bags, "--model", "kr16", "--model", "kr16", "--same-start"]) == 0
     said = capsys.readouterr().out
     assert "9.12 s of recordings of all robots" in said
-    assert "as if begun at once" in said
+    assert "count as begun at once" in said
 
 
 def test_what_does_not_fit_is_refused():

@@ -98,9 +98,9 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
     summary = report.to_dict()
     assert list(summary) == [
         "result", "schema_version", "tool_version", "model", "energy", "power", "phases",
-        "joints", "quality", "uncertainty", "problems", "notes", "bag", "origin", "topics", "time",
-        "comparison", "shaft", "payload", "inputs", "compared_with", "jobs", "condition",
-        "auxiliary",
+        "joints", "normalised", "quality", "uncertainty", "problems", "notes", "bag", "origin",
+        "topics", "time", "comparison", "shaft", "payload", "inputs", "compared_with", "jobs",
+        "condition", "auxiliary",
     ]  # fmt: skip
     assert (summary["result"], summary["schema_version"]) == ("replay", SCHEMA_VERSION)
     assert summary["model"]["change"] == "friction fixed at 20 degC"
