@@ -157,7 +157,7 @@ def test_a_full_disk_raises_and_leaves_nothing(tmp_path, bags):
 
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (5 * 2**20, limits[1]))
-        with refused(BagError, found="bag_0.mcap", remedy="room"):
+        with refused(BagError, found="bag_0.mcap", remedy="space"):
             fill()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
