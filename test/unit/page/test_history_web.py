@@ -165,14 +165,15 @@ def test_a_slow_answer_holds_up_neither_the_live_page_nor_memory(serve, monkeypa
     monkeypatch.setattr(HistoryView, "answer", slow)
     monkeypatch.setattr(history_routes, "MAX_WAITING", 4)
     url = serve()
-    with ThreadPoolExecutor(4) as clients:
-        asked = [clients.submit(request, url, f"/api/history{DAY}") for _ in range(4)]
+    with ThreadPoolExecutor(6) as clients:
+        asked = [clients.submit(request, url, f"/api/history{DAY}") for _ in range(6)]
         for _ in range(history_routes.WORKERS):
             assert begun.acquire(timeout=PATIENCE)
         assert state_of(url)["live"] is True  # answered while all threads are taken
-        wait_until(lambda: request(url, f"/api/history{DAY}")[0] == 503, "a refusal")
+        wait_until(lambda: sum(one.done() for one in asked) == 2, "two refusals")
+        assert {one.result()[0] for one in asked if one.done()} == {503}
         free.set()
-        assert {one.result()[0] for one in asked} == {200}
+        assert sorted(one.result()[0] for one in asked) == [200] * 4 + [503] * 2
 
 
 def test_the_page_reads_while_the_recorder_writes(serve, folder):
