@@ -112,7 +112,7 @@ def monitored(bench, bag: Path, times: int):
 def test_a_loop_counts_every_turn_and_nothing_across(bench, recording):
     (once, _), (thrice, more) = (monitored(bench, recording, times) for times in (1, 3))
     assert (once.time.gap_ns, once.time.jumps) == (0, 0)
-    # where the pause comes late, states of a fourth turn are in it; one alone is no turn
+    # where the pause comes late, states of a fourth turn are in it; one alone does not make a turn
     jumps, observed_ns = thrice.time.jumps, thrice.time.observed_ns - 3 * once.time.observed_ns
     assert thrice.time.gap_ns == 0
     assert jumps == 2 or (jumps == 3 and more > 1)

@@ -57,7 +57,7 @@ def status_heads(data: bytes) -> tuple[int, list[StatusHead]]:
     All values but one are skipped.
 
     Raises:
-        ValueError, IndexError, struct.error: If it is no such message.
+        ValueError, IndexError, struct.error: If it is not such a message.
     """
     seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
     return seconds * SECOND_NS + nanoseconds, [
