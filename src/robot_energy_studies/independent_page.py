@@ -80,4 +80,4 @@ def errors(rows: list[IndependentRow], path: Target) -> None:
         axes.axhline(0.0, color="#16202b", linewidth=0.8)
         axes.set_xlabel("mean temperature of the motors [degC]")
         axes.set_ylabel("predicted grid energy over measured, less 1 [%]")
-        axes.legend(loc="upper left")
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))

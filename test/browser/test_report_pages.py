@@ -41,6 +41,10 @@ def test_the_report_draws_itself_without_fault(window, report, width, dark):
         assert len(nodes) > 10
         assert all(into == out for into, out, inner in nodes if inner == "true")
     assert window.run("return document.documentElement.scrollWidth") == width
+    terms = window.run(
+        "return document.querySelector('#terms table').getBoundingClientRect().width"
+    )
+    assert terms > 0.5 * min(width, 1000)  # a meaning is a line, not a column of single words
     window.run("document.querySelectorAll('details').forEach(one => { one.open = true; })")
     assert window.faults() == []
 
