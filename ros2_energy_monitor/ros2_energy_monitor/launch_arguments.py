@@ -19,14 +19,7 @@ LEVELS = ["debug", "info", "warn", "error", "fatal"]
 
 
 def is_true(value: str) -> bool:
-    """Return whether an argument says true.
-
-    Args:
-        value: One of `BOOLEANS`.
-
-    Returns:
-        Whether it is.
-    """
+    """Return whether an argument says true."""
     return value.lower() in ("true", "1")
 
 
@@ -57,9 +50,6 @@ def check_arguments(command_line: Sequence[str], file: str, known: Iterable[str]
     """Refuse arguments of the command line that a launch file does not have.
 
     Only where the file itself was launched: one that includes it has arguments of its own.
-
-    Args:
-        command_line: That of the process.
 
     Raises:
         RuntimeError: If one is unknown.

@@ -56,12 +56,7 @@ PATIENCE = 60.0  # until a node sees itself in the graph [s]
 
 @dataclass(frozen=True)
 class NodeRights:
-    """Full names of what a node uses.
-
-    Attributes:
-        reply: Services that it offers.
-        request: Services that it calls.
-    """
+    """Full names of what a node uses."""
 
     node: str
     publish: frozenset[str] = field(default_factory=frozenset[str])
@@ -71,11 +66,7 @@ class NodeRights:
 
 
 def rights_of(node: Node) -> NodeRights:
-    """Return what the graph says that a node uses.
-
-    Args:
-        node: A node that the graph shows in full.
-    """
+    """Return what the graph says that a node uses."""
     own = node.get_name(), node.get_namespace()
 
     def names(listed: Iterable[tuple[str, Any]]) -> frozenset[str]:
@@ -131,14 +122,10 @@ def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[N
 
     Args:
         args: Command line of the nodes, from ``--ros-args`` on.
-        names: Executables, of `NODES`.
         has_file: Whether a parameter file is given, which then names the profile of the meter.
 
     Returns:
         The rights, in the order of the names.
-
-    Raises:
-        RobotEnergyError: If a node cannot be started, or is not seen in the graph.
     """
     found: list[NodeRights] = []
     for name in names:

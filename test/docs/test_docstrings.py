@@ -1,7 +1,7 @@
 """Docstrings: arguments, shapes, units, results, errors, sources.
 
-Functions that users call describe every argument. Others say what a name and a type do not, and
-always shape and unit.
+Functions that users call describe every argument and every error they raise. Others say what a
+name and a type do not, and always shape and unit.
 """
 
 import ast
@@ -158,7 +158,7 @@ def gaps_of_function(
         yield "returns", name
     documented = section(docstring, "Raises") or ""
     for error in sorted(raised_classes(function, errors)):
-        if error not in documented:
+        if error not in documented and name.partition(".")[0] in users:
             yield "raises", f"{name}: {error}"
 
 
@@ -263,5 +263,5 @@ def test_each_kind_of_gap_is_found(source, expected, tmp_path):
 
 def test_other_functions_describe_what_their_names_and_types_do_not_say(tmp_path):
     path = tmp_path / "module.py"
-    path.write_text('def f(a: int, b: Float) -> None:\n    """Do."""')
-    assert gaps_of_module(path, set(), set()) == [("argument", "f(b)")]
+    path.write_text('def f(a: int, b: Float) -> None:\n    """Do."""\n    raise BagError("x")')
+    assert gaps_of_module(path, {"BagError"}, set()) == [("argument", "f(b)")]

@@ -33,12 +33,7 @@ from ros2_energy_monitor.services.registers import RegisterServices
 
 
 class AccountPublisher:
-    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends.
-
-    Args:
-        node: The node that publishes.
-        parameters: Where and how often it is kept.
-    """
+    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends."""
 
     def __init__(
         self,
@@ -66,11 +61,7 @@ class AccountPublisher:
         )
 
     def open(self) -> None:
-        """Create publishers and services, and read the registers from disk.
-
-        Raises:
-            RegisterError: If the state files cannot be used.
-        """
+        """Create publishers and services, and read the registers from disk."""
         power = RowPublisher(self._node, PowerState, POWER_TOPIC, reliable(100))
         burst = -(-self._node.taken_ticks // self._ticks)  # messages that end together
         self._power = PacedPublisher(power, self._ticks, max_waiting=burst + 1)

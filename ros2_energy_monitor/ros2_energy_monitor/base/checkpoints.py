@@ -99,11 +99,7 @@ class Checkpoints:
         self.running = False
 
     def open(self) -> None:
-        """Read the registers from disk, take the lock of the folder and start the timer.
-
-        Raises:
-            RegisterError: If another monitor has the folder, or its files cannot be used.
-        """
+        """Read the registers from disk, take the lock of the folder and start the timer."""
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="checkpoints")
         model, folder = self._arguments
         submit = _timed(self._thread, self._durations)
@@ -133,11 +129,7 @@ class Checkpoints:
         return self.store.keeps and not self.store.is_aside
 
     def begin_recording(self, players: str) -> None:
-        """Count a recording from zero from now on, apart from the robot's registers.
-
-        Args:
-            players: The nodes that play it.
-        """
+        """Count a recording from zero from now on, apart from the robot's registers."""
         if self._keeps and self.running and not self.store.busy:
             self._start()  # what the robot has used until now
         self._players = players
@@ -166,11 +158,7 @@ class Checkpoints:
         self._timer.timer_period_ns = round(period * 1e9)
 
     def when_kept(self, answer: Callable[[bool], None]) -> None:
-        """Call back once the registers as they stand now are on disk, without waiting here.
-
-        Args:
-            answer: Gets whether they are, after `ANSWERING` at the latest.
-        """
+        """Call back once the registers as they stand now are on disk, without waiting here."""
         if not self._keeps:
             self._publish(self._encode(False))
             answer(False)

@@ -39,7 +39,6 @@ class ConditionPublisher:
     """Publishes ``energy/condition`` and keeps learned figures; `open` creates, `close` ends.
 
     Args:
-        node: The node that publishes.
         thermal: What estimates motor temperatures; kept on disk as well.
         state_folder: Parameter that names the folder of the state files.
     """

@@ -43,10 +43,6 @@ def read_credentials(path: str) -> Credentials | None:
 
     Returns:
         What it holds; None for an empty path.
-
-    Raises:
-        CredentialsError: If it cannot be read, is malformed, belongs to another user, or can be
-            read or written by its group or others.
     """
     if not path:
         return None

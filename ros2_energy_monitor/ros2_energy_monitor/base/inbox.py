@@ -84,7 +84,6 @@ class Inbox:
     """The messages of one topic that arrived since they were last drained.
 
     Args:
-        node: The node that subscribes.
         message_type: Message class, such as ``sensor_msgs.msg.JointState``.
         qos: Quality of service; its depth bounds what can wait between two ticks.
         direct: False to use ordinary callbacks although the internals of rclpy fit.

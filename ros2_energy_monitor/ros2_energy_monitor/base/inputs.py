@@ -45,7 +45,6 @@ def wanted_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
     it, and nothing else.
 
     Args:
-        node: The node that asks.
         msgtype: Type of a message, such as ``control_msgs/msg/DynamicJointState``.
     """
     try:
@@ -61,12 +60,6 @@ def temperature_ingest(
     """Return what reads the sources of motor temperatures.
 
     Sources whose messages are not installed are left out, after an error in the log.
-
-    Args:
-        node: The node that subscribes.
-
-    Raises:
-        ParameterError: If a source names a joint that the model lacks.
     """
     sources = {
         name: source.resolved(node.resolve_topic_name)
@@ -80,9 +73,6 @@ def temperature_ingest(
 
 def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParameters) -> list[Inbox]:
     """Subscribe every topic of joint states; at least one.
-
-    Args:
-        node: The node that subscribes.
 
     Returns:
         One inbox per topic.
@@ -103,7 +93,6 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: floa
     """Subscribe every topic of motor temperatures, and the keys of those that have some.
 
     Args:
-        node: The node that subscribes.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Returns:
@@ -145,15 +134,11 @@ def meter_input(
     Where its messages are not installed, nothing is subscribed, after an error in the log.
 
     Args:
-        node: The node that subscribes.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Returns:
         What reads the meter, and one inbox per topic; without messages, a reader of no meter
         and no inbox.
-
-    Raises:
-        ParameterError: If the messages lack what the parameters name.
     """
     source = parameters.meter.resolved(node.resolve_topic_name)
     kind = wanted_class(node, source.type, "the meter")

@@ -38,11 +38,7 @@ class ManagedNode(LifecycleNode, ABC):
     transition and is logged in one sentence; any other error is logged whole and takes the
     node back to unconfigured.
 
-    Args:
-        options: Options of `rclpy.node.Node`.
-
     Attributes:
-        active: Whether the node counts and publishes.
         outdated: Whether parameters have changed since it was configured; activate configures
             it again then.
         bad_clocks: Messages of ``/clock`` left out, as their time is not a stamp.

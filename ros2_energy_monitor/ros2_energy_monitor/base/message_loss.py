@@ -34,7 +34,6 @@ class _Explanation:
 
     Attributes:
         last: The newest number of each publisher that was heard, ascending.
-        unheard: Publishers of which no message has arrived.
     """
 
     last: list[int]
@@ -62,11 +61,7 @@ class MessageLossCounter:
         return min(one.lost for one in self._explanations)
 
     def step(self, numbers: Sequence[int]) -> None:
-        """Take the numbers of messages.
-
-        Args:
-            numbers: In order of arrival.
-        """
+        """Take the numbers of messages."""
         if not numbers:
             return
         first = self._explanations[0]

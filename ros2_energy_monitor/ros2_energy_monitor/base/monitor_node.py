@@ -58,18 +58,9 @@ class MonitorNode(ManagedNode, Generic[P]):
     Ticks follow the steady clock, so that queues are drained also while simulated time
     stands still.
 
-    Args:
-        options: Options of `rclpy.node.Node`.
-
     Attributes:
-        model: The robot's model, once configured.
         inputs: Every inbox with the account of its messages, from `set_up`.
         orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
-        sources: What the node says about itself, from `set_up`.
-        exit_stack: What cleanup closes, from `set_up`.
-
-    Raises:
-        RobotEnergyError: If a parameter, or with ``autostart`` the model, cannot be used.
     """
 
     NAME: ClassVar[str]
@@ -147,11 +138,7 @@ class MonitorNode(ManagedNode, Generic[P]):
             self._set_up(model)
 
     def activate(self) -> None:
-        """Discard what came before; the time until now is a gap.
-
-        Raises:
-            RobotDescriptionError: If the robot description has not arrived or cannot be used.
-        """
+        """Discard what came before; the time until now is a gap."""
         if not self.ready and self._description is not None:
             raise RobotDescriptionError("; ".join(self._description.sentences()))
         self._discard()
@@ -256,9 +243,6 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
         """Take the messages that wait.
-
-        Args:
-            inboxes: Where they wait.
 
         Returns:
             One batch per inbox; those with nothing are left out.

@@ -21,9 +21,6 @@ def require(package: str, distribution: str, user: str, error: type[RobotEnergyE
 
     Returns:
         The module.
-
-    Raises:
-        RobotEnergyError: Of that class, if it is not installed.
     """
     try:
         return importlib.import_module(package)

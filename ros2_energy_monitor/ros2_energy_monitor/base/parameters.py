@@ -64,10 +64,6 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
 
     Returns:
         The values.
-
-    Raises:
-        ParameterError: If a required parameter is missing, or a value has a wrong type or
-            is out of its range.
     """
     complaints = files_without_section(sys.argv, node.get_fully_qualified_name())
     for sentence in complaints:  # at once: it may be why a parameter is missing
@@ -94,11 +90,7 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
 
 
 def parameter_lines(node: Node) -> list[str]:
-    """Return every parameter of a node with its value, one line for each group.
-
-    Args:
-        node: The node that declared them.
-    """
+    """Return every parameter of a node with its value, one line for each group."""
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
     groups: dict[str, list[str]] = {}
     for name in sorted(declared):
@@ -137,15 +129,7 @@ def _declare_one(
 
 
 def require(node: Node, entries: Mapping[str, Parameter]) -> None:
-    """Refuse required parameters that are still empty.
-
-    Args:
-        node: The node, which has declared them.
-        entries: Its parameters by name.
-
-    Raises:
-        ParameterError: If one is.
-    """
+    """Refuse required parameters that are still empty."""
     for entry in entries.values():
         if entry.default is MISSING and not node.get_parameter(entry.name).value:
             raise _missing(node, entry)
@@ -160,17 +144,7 @@ def _missing(node: Node, entry: Parameter) -> ParameterError:
 
 
 def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:
-    """Return the values that the parameters of a node have now, those of new groups declared.
-
-    Args:
-        node: The node, which has declared the parameters of the class.
-
-    Returns:
-        The values, and every parameter by name.
-
-    Raises:
-        ParameterError: If values do not fit together.
-    """
+    """Return the values that the parameters of a node have now, those of new groups declared."""
     given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
     entries: dict[str, Parameter] = {}
 

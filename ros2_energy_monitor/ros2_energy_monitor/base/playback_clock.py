@@ -40,10 +40,8 @@ class PlaybackClock:
     They have the names of those of `ros2 bag play`, and a type that every installation has.
 
     Args:
-        node: The node that plays.
         rate: Times the speed of nature, > 0. [-]
         publish_rate: How often ``/clock`` is published; 0 for never. [1/s]
-        paused: Whether it stands still at first.
     """
 
     def __init__(
@@ -101,11 +99,7 @@ class PlaybackClock:
         return math.inf if self.paused else (due_ns - self.now_ns) / SECOND_NS / self._rate
 
     def pause(self, paused: bool) -> None:
-        """Stop it, or let it go on.
-
-        Args:
-            paused: Whether to stop it.
-        """
+        """Stop it, or let it go on."""
         if paused == self.paused:
             return
         if self._reached_ns is not None:

@@ -60,9 +60,6 @@ class StopSignal:
     """Notes `STOP_SIGNALS`; any number of them asks for one clean stop.
 
     A signal that is ignored already stays so: ``nohup`` ignores SIGHUP.
-
-    Attributes:
-        received: Whether one has arrived.
     """
 
     def __init__(self) -> None:
@@ -241,9 +238,6 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
 
 def usage(name: str, description: str) -> str:
     """Return the help of an executable.
-
-    Args:
-        description: Docstring of its class; the first paragraph is shown.
 
     Returns:
         What the node does, how to start it and where its parameters are described.

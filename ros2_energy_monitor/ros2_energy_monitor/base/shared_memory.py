@@ -39,7 +39,6 @@ def clear_ports(folder: Path = FOLDER, orphaned: float = ORPHANED) -> list[str]:
     Removing takes the name away only; a process that has the file open keeps it.
 
     Args:
-        folder: Where shared memory lies.
         orphaned: Age from which a port that is not ready has no maker any more. [s]
 
     Returns:

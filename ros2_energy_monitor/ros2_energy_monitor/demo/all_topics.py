@@ -53,11 +53,9 @@ class TopicRecorder(Node):
 
     Args:
         types: Message type of each topic.
-        options: Options of `rclpy.node.Node`.
 
     Attributes:
         taken: Topic, time of receipt [ns] and content of every message, in order.
-        counts: Messages by topic.
     """
 
     def __init__(self, types: dict[str, str], **options: Any) -> None:
@@ -86,9 +84,6 @@ def record(context: Context, seconds: float, stop: StopSignal | None = None) -> 
 
     Returns:
         The recorder, destroyed, with what it has taken.
-
-    Raises:
-        BagError: If a topic does not come, or it was interrupted.
     """
 
     def given(**values: Any) -> list[Parameter]:
@@ -138,9 +133,6 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
 
     Args:
         overwrite: Whether a bag that is there may be replaced.
-
-    Raises:
-        BagError: If it cannot be written.
     """
     with BagWriter(path, overwrite=overwrite, origin=ORIGIN) as bag:
         for topic, msgtype in TYPES.items():

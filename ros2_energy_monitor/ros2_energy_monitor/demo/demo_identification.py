@@ -24,11 +24,7 @@ FILE = "identified.yaml"
 
 
 def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
-    """Return bags of the repository.
-
-    Raises:
-        BagError: If one is not there.
-    """
+    """Return bags of the repository."""
     paths = [bags / name for name in names]
     for path in paths:
         if not path.exists():

@@ -71,14 +71,7 @@ class Expected:
 
 
 def read_study(folder: Path) -> list[Expected]:
-    """Return what a study says of its held-out recordings.
-
-    Args:
-        folder: Output of `robot-energy reproduce paper-a`.
-
-    Raises:
-        ReportError: If it is none.
-    """
+    """Return what a study says of its held-out recordings."""
     try:
         sets = json.loads((folder / "figures.json").read_text(encoding="utf-8"))["sets"]
         return [

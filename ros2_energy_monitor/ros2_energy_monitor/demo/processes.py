@@ -24,11 +24,7 @@ GRACE = 30.0  # in which a node ends after SIGINT on any machine, before SIGKILL
 
 
 class NodeProcesses:
-    """Starts nodes of this package and stops them at the end of the `with` block.
-
-    Args:
-        log_folder: Each node's output goes to a file there.
-    """
+    """Starts nodes of this package and stops them at the end of the `with` block."""
 
     def __init__(self, log_folder: Path, environment: dict[str, str]) -> None:
         self._folder = log_folder
@@ -60,9 +56,6 @@ class NodeProcesses:
 
     def stop(self, *names: str) -> dict[str, int]:
         """Interrupt some nodes or all, and kill what does not end.
-
-        Args:
-            names: Of the nodes, as they were started; none for all.
 
         Returns:
             Exit code of each node by its name.

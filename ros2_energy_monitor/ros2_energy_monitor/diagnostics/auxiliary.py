@@ -24,9 +24,6 @@ from ros2_energy_monitor.diagnostics.reporter import STALE, WARN, Source, Status
 def auxiliary_sources(account: EnergyAccount, loads: AuxiliaryLoads) -> list[Source]:
     """Check the loads; nothing where the model has none.
 
-    Args:
-        account: The energy account, which counts them.
-
     Returns:
         What makes the status.
     """

@@ -58,7 +58,6 @@ def joint_state_source(
     """Check joint states; the topics share one account, which is shown with the first.
 
     Args:
-        inboxes: One for each topic.
         timeout: Gives the silence beyond which they count as missing. [s]
 
     Returns:
@@ -128,10 +127,6 @@ def _clock(found: StatusBuilder, ahead_ns: int | None) -> None:
 def unknown_joints(topics: str, names: Iterable[str]) -> list[str]:
     """Name joints that a topic brings and the model lacks.
 
-    Args:
-        topics: Names of the topics that bring them, for the sentence.
-        names: The joints, in any order.
-
     Returns:
         One sentence for each, sorted by name.
     """
@@ -155,9 +150,6 @@ def temperature_source(
     The temperature of a motor is NaN while it is missing or too old to be used.
 
     Args:
-        inboxes: Where they arrive.
-        stage: The friction that follows.
-        states: The joint states, where they are known.
         wanted: Whether any source is set; that a robot has none is not a fault.
 
     Returns:
@@ -295,7 +287,6 @@ def stray_stamps(epochs: EpochSplitter, what: str, found: StatusBuilder) -> None
 
     Args:
         what: Name of the messages, such as ``messages on /power``.
-        found: Where a warning is added.
     """
     sentence = sentence_of(epochs, what, within=RECENT)
     if sentence:
@@ -314,7 +305,6 @@ def energy_source(
     Args:
         meter: Where meter readings arrive: one topic, voltage and current, or none.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
-        inputs: Each checks another input of the node.
 
     Returns:
         Makes the status of energy and meter.

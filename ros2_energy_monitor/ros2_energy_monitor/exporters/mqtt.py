@@ -141,11 +141,7 @@ class MqttExporter(Exporter):
             ) from error
 
     def start(self) -> None:
-        """Begin to connect; a broker that is not there yet is tried again.
-
-        Raises:
-            ExporterError: If the host is not a name.
-        """
+        """Begin to connect; a broker that is not there yet is tried again."""
         try:
             self._client.connect_async(self._given.host, self._given.port, KEEP_ALIVE)
         except ValueError as error:

@@ -264,7 +264,6 @@ class _ReadOnlyUsers:
 
     Args:
         secret: Name and password; None lets in anybody.
-        user: Makes a user who may read.
     """
 
     def __init__(self, secret: Any, user: Callable[[], Any]) -> None:

@@ -34,7 +34,6 @@ class ExportedValue:
 
     Attributes:
         name: As a key; also the name of the field of the message, less its unit.
-        topic: Of which message.
         rises: Whether it never falls but by a reset.
         factor: From the field to the exported number. [-]
     """
@@ -91,11 +90,7 @@ def number(value: float) -> float | None:
 
 
 def exported(message: Any, topic: Topic) -> dict[str, Any]:
-    """Return all values of a message by name; None where one is unknown.
-
-    Args:
-        topic: Which of the two.
-    """
+    """Return all values of a message by name; None where one is unknown."""
     found: dict[str, Any] = {"stamp": stamp_of(message.header.stamp), "model_id": message.model_id}
     for value in VALUES:
         if value.topic is topic:

@@ -41,7 +41,6 @@ class HttpProfile(MeterProfile[JsonNumber]):
 
     Attributes:
         auth: How a name and a password are sent, where the user gives them.
-        flags: Faults that make all numbers invalid.
     """
 
     port: Annotated[int, Field(ge=1, le=65535)] = 80
@@ -56,11 +55,7 @@ class HttpProfile(MeterProfile[JsonNumber]):
 
 
 class HttpLink(MeterLink):
-    """Asks over one kept connection; redirections and proxies are not followed.
-
-    Args:
-        endpoint: Where the meter is.
-    """
+    """Asks over one kept connection; redirections and proxies are not followed."""
 
     def __init__(self, profile: HttpProfile, endpoint: Endpoint) -> None:
         self._requests = require("requests", "requests", "this meter", MeterProfileError)

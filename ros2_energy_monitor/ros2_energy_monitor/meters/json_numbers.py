@@ -41,12 +41,7 @@ class JsonNumber(NumberEntry):
 
 
 class JsonFlag(ProfileEntry):
-    """A list of faults in a document.
-
-    Attributes:
-        path: Where the list is, if there is one.
-        without: Fault that makes the numbers invalid.
-    """
+    """A list of faults in a document."""
 
     path: JsonPath
     without: str
@@ -57,9 +52,6 @@ def parse(text: str, whose: str) -> Any:
 
     Returns:
         Plain values.
-
-    Raises:
-        MeterAnswerError: If it is no JSON of bounded size.
     """
     if len(text) > MAX_ANSWER:
         raise MeterAnswerError(
@@ -72,11 +64,7 @@ def parse(text: str, whose: str) -> Any:
 
 
 def terms_at(document: Any, numbers: Sequence[JsonNumber], whose: str) -> tuple[MeterTerm, ...]:
-    """Return the numbers that entries name; NaN where the document says null.
-
-    Raises:
-        MeterAnswerError: If there is no number.
-    """
+    """Return the numbers that entries name; NaN where the document says null."""
     return tuple(
         MeterTerm(value * number.factor, number.wraps_at_joule)
         for number in numbers

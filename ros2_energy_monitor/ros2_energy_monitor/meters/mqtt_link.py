@@ -90,11 +90,7 @@ class MqttLink(MeterLink):
         return f"the MQTT broker at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect to the broker and subscribe.
-
-        Raises:
-            MeterLinkError: If the broker cannot be reached or does not let us in.
-        """
+        """Connect to the broker and subscribe."""
         self.close()
         self._settled.clear()
         self._failure = ""
@@ -140,11 +136,7 @@ class MqttLink(MeterLink):
             client.loop_stop()
 
     def read(self) -> Sequence[Exchange]:
-        """Return what the next message says; empty if none comes in time.
-
-        Raises:
-            MeterLinkError: If the connection is lost.
-        """
+        """Return what the next message says; empty if none comes in time."""
         if self._client is None:
             raise MeterLinkError(f"{self._where} is not connected", "connect first")
         try:

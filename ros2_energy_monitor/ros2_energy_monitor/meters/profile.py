@@ -44,7 +44,6 @@ class NumberEntry(ProfileEntry):
     """One number of a meter; several add up, such as tariffs or phases.
 
     Attributes:
-        unit: Of the number after `scale`.
         scale: Factor on the number as read. [-]
         wraps_at: Value, in `unit`, at which a counter starts again from zero.
     """
@@ -79,12 +78,8 @@ class MeterProfile(ProfileEntry, Generic[N]):
     """What every profile holds; each kind of link adds its own keys.
 
     Attributes:
-        schema_version: Of profiles.
-        label: Maker and type of the meter.
-        sources: Manuals and their register numbers, one entry each.
         tried: On what the profile was tried, and on what not.
         link: Name of the kind of link that reads the meter.
-        port: Port, where the user names none.
         period: Time from one request to the next, where the user names none; for a meter that
             sends by itself, the usual time between two messages. [s]
         window: Time over which the meter averages its power; 0 for an instantaneous one. [s]
@@ -149,9 +144,6 @@ def read_document(name: str) -> tuple[str, object]:
 
     Returns:
         Its path and its content, unchecked.
-
-    Raises:
-        MeterProfileError: If there is none, or it is no YAML.
     """
     shipped = {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
     path = shipped.get(name) or Path(name)
@@ -167,13 +159,7 @@ def read_document(name: str) -> tuple[str, object]:
 def checked(document: object, model: type[P], source: str) -> P:
     """Validate the content of a profile.
 
-    Args:
-        document: What `read_document` returned.
-
     Returns:
         The profile.
-
-    Raises:
-        MeterProfileError: If it does not fit.
     """
     return validated(document, model, source, MeterProfileError)

@@ -41,10 +41,6 @@ class Console(Node):
 
     Args:
         write: Prints a line where there is no terminal; None for the standard output.
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        ParameterError: If a parameter cannot be used.
     """
 
     NAME = "console"

@@ -38,14 +38,7 @@ POWER_TYPE = "ros2_energy_msgs/msg/PowerState"
 
 
 class EnergyDashboard(Node):
-    """Serves the page.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter cannot be used, or the address.
-    """
+    """Serves the page."""
 
     NAME = "energy_dashboard"
 

@@ -36,15 +36,7 @@ TICK_PERIOD = 0.1  # [s]
 
 
 class EnergyExporter(Node):
-    """Subscribes ``energy/power`` and ``energy/registers`` and runs the exporters that are named.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        ParameterError: If no exporter is named, or a parameter cannot be used.
-        RobotEnergyError: If an exporter cannot be used.
-    """
+    """Runs the exporters that are named on ``energy/power`` and ``energy/registers``."""
 
     NAME = "energy_exporter"
 

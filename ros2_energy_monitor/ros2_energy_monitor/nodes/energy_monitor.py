@@ -53,14 +53,7 @@ from ros2_energy_monitor.services.trajectory_services import ComparisonService, 
 
 
 class EnergyMonitor(MonitorNode[EnergyParameters]):
-    """Publishes what the three monitors publish; ``energy/joint_torque`` only if asked.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+    """Publishes what the three monitors publish; ``energy/joint_torque`` only if asked."""
 
     NAME = "energy_monitor"
     UNIQUE_TOPIC = REGISTERS_TOPIC

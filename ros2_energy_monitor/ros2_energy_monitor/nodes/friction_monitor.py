@@ -30,14 +30,7 @@ from ros2_energy_monitor.diagnostics.energy import temperature_source
 
 
 class FrictionMonitor(MonitorNode[FrictionParameters]):
-    """Publishes ``energy/joint_friction`` at the start and at every new temperature.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+    """Publishes ``energy/joint_friction`` at the start and at every new temperature."""
 
     NAME = "friction_monitor"
 

@@ -48,14 +48,7 @@ TICK_PERIOD = 0.05  # [s]
 
 
 class MeterDriver(Node):
-    """Publishes ``power_meter`` and ``power_meter/power``.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter, the profile or the credentials cannot be used.
-    """
+    """Publishes ``power_meter`` and ``power_meter/power``."""
 
     NAME = "meter_driver"
 

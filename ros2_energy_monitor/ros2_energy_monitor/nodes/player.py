@@ -66,16 +66,13 @@ class Player:
     """Publishes what a bag holds.
 
     Args:
-        node: The node that publishes.
         rate: Times the speed of nature, > 0. [-]
         topics: Which to play; None for all that can be.
         part: What of the bag is played; None for all of it.
         clock_rate: How often ``/clock`` is published; 0 for never. [1/s]
-        paused: Whether it stands still at first.
 
     Attributes:
         left_out: Why topics are not played, one sentence each.
-        played: Messages by topic.
 
     Raises:
         MissingTopicError: If the bag lacks a topic, or none can be played.
@@ -165,12 +162,7 @@ class Player:
         ]
 
     def play(self, pause: Callable[[float], bool], *, loop: bool = False) -> None:
-        """Publish all of it.
-
-        Args:
-            pause: Waits some seconds; returns whether to go on.
-            loop: Whether to begin again at the end, for ever.
-        """
+        """Publish all of it, once or for ever; `pause` waits [s] and returns whether to go on."""
         while self._play_once(pause) and loop:
             self._report("begins again")
 
@@ -279,9 +271,6 @@ def _positive(text: str) -> float:
 @contextmanager
 def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
     """Execute a node in the pauses of a program that has something else to do.
-
-    Args:
-        node: The node; destroyed at the end.
 
     Yields:
         Waits some seconds; returns whether to go on.

@@ -63,14 +63,7 @@ from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 
 
 class PowerMonitor(MonitorNode[PowerParameters]):
-    """Publishes ``energy/power`` and ``energy/registers``.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+    """Publishes ``energy/power`` and ``energy/registers``."""
 
     NAME = "power_monitor"
     UNIQUE_TOPIC = REGISTERS_TOPIC

@@ -29,14 +29,7 @@ from ros2_energy_monitor.services.payload import PayloadService
 
 
 class TorqueMonitor(MonitorNode[TorqueParameters]):
-    """Publishes ``energy/joint_torque`` for every accepted message of ``joint_states``.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+    """Publishes ``energy/joint_torque`` for every accepted message of ``joint_states``."""
 
     NAME = "torque_monitor"
     # One message for each joint state: bursts of 80 ms lost some on the way to a subscriber where

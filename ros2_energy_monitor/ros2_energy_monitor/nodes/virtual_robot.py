@@ -43,9 +43,6 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
 
     Returns:
         The rig, at rest before its first sample.
-
-    Raises:
-        RigError: If the figures make no sense together.
     """
     drawn = parameters.plant_seed >= 0
     profile = random_profile(BODY, parameters.plant_seed) if drawn else load_profile(BODY)
@@ -76,12 +73,6 @@ class VirtualRobot(Node):
     up to a tick later, so that they come as evenly as those of a driver. Stamps are those of the
     node's clock at the start plus the time of the rig. ``effort`` is the motor torque that the
     drives report.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the rig cannot be used.
     """
 
     NAME = "virtual_robot"

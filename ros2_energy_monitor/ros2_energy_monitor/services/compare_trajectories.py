@@ -40,7 +40,6 @@ def compared(
 
     Args:
         request: Fields of a ``CompareTrajectories.Request``, its trajectories as `PointColumns`.
-        carried: Bodies that the robot carries.
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.

@@ -25,11 +25,7 @@ DEPTH = 100  # changes that a late subscriber gets at most
 
 
 class PayloadService:
-    """Serves ``~/set_payload`` and publishes what is accepted on ``energy/payload``.
-
-    Args:
-        node: The node that computes the torque.
-    """
+    """Serves ``~/set_payload`` and publishes what is accepted on ``energy/payload``."""
 
     def __init__(self, node: Node, stage: TorqueStage, model_id: str) -> None:
         self._node, self._stage = node, stage

@@ -48,9 +48,6 @@ def predicted(
 
     Returns:
         Fields of the response; each joint as fields of a ``JointEnergy``.
-
-    Raises:
-        RobotEnergyError: If the trajectory cannot be made or is too long.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
     from robot_energy_plan.motion.joint_trajectory import through_points
@@ -124,9 +121,6 @@ def temperatures_of(
 
     Returns:
         Shape (n,). [degC]
-
-    Raises:
-        MotionError: If there are not as many as joints.
     """
     if len(given) not in (0, len(joint_names)):
         raise MotionError(

@@ -37,7 +37,6 @@ class RegisterServices:
     The thread of the ticks changes the account and goes on; it never waits for the disk.
 
     Args:
-        node: The node that serves.
         take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 

@@ -32,7 +32,6 @@ class AuxiliaryAccount:
     """Counts the loads outside of one cabinet.
 
     Args:
-        loads: Of the model file; at least one.
         topics: What is said of meter and states of each, by its name; usual by default.
         max_gap: Longest time between two readings of a meter that is bridged. [s]
         planned: Whether to go by states alone, as for a prediction.
@@ -107,11 +106,7 @@ class AuxiliaryAccount:
         return [each.mark() for each in self._sums], counts, (self._waiting, self._was_known)
 
     def go_back(self, mark: AccountMark) -> None:
-        """Drop what was counted since.
-
-        Args:
-            mark: From `mark`.
-        """
+        """Drop what was counted since."""
         sums, counts, (self._waiting, self._was_known) = mark
         for each, where in zip(self._sums, sums, strict=True):
             each.go_back(where)
@@ -153,11 +148,7 @@ class AuxiliaryAccount:
         return next(curve for curve in self.curves if curve.load.name == name)
 
     def take(self, name: str, readings: MeterBlock | None, states: MeterBlock | None) -> None:
-        """Take what came from one load.
-
-        Args:
-            readings: Of its meter, in order of arrival.
-        """
+        """Take what came from one load."""
         load = self[name]
         if readings is not None:
             load.measure(readings)
@@ -165,11 +156,7 @@ class AuxiliaryAccount:
             load.switch(states.stamp_ns, states.power)
 
     def step(self, block: PowerBlock) -> None:
-        """Take power of the cabinet.
-
-        Args:
-            block: Samples in time order.
-        """
+        """Take power of the cabinet."""
         grid = block.grid_power
         first = self._last or (int(block.stamp_ns[0]), int(block.segment[0]), float(grid[0]))
         stamp = np.concatenate([[first[0]], block.stamp_ns])

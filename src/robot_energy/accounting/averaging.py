@@ -78,9 +78,6 @@ class MeanBlock(Block):
     def mean(self, name: str) -> Float:
         """Return the mean of a cabinet register's power.
 
-        Args:
-            name: One of ``CABINET_REGISTERS``.
-
         Returns:
             Shape (W,). [W]
         """
@@ -93,9 +90,6 @@ class MeanBlock(Block):
 
     def joint_mean(self, name: str) -> Float:
         """Return the mean of a joint register's power.
-
-        Args:
-            name: One of ``JOINT_REGISTERS``.
 
         Returns:
             Shape (W, n). [W]

@@ -54,8 +54,6 @@ class Idle:
     Attributes:
         since_ns: Predicted stamp at which it began. [ns]
         until_ns: Newest predicted stamp. [ns]
-        readings: Readings that were used by its beginning.
-        gaps: Pairs of them that were too far apart.
         ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
     """
 
@@ -94,7 +92,6 @@ class Comparison(ExactSum):
 
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
-        location: Where the meter sits.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
         early_since_ns: Predicted stamp since which readings are stamped more than
@@ -157,11 +154,7 @@ class Comparison(ExactSum):
             self._last = (self._last[0], NO_SEGMENT, np.nan)
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings; they wait until power is predicted for their time.
-
-        Args:
-            block: Readings in order of arrival.
-        """
+        """Take meter readings; they wait until power is predicted for their time."""
         self.location, self.meaning = block.location, block.meaning
         for number, part in enumerate(self.curve.step(block)):
             if number:

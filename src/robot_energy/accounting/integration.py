@@ -149,7 +149,6 @@ class HeldIntegrator:
         """Take power samples.
 
         Args:
-            block: In time order.
             duration_ns: Observed time up to each sample, shape (N,). [ns]
 
         Returns:

@@ -42,14 +42,9 @@ class JobIntervals:
         Args:
             name: Unique among the open ones, 1 to 100 printable characters.
             stamp_ns: Newest counted sample. [ns]
-            totals: All counters at that instant.
 
         Returns:
             The interval, still empty.
-
-        Raises:
-            RegisterError: If the name does not fit or is taken, if too many are open, or
-                if no sample was counted yet.
         """
         require_plain_text("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self._open.values()):
@@ -80,15 +75,10 @@ class JobIntervals:
 
         Args:
             name: Its name; used where the number is 0.
-            interval_id: Its number, or 0.
             stamp_ns: Newest counted sample. [ns]
-            totals: All counters at that instant.
 
         Returns:
             What it counted.
-
-        Raises:
-            RegisterError: If no such interval is open.
         """
         found = [
             entry
@@ -110,7 +100,6 @@ class JobIntervals:
 
         Args:
             stamp_ns: Newest counted sample. [ns]
-            totals: All counters at that instant.
         """
         now = [
             self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, totals, True)

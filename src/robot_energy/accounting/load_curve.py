@@ -41,8 +41,6 @@ class LoadCurve:
             a state holds until the next one. [s]
 
     Attributes:
-        metered: Whether its meter says its power.
-        switched: Whether states may arrive by messages.
         bad_states: Numbers that arrived and are those of no state.
     """
 
@@ -73,11 +71,7 @@ class LoadCurve:
         self._remarks: Int = np.array([self._default])
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter.
-
-        Args:
-            block: Readings in order of arrival.
-        """
+        """Take readings of the meter."""
         first, *later = self.curve.step(block)
         pieces = later[-1] if later else self._pieces.join(first)
         self._pieces = pieces[slice(-MAX_KEPT, None)]

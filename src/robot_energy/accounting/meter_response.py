@@ -267,11 +267,7 @@ class LagEstimate:
         self.lags[-1] = self._lag()
 
     def take(self, compared: Compared) -> None:
-        """Take what became comparable.
-
-        Args:
-            compared: In the order of time.
-        """
+        """Take what became comparable."""
         if not len(compared):
             return
         energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE

@@ -14,11 +14,7 @@ MAX_OVERLAP_NS = SECOND_NS
 
 
 def rises(batches: Iterable[RawBatch]) -> bool:
-    """Return whether the log times of a topic order its messages.
-
-    Args:
-        batches: All of the topic in file order.
-    """
+    """Return whether the log times of a topic order its messages."""
     newest: int | None = None
     for batch in batches:
         times = batch.log_time_ns

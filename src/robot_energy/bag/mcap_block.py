@@ -39,10 +39,7 @@ class McapChunk:
     """A block of records that was looked through.
 
     Attributes:
-        buffer: The bytes, uint8.
-        messages: Messages by channel id.
         end: First byte after the last whole record that belongs here.
-        verified: Whether a checksum covered the bytes.
     """
 
     buffer: NDArray[np.uint8]

@@ -45,15 +45,7 @@ class McapFile:
 
     Attributes:
         size: Its size. [bytes]
-        schemas: Message definitions met so far, by id.
-        channels: Channels met so far, by id.
         summary: The summary at the end of the file; None if there is none or it is damaged.
-
-    Args:
-        report: Takes one sentence for each thing found wrong while reading.
-
-    Raises:
-        BagError: If the file cannot be opened or is no MCAP file.
     """
 
     def __init__(self, path: Path, report: Report) -> None:

@@ -118,9 +118,6 @@ class _Cursor:
 def parse_schema(data: memoryview) -> tuple[int, Schema]:
     """Return the id and content of a Schema record.
 
-    Args:
-        data: Content of the record, without its opcode and length.
-
     Raises:
         RecordError: If the record ends too early, or a text of it is not UTF-8.
     """
@@ -133,9 +130,6 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
 def parse_channel(data: memoryview) -> McapChannel:
     """Return the content of a Channel record.
 
-    Args:
-        data: Content of the record, without its opcode and length.
-
     Raises:
         RecordError: If the record ends too early, or a text of it is not UTF-8.
     """
@@ -146,9 +140,6 @@ def parse_channel(data: memoryview) -> McapChannel:
 
 def parse_chunk(data: memoryview) -> Chunk:
     """Return the content of a Chunk record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
 
     Raises:
         RecordError: If the record ends too early, or a text of it is not UTF-8.
@@ -161,9 +152,6 @@ def parse_chunk(data: memoryview) -> Chunk:
 
 def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
     """Return the content of a MessageIndex record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
 
     Returns:
         The id of the channel, and its pairs of log time and offset, uint64 each.
@@ -181,9 +169,6 @@ def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
     """Return the content of a ChunkIndex record.
 
-    Args:
-        data: Content of the record, without its opcode and length.
-
     Raises:
         RecordError: If the record ends too early.
     """
@@ -200,9 +185,6 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
 
 def parse_statistics(data: memoryview) -> Statistics:
     """Return the content of a Statistics record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
 
     Raises:
         RecordError: If the record ends too early.

@@ -63,7 +63,6 @@ def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Cl
 
     Args:
         size: Its size. [bytes]
-        report: Takes one sentence for each thing found wrong.
 
     Returns:
         What can be used of it.

@@ -122,14 +122,8 @@ def metadata_yaml(
 def read_folder_info(folder: Path) -> FolderInfo:
     """Read metadata.yaml.
 
-    Args:
-        folder: Folder that has one.
-
     Returns:
         Storage, compression mode and files, in the order recorded.
-
-    Raises:
-        BagError: If it cannot be read or lacks what a bag's metadata holds.
     """
     path = folder / FILE_NAME
     try:

@@ -36,9 +36,6 @@ def open_file(path: Path, report: Report) -> Source:
 
     Args:
         path: A file of a bag; ``.db3`` is SQLite, everything else MCAP.
-
-    Raises:
-        BagError: If it is not a bag file.
     """
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
@@ -55,11 +52,7 @@ class _Packed:
         return self._source.unverified_count
 
     def contents(self) -> BagContents:
-        """Return what the file holds.
-
-        Raises:
-            BagError: If it cannot be read.
-        """
+        """Return what the file holds."""
         return self._source.contents()
 
     def parts(
@@ -68,7 +61,6 @@ class _Packed:
         """Yield the messages of some topics, unpacked.
 
         Args:
-            topics: Message type by topic.
             spans: Log times that matter, by topic. [ns]
 
         Yields:
@@ -78,11 +70,7 @@ class _Packed:
 
 
 class PackedMessages(_Packed):
-    """Messages each packed with zstd.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
-    """
+    """Messages each packed with zstd."""
 
     def __init__(self, source: Source, report: Report) -> None:
         super().__init__(source)
@@ -94,7 +82,6 @@ class PackedMessages(_Packed):
         """Yield the messages of some topics, unpacked.
 
         Args:
-            topics: Message type by topic.
             spans: Log times that matter, by topic. [ns]
 
         Yields:
@@ -136,12 +123,6 @@ class PackedFile(_Packed):
     """A bag file packed as a whole with zstd, unpacked into a temporary folder.
 
     The folder goes when this object does, or the process.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
-
-    Raises:
-        BagError: If it cannot be unpacked, or what comes out is not a bag file.
     """
 
     def __init__(self, path: Path, report: Report) -> None:
@@ -179,11 +160,7 @@ def _unpack_file(path: Path, target: Path) -> None:
 
 
 def _unpacked_bytes(path: Path, packed: BinaryIO) -> int:
-    """Return how large a file becomes.
-
-    Raises:
-        BagError: If it becomes too large, or what comes out does not begin as a bag file.
-    """
+    """Return how large a file becomes."""
     size = os.fstat(packed.fileno()).st_size
     most = min(max(size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
     count = 0

@@ -54,11 +54,7 @@ class BagContents:
     overlap_ns: int = 0
 
     def add(self, other: BagContents, report: Report) -> None:
-        """Add what another file of the same bag holds.
-
-        Args:
-            other: Contents of that file.
-        """
+        """Add what another file of the same bag holds."""
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
         self.definitions = {**other.definitions, **self.definitions}
@@ -96,14 +92,7 @@ def _sum(a: int | None, b: int | None) -> int | None:
 
 
 class McapSource:
-    """Messages of one MCAP file.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
-
-    Raises:
-        BagError: If it is no MCAP file.
-    """
+    """Messages of one MCAP file."""
 
     def __init__(self, path: Path, report: Report) -> None:
         self._file = McapFile(path, report)
@@ -161,7 +150,6 @@ class McapSource:
         """Yield the messages of some topics, a chunk at a time.
 
         Args:
-            topics: Message type by topic.
             spans: Log times that matter, by topic; chunks outside are passed over. [ns]
 
         Yields:

@@ -380,11 +380,7 @@ def payload_shares(model: RobotModel) -> Float:
 
 
 def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
-    """Return words for every column but ``bus``, in their order.
-
-    Args:
-        joint_names: In model order.
-    """
+    """Return words for every column but ``bus``, in their order."""
     return (
         "bodies",
         "payload",

@@ -220,14 +220,7 @@ class FrictionLearner:
         )
 
     def restore(self, record: FrictionRecord) -> None:
-        """Continue from a record.
-
-        Args:
-            record: Of the same joints in the same order.
-
-        Raises:
-            StateFileError: If it is of another number of joints.
-        """
+        """Continue from a record."""
         self.sums, self.newest = filled(record.sums, self.sums), filled(record.newest, self.newest)
         self.parts = filled(record.parts, self.parts)
         self.refused = filled(record.refused, self.refused)

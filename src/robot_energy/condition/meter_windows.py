@@ -41,11 +41,7 @@ class Window(NamedTuple):
 
 
 class MeterWindows:
-    """Predicted and measured energy over the same windows.
-
-    Attributes:
-        location: Where the meter sits.
-    """
+    """Predicted and measured energy over the same windows."""
 
     def __init__(self, energies: int, curve: MeterCurve) -> None:
         self.location = MeterLocation.UNKNOWN
@@ -68,11 +64,7 @@ class MeterWindows:
         self._sum: Float = np.zeros(2 + len(self._totals))  # measured, duration, predicted
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings."""
         self.location = block.location
         for number, part in enumerate(self._curve.step(block)):
             if number:

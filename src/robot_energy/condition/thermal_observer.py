@@ -79,7 +79,6 @@ class ThermalObserver:
         curve: Turns readings of the meter into pieces; None for the usual limits.
 
     Attributes:
-        on: Whether any joint is estimated.
         degc: Estimated temperature of each motor in this window, shape (n,); NaN where there is
             no network. [degC]
         std: Its standard deviation, shape (n,). [K]
@@ -163,11 +162,7 @@ class ThermalObserver:
         return self.on
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings of the meter."""
         if self.geared.any():
             self._windows.measure(block)
 
@@ -234,14 +229,7 @@ class ThermalObserver:
         )
 
     def restore(self, record: ThermalRecord) -> None:
-        """Continue from a record.
-
-        Args:
-            record: Of the same model file.
-
-        Raises:
-            StateFileError: If it is of another model, or does not fit its joints.
-        """
+        """Continue from a record."""
         sizes = len(record.state), len(record.covariance)
         fits = sizes == (self._x.size, self._covariance.size)
         if record.model_id != self._model.model_id or not fits:

@@ -71,11 +71,7 @@ class WearRecord(NamedTuple):
     program: Numbers = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
-        """Return this and a later record as one; all its figures are means over time.
-
-        Args:
-            later: The record after this one.
-        """
+        """Return this and a later record as one; all its figures are means over time."""
         time = self.time + later.time
         share = later.time / time
 
@@ -111,11 +107,7 @@ class MotionGatherer:
         self._times: Float = np.zeros((2, n_joints))
 
     def step(self, part: MotionSums) -> dict[int, WearRecord]:
-        """Return the records that a part completes, by joint.
-
-        Args:
-            part: What it says, without what was refused.
-        """
+        """Return the records that a part completes, by joint."""
         above = self._above_means(part)
         moved = part.time.sum(axis=2)
         self._times += moved

@@ -98,10 +98,6 @@ def read_text(
     Args:
         remedy: What the user can do if it cannot be read.
         encoding_of: Finds the encoding from the bytes; by default it is UTF-8.
-
-    Raises:
-        RobotEnergyError: The error asked for, if it is missing, too large, special or not in its
-            encoding.
     """
     try:
         return read_regular_text(path, max_bytes, encoding_of)
@@ -115,14 +111,7 @@ def read_text(
 def validated(
     data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
 ) -> M:
-    """Return plain values as an instance of a schema.
-
-    Args:
-        data: What `parse_yaml` returned.
-
-    Raises:
-        RobotEnergyError: The error asked for, naming keys, what was found and what was expected.
-    """
+    """Return plain values as an instance of a schema."""
     if not isinstance(data, dict):
         fields = model.model_fields
         keys = [name for name, field in fields.items() if field.is_required()] or list(fields)

@@ -28,11 +28,7 @@ VARIABLE = "ROBOT_ENERGY_KINDS"  # of the environment: files that register kinds
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """What every kind says of itself.
-
-    Attributes:
-        name: As in files and parameters.
-    """
+    """What every kind says of itself."""
 
     name: str
     label: str
@@ -68,9 +64,6 @@ class Kinds(dict[str, K], Generic[K]):
     """A table of kinds by name, in the order of registration.
 
     An unknown name is a `KindError` that names the nearest.
-
-    Args:
-        kinds: Those that are shipped.
     """
 
     def __init__(self, what: str, *kinds: K) -> None:
@@ -92,11 +85,7 @@ class Kinds(dict[str, K], Generic[K]):
         return f"write '{near[0]}'" if near else ""
 
     def register(self, kind: K) -> K:
-        """Return a kind, which is known from now on.
-
-        Raises:
-            KindError: If another one has this name.
-        """
+        """Return a kind, which is known from now on."""
         if kind.name in self:
             raise KindError(f"the {self.what} '{kind.name}' is there already", "another name")
         self[kind.name] = kind
@@ -126,9 +115,6 @@ def load_kinds() -> None:
 
     These are the modules of the entry points of `GROUP` and the files that the environment
     variable `VARIABLE` lists.
-
-    Raises:
-        KindError: If a file is missing or cannot be run.
     """
     for entry in installed(GROUP):
         entry.load()

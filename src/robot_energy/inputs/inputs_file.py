@@ -30,7 +30,6 @@ def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inp
     Args:
         path: A YAML file of ROS parameters, or the name of a robot in `ROBOTS`, whose inputs
             are known.
-        robot: A robot whose inputs count where the file says nothing.
 
     Raises:
         ParameterError: If the file cannot be read or holds no ROS parameters, two nodes

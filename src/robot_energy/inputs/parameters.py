@@ -50,7 +50,6 @@ class Parameter:
 
     Attributes:
         name: Full name, such as ``motors.topic``.
-        kind: Its type, one of `KINDS`.
         default: Value where none is given; ``dataclasses.MISSING`` if it is required.
         low: Least value allowed, or None.
         high: Greatest value allowed, or None.
@@ -79,9 +78,6 @@ class Parameter:
         Args:
             value: As given; an integer serves as a number, a list as a tuple. Empty texts
                 in a list count for nothing, as some formats cannot say an empty list.
-
-        Raises:
-            ParameterError: If it has a wrong type, is out of its range or no choice.
         """
         given = value
         if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
@@ -125,7 +121,6 @@ def parameter(
     """Return a field that describes one parameter; without a default it is required.
 
     Args:
-        default: Value where none is given.
         low: Least value allowed; None for no bound. [unit of the parameter]
         high: Greatest value allowed; None for no bound. [unit of the parameter]
         choices: The texts allowed, or a table of kinds; empty for any.
@@ -151,7 +146,6 @@ def named_groups(
 
     Args:
         cls: The dataclass of one group; all its fields must have defaults.
-        names: The groups there are where none are named.
         check: Raises a `ParameterError` if the groups do not fit together.
     """
     metadata = {
@@ -173,23 +167,13 @@ def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> 
     Args:
         cls: A dataclass whose fields were made by the functions of this module.
         value_of: Gives the value of a parameter, checked; called once for each, in order.
-
-    Raises:
-        ParameterError: If the values do not fit together, and what ``value_of`` raises.
     """
     taken = {entry.name for entry in fields(cls)}
     return _assemble(cls, value_of, owner, "", taken)
 
 
 def refuse_renamed(given: Iterable[str], known: Collection[str], owner: str) -> None:
-    """Refuse parameters by the names of earlier versions, which would count for nothing.
-
-    Args:
-        given: Names that were set.
-
-    Raises:
-        ParameterError: If one was renamed.
-    """
+    """Refuse parameters by the names of earlier versions, which would count for nothing."""
     for name in given:
         group_name, dot, last = name.rpartition(".")
         new = RENAMED.get(name)

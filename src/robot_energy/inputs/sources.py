@@ -96,11 +96,7 @@ class JointStateSource:
             raise ParameterError("joint_names has a name twice", "each name once")
 
     def names_of(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """Return what the messages call the joints of a model.
-
-        Raises:
-            ParameterError: If there are fewer or more names than joints.
-        """
+        """Return what the messages call the joints of a model."""
         if self.joint_names and len(self.joint_names) != len(joints):
             raise ParameterError(
                 f"joint_states.joint_names has {len(self.joint_names)} names",
@@ -110,11 +106,7 @@ class JointStateSource:
         return self.joint_names or tuple(joints)
 
     def corrections_of(self, joints: Sequence[str]) -> tuple[JointCorrection, ...]:
-        """Return what corrects position, velocity and effort of a model's joints.
-
-        Raises:
-            ParameterError: If there are neither one entry nor as many as joints.
-        """
+        """Return what corrects position, velocity and effort of a model's joints."""
         found = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
         for name, correction in found.items():
             correction.check(joints, f"joint_states.{name}")

@@ -29,8 +29,6 @@ class ModelMessageReader(Generic[B]):
     """Reads messages of one model; refuses those of others and of other times.
 
     Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file; messages of another model are rejected.
         arrays: Fields with one number per joint.
 
     Attributes:

@@ -52,7 +52,6 @@ class SetPayloadAnswer:
     """What to answer, and what to publish.
 
     Attributes:
-        success: Whether the payload was accepted.
         message: What was accepted, or why not.
         change: The change; None if it was refused, and the old payload stays.
     """

@@ -142,11 +142,7 @@ class RegistersWriter:
 
 
 def load_fields(counted: Totals) -> list[dict[str, Any]]:
-    """Return the fields of ``LoadEnergy`` of every auxiliary load, in order.
-
-    Args:
-        counted: By all counters, or between two instants.
-    """
+    """Return the fields of ``LoadEnergy`` of every auxiliary load, in order."""
     return [
         {
             "name": name,
@@ -161,11 +157,7 @@ def load_fields(counted: Totals) -> list[dict[str, Any]]:
 
 
 def outlet_fields(counted: Totals) -> dict[str, float]:
-    """Return the fields of the outlet; NaN where no auxiliary loads are counted.
-
-    Args:
-        counted: By all counters, or between two instants.
-    """
+    """Return the fields of the outlet; NaN where no auxiliary loads are counted."""
     unit = 1.0 / PER_JOULE if counted.auxiliary else np.nan
     return {
         "outlet_energy": counted.outlet_energy_microjoule * unit,

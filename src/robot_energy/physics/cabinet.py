@@ -26,9 +26,6 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 class CabinetStage:
     """Balances the bus sample by sample; stateful only with a capacitor.
 
-    Args:
-        cabinet: Entry of the model file.
-
     Attributes:
         offset_dc: Added to the constant loss of the DC side. [W]
         offset_grid: Added to that of the grid side. [W]

@@ -28,13 +28,9 @@ FINE = 0.05  # rad or m between two configurations of a move that are looked at
 class SelfCollision:
     """Whether links of a robot touch each other.
 
-    Args:
-        model: The robot's model with its URDF.
-
     Attributes:
         links: Links with shapes, in the order of the URDF.
         without: Links with shapes that are not looked at, as meshes.
-        pairs: How many pairs of shapes are compared.
 
     Raises:
         RobotDescriptionError: If the URDF cannot be used.
@@ -126,7 +122,6 @@ def touching_moves(shapes: SelfCollision, joint_position: Float) -> tuple[int, s
     """Return the first move of a round trip in which links touch, and the links; None if none do.
 
     Args:
-        shapes: Of the robot.
         joint_position: Configurations, shape (K, n). [rad] or [m]
     """
     for move, goal in enumerate(np.roll(joint_position, -1, axis=0)):

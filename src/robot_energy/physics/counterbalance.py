@@ -20,7 +20,6 @@ def counterbalance_torque(entry: AnySpring, joint_position: Float) -> Float:
     """Return what the drive adds against one counterbalance.
 
     Args:
-        entry: Of the model file.
         joint_position: q, shape (N,). [rad] or [m]
 
     Returns:
@@ -33,7 +32,6 @@ def counterbalance_energy(entry: AnySpring, joint_position: Float) -> Float:
     """Return the energy that one counterbalance holds, up to a constant.
 
     Args:
-        entry: Of the model file.
         joint_position: q, shape (N,). [rad] or [m]
 
     Returns:
@@ -57,7 +55,6 @@ def torque_columns(entry: AnySpring, joint_position: Float) -> Float:
     They are those of `coefficients`; the geometry of a gas spring is given.
 
     Args:
-        entry: Of the model file.
         joint_position: q, shape (N,). [rad] or [m]
     """
     q = np.asarray(joint_position, dtype=np.float64)
@@ -77,9 +74,6 @@ def coefficients(entry: AnySpring) -> Float:
 
     Spring: k [N m/rad] and -k q0 [N m]; lever: moment times cosine and sine of its angle [N m];
     gas spring: force [N] and rate [N/m].
-
-    Args:
-        entry: Of the model file.
     """
     match entry:
         case TorsionSpring():

@@ -43,7 +43,6 @@ class Derivative:
     Args:
         window: Length of the window. [s]
         lag: How far the window reaches ahead; half of it by default. [s]
-        neighbours: Least number of samples in a full window.
         wraps: Joints that turn without end, shape (n,); None: no joint does.
 
     Raises:
@@ -79,9 +78,6 @@ class Derivative:
 
     def step(self, block: JointBlock) -> list[JointBlock]:
         """Take samples and return those whose window is complete.
-
-        Args:
-            block: Joint states in time order.
 
         Returns:
             Completed samples, one block for each segment touched; may be empty.
@@ -408,7 +404,6 @@ def windows_of(values: NDArray[Any], size: int) -> NDArray[Any]:
 
     Args:
         values: Any quantity, contiguous, shape (N,), N >= size. [-]
-        size: Values in a run.
 
     Returns:
         Shape (N - size + 1, size), not to be written to.

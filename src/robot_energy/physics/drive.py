@@ -226,9 +226,6 @@ def ideal(entries: list[object]) -> Ideal:
 def drive_from_model(model: RobotModel) -> Drive:
     """Build the drive model that a model file names.
 
-    Args:
-        model: The robot's model.
-
     Returns:
         The drives of all joints, in model order.
 

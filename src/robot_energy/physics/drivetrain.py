@@ -24,9 +24,6 @@ class Drivetrain:
     Args:
         transmission: C, shape (n, n). [motor turns per joint turn]
         rotor_inertia: Motor side, shape (n,). [kg m^2]
-
-    Raises:
-        ModelFileError: If C cannot be inverted.
     """
 
     def __init__(self, transmission: Float, rotor_inertia: Float) -> None:
@@ -40,9 +37,6 @@ class Drivetrain:
     @classmethod
     def from_model(cls, model: RobotModel) -> Drivetrain:
         """Build the drivetrain that a model file describes.
-
-        Args:
-            model: The robot's model.
 
         Returns:
             Transmission and rotor inertias, joints in model order.
@@ -114,18 +108,11 @@ def motor_rest(model: RobotModel) -> Float:
     """Return the speeds below which motion says nothing of friction, shape (n,). [rad/s]
 
     Noise of a reported velocity stays below.
-
-    Args:
-        model: The robot's model.
     """
     return ABOVE_STANDSTILL * motor_standstill(model)
 
 
 def motor_standstill(model: RobotModel) -> Float:
-    """Return the speeds below which motors stand, shape (n,). [rad/s]
-
-    Args:
-        model: The robot's model.
-    """
+    """Return the speeds below which motors stand, shape (n,). [rad/s]"""
     still = np.asarray([joint.standstill_velocity for joint in model.joints])
     return np.abs(Drivetrain.from_model(model).transmission) @ still

@@ -149,9 +149,6 @@ def viscous_law(entry: LawEntry) -> ViscousLaw:
 
     Returns:
         The law.
-
-    Raises:
-        KindError: If the law is unknown or has no curve.
     """
     kind = FRICTION_LAWS[entry.law]
     if kind.curve is None:
@@ -160,21 +157,13 @@ def viscous_law(entry: LawEntry) -> ViscousLaw:
 
 
 def constant_law(entry: ConstantLaw) -> ViscousLaw:
-    """Return one viscous coefficient for all temperatures.
-
-    Args:
-        entry: Of the model file.
-    """
+    """Return one viscous coefficient for all temperatures."""
     value, std = entry.viscous.value, _level(entry.viscous.std)
     return ViscousLaw(-np.inf, np.inf, partial(constant_viscous, viscous=value), std)
 
 
 def exponential_law(entry: ExponentialLaw) -> ViscousLaw:
-    """Return ``a + b exp(-T/c)``, as far outside the fitted range as the entry says.
-
-    Args:
-        entry: Of the model file.
-    """
+    """Return ``a + b exp(-T/c)``, as far outside the fitted range as the entry says."""
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
     formula = partial(exponential_viscous, a=a, b=b, c=c)
@@ -219,11 +208,7 @@ def _exponential_std(degc: Float, b: float, c: float, covariance: Float) -> Floa
 
 
 def table_law(entry: TableLaw) -> ViscousLaw:
-    """Return the monotone curve through identified points.
-
-    Args:
-        entry: Of the model file.
-    """
+    """Return the monotone curve through identified points."""
     points, std = entry.motor_temperature_degc, entry.std
     deviation = None if std is None else partial(np.interp, xp=points, fp=std)
     return ViscousLaw(points[0], points[-1], table_curve(points, entry.viscous), deviation)
@@ -260,9 +245,6 @@ class FrictionModel:
     @classmethod
     def from_model(cls, model: RobotModel) -> FrictionModel:
         """Build the friction that a model file describes.
-
-        Args:
-            model: The robot's model.
 
         Returns:
             The friction of all joints, in model order.
@@ -358,13 +340,9 @@ def with_fixed_friction(
     operating point, used at every temperature. They are known as the laws are.
 
     Args:
-        model: Any model.
         motor_temperature_degc: The operating point. [degC]
         viscous_std: Standard deviations of the coefficients, motor side, shape (n,); None for
             those that the laws state. [N m s/rad]
-
-    Returns:
-        The same model with constant laws.
     """
     joints = list(model.joints)
     for index, joint in enumerate(joints):

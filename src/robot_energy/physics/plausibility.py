@@ -25,10 +25,6 @@ _SEED = 1
 def implausible(model: RobotModel, robot: Robot) -> list[str]:
     """Say what in a model or its URDF contradicts the rest, as wrong units do.
 
-    Args:
-        model: The model.
-        robot: Its rigid bodies, which were built from it.
-
     Returns:
         What the user should look at, a sentence each.
     """

@@ -18,12 +18,6 @@ def rigid_torque(
 
     ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
 
-    Args:
-        block: Joint motion with accelerations.
-        robot: Rigid-body dynamics.
-        drivetrain: Motor side <-> joint side.
-        effort: What the driver's effort means.
-
     Returns:
         Torques at the same instants; NaN where an input is NaN.
     """

@@ -84,9 +84,6 @@ def torque_map(transmission: Float) -> Float:
 
     Returns:
         Shape (n, n), in the inverse unit.
-
-    Raises:
-        ShapeError: If C cannot be inverted.
     """
     if not np.linalg.cond(transmission) < MAX_CONDITION:
         raise ShapeError(

@@ -49,11 +49,7 @@ class FrictionTimeline:
         return len(self._line) + (0 if self._before is None else len(self._before))
 
     def add(self, block: FrictionBlock) -> None:
-        """Take rows in order of arrival, without those of stamp zero (before any temperature).
-
-        Args:
-            block: Friction, each row valid from its stamp on.
-        """
+        """Take rows in order of arrival, without those of stamp zero (before any temperature)."""
         block = block[block.stamp_ns != 0]
         if not len(block):
             return

@@ -23,7 +23,6 @@ class PayloadChange:
     Attributes:
         from_ns: First instant of validity; 0: from the start. [ns]
         payload: The body that its link carries from then on, instead of any before.
-        carried: All bodies that the robot carries then.
     """
 
     from_ns: int
@@ -91,9 +90,6 @@ class PayloadTimeline:
 
     def pieces(self, block: JointBlock) -> Iterator[tuple[Robot, JointBlock]]:
         """Cut samples where the payload changes.
-
-        Args:
-            block: Joint states in time order.
 
         Yields:
             The robot as it is loaded, and the samples for which that holds.

@@ -59,7 +59,6 @@ class Replay:
 
     Attributes:
         payload: Accounting of the payloads set at run time, and the changes.
-        pipeline: The pipeline after its last step.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
         predicted_curve: Predicted energy from the grid over time, where curves were asked for.

@@ -34,7 +34,6 @@ class EnergyBagWriter:
     Args:
         overwrite: Whether an existing one may be replaced.
         origin: Where the recording comes from; empty if unknown.
-        source: The bag that is replayed.
     """
 
     TOPICS: ClassVar = {
@@ -63,11 +62,7 @@ class EnergyBagWriter:
     def write(
         self, output: Output, account: EnergyAccount, payloads: Sequence[PayloadChange]
     ) -> None:
-        """Write what one step of the pipeline gave.
-
-        Args:
-            account: The energy account after the step.
-        """
+        """Write what one step of the pipeline gave."""
         torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:
             self._frictions.append(output.friction)

@@ -27,9 +27,6 @@ def model_of(model: ModelName) -> RobotModel:
 
     Args:
         model: A model, its file, or the name of a shipped one.
-
-    Raises:
-        ModelFileError: If there is none, or it cannot be used.
     """
     return model if isinstance(model, RobotModel) else load(model)
 
@@ -40,11 +37,7 @@ def effort_meaning(effort: str) -> EffortMeaning:
 
 
 def member_named(kind: type[Member], what: str, name: str) -> Member:
-    """Return the member of an enumeration.
-
-    Raises:
-        ParameterError: If there is none.
-    """
+    """Return the member of an enumeration."""
     if name not in tuple(kind):
         raise ParameterError(f"{what} is '{name}'", f"one of {', '.join(kind)}")
     return kind(name)

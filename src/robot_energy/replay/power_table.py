@@ -61,10 +61,7 @@ def sample_table(
     """Return every sample.
 
     Args:
-        block: Power samples in time order.
-        joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
 
     Returns:
         One row per sample. The measured power is the mean over the interval between two
@@ -96,9 +93,7 @@ def period_table(
     """Return means over averaging periods; the stamp is that of the last sample of a period.
 
     Args:
-        joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
-        unmodelled: As of `sample_table`.
 
     Returns:
         One row per period, with the columns of `sample_table`; motor quantities are those of
@@ -124,11 +119,7 @@ def period_table(
 
 
 def empty_table(joint_names: Sequence[str]) -> TimeSeries:
-    """Return the columns of `sample_table` without a row and without a meter.
-
-    Args:
-        joint_names: Joints of the model, in its order.
-    """
+    """Return the columns of `sample_table` without a row and without a meter."""
     shape = (0, len(joint_names))
     names = [name for name in UNITS if name not in MEASURED]
     first = names.index("joint_shaft_power")

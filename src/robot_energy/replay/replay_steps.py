@@ -56,9 +56,6 @@ class LoadIngest:
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
         """Take the messages of a part of a bag.
 
-        Args:
-            part: Serialised messages by topic.
-
         Returns:
             What came of them.
         """
@@ -103,12 +100,9 @@ class BagStep:
 
     Attributes:
         joints: Joint states; None after they have become torque.
-        torque: Torques that became complete.
         auxiliary: What came from each auxiliary load, by its name.
         payload: Messages of payloads, before they are in force.
-        changes: Payloads that were accepted.
         share: How much of the bag is read, 0 to 1; None within a part.
-        inputs: After the last step: what has read.
         stages: After the last step: the stage of the torque, and the reader of payloads.
     """
 
@@ -136,7 +130,6 @@ def read_steps(
 
     Args:
         spans: From when to when each topic is read; all of it where it is not named. [ns]
-        by_second: Whether steps end at whole seconds.
 
     Yields:
         Steps without torque, the last one with the inputs.
@@ -189,7 +182,6 @@ def torque_steps(
     """Compute the torque of what was read.
 
     Args:
-        steps: From `read_steps`.
         whole: Whether the joint side is of use to anybody; it is left out otherwise.
 
     Yields:

@@ -23,7 +23,6 @@ class Adoption:
     """Takes the files of an earlier release over.
 
     Args:
-        folder: Where they lie.
         name: How the names of the own files begin, whose lock is held.
     """
 

@@ -39,10 +39,7 @@ class SlotStore(ABC, Generic[T]):
 
     Attributes:
         trouble: Why nothing can be kept at present, and what to do; empty while all is well.
-        cause: The same without what to do.
         remedy: What to do about it, where that is known.
-        failures: Work that failed.
-        checkpoints: Writes that reached the disk.
         notices: What the user should know, oldest first; take them out.
     """
 

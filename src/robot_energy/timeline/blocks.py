@@ -261,7 +261,6 @@ class MeterBlock(Block):
         power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
         energy: Counter reading, shape (N,); NaN unless cumulative. [J]
         interval: That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]
-        location: Where in the supply the meter sits.
     """
 
     power: Float
@@ -286,11 +285,7 @@ class SupplyBlock(Block):
     loss_grid: Float
 
     def power_at(self, location: MeterLocation) -> Float:
-        """Return the predicted power at the place of a meter, shape (N,). [W]
-
-        Args:
-            location: Where the meter sits.
-        """
+        """Return the predicted power at the place of a meter, shape (N,). [W]"""
         at_bus = location is MeterLocation.DC_BUS
         return self.grid_power - self.loss_grid if at_bus else self.grid_power
 

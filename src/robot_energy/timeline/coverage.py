@@ -94,7 +94,6 @@ class Coverage:
         Args:
             observed_ns: Time that was integrated. [ns]
             gap_ns: Time that was not. [ns]
-            gap_count: Gaps that began.
         """
         self.observed_ns = min(self.observed_ns + observed_ns, MAX_COUNTER)
         self.gap_ns = min(self.gap_ns + gap_ns, MAX_COUNTER)

@@ -87,7 +87,6 @@ class Sorted:
     """What became of messages. Rows count those that were held first, then those given.
 
     Attributes:
-        runs: Messages that are known to belong to their epoch, in order of arrival.
         held: Rows that wait for later messages; the caller puts them before the next ones.
     """
 

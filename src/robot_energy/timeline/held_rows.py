@@ -55,7 +55,6 @@ def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> A
     """Return some samples of what a block of samples holds of one attribute.
 
     Args:
-        values: Array, first axis along the samples, or `HeldRows`.
         rows: Which samples: a slice, a mask of shape (N,), or numbers.
     """
     if isinstance(rows, slice) or values.ndim != 2:
@@ -66,9 +65,6 @@ def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> A
 
 def joined(values: Sequence[Any]) -> Any:
     """Join what blocks of samples hold of one attribute.
-
-    Args:
-        values: Of each block, at least one.
 
     Returns:
         Their samples one after the other; of what is one per block, the first.

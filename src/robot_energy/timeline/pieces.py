@@ -33,11 +33,7 @@ class CoveredPieces(Block):
         return cls(none, none, nothing, nothing)
 
     def join(self, later: CoveredPieces) -> CoveredPieces:
-        """Return these pieces followed by later ones.
-
-        Args:
-            later: Pieces that begin no earlier than these end.
-        """
+        """Return these pieces followed by later ones."""
         return CoveredPieces.concatenate([self, later]) if len(self) else later
 
     @property

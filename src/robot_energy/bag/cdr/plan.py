@@ -24,7 +24,6 @@ class View:
     Attributes:
         shape: Axes after the row axis.
         strides: Distance along each of them. [bytes]
-        dtype: Type and byte order in the row.
         is_bool: Whether the number means a truth value.
     """
 
@@ -76,7 +75,6 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     """Return how to reach the numbers a walk found for one field.
 
     Args:
-        axes: Axes of the field after the message axis.
         order: Byte order, ``<`` or ``>``.
 
     Returns:
@@ -114,9 +112,6 @@ def _types(order: str, code: str) -> tuple[np.dtype[Any], np.dtype[Any]]:
 def plan_shape(plan: Plan) -> tuple[int, ...] | None:
     """Return the axes of a column after the row axis.
 
-    Args:
-        plan: Where the values of the column lie.
-
     Returns:
         Length of each axis; None if the parts of the column differ in length.
     """
@@ -131,7 +126,6 @@ def read(plan: Plan, rows: NDArray[np.uint8]) -> Column:
     """Return a column of its own memory in native byte order, number by number contiguous.
 
     Args:
-        plan: Where the values lie.
         rows: Messages, uint8, shape (m, row size).
 
     Returns:
@@ -150,7 +144,6 @@ def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
     """Put values into messages.
 
     Args:
-        plan: Where the values lie.
         rows: Messages, uint8, shape (m, row size); changed in place.
         values: Array of a shape that broadcasts to (m, ...).
     """

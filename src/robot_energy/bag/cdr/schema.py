@@ -75,10 +75,6 @@ def compile_schema(msgtype: str, store: Typestore) -> StructField:
 
     Args:
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        store: Type store that has it.
-
-    Raises:
-        MessageTypeError: If the type, or one it is made of, is unknown or holds wide strings.
     """
     if msgtype in store.fielddefs:
         check_size(msgtype, store.fielddefs)
@@ -99,9 +95,6 @@ def check_size(
 
     Returns:
         Number of fields with all that it is made of.
-
-    Raises:
-        MessageTypeError: If it is too large or contains itself.
     """
     from rosbags.interfaces import Nodetype
 
@@ -176,9 +169,6 @@ def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | St
 
     Returns:
         The number or string at the end of the path, and the count of arrays passed on the way.
-
-    Raises:
-        MessageTypeError: If the path names no field, or a group of fields.
     """
     node: Node = schema
     axes = 0
@@ -215,11 +205,7 @@ def leaf_paths(schema: StructField) -> list[str]:
 
 
 def tree(paths: Iterable[str]) -> Wanted:
-    """Return dotted paths as a tree of names.
-
-    Args:
-        paths: Such as ``header.stamp.sec``.
-    """
+    """Return dotted paths as a tree of names."""
     root: Wanted = {}
     for path in paths:
         node = root

@@ -37,7 +37,6 @@ class OutputPlacement:
     """One file or folder on its way into place; an error of the disk is raised as `failure` has it.
 
     Args:
-        target: Where it shall stand.
         check: Raises if what stands at a path (it may be nothing) must not be replaced.
         failure: Makes the exception to raise of an error of the disk.
     """

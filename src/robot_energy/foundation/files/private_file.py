@@ -15,14 +15,9 @@ def require_private(path: str, what: str, remedy: str = "") -> Path:
 
     Args:
         path: The file; ``~`` is the home folder.
-        remedy: What to do if there is none.
 
     Returns:
         Its path.
-
-    Raises:
-        CredentialsError: If it is missing, belongs to another user, or its group or others have
-            any permission.
     """
     full = Path(path).expanduser()
     try:

@@ -120,9 +120,6 @@ class JointStateReader:
     """Decodes JointState messages and matches their joints by name.
 
     Args:
-        joint_names: Modelled joints in model order.
-        log: Where messages are counted.
-        effort: Whether to read the effort too.
         typestore: Message definitions of the source; those known here by default.
         checked: Leaves out what cannot be used for what it says; None for no such check.
         source: What dates the messages, what they call the joints, where that is not
@@ -164,9 +161,6 @@ class JointStateReader:
 
         Messages of one batch stay in order. Batches are merged by their stamps; where those of
         a batch jump, by the time of receipt, if it distinguishes messages of a batch.
-
-        Args:
-            batches: Serialised messages, one batch per topic.
 
         Returns:
             One row per message, of segment 0 and not differentiated. The position of a joint

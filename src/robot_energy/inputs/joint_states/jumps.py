@@ -29,7 +29,6 @@ class _Repeats:
         first_ns: Stamp of the first one. [ns]
         last_ns: Stamp of the last one. [ns]
         hold: How long values stand. [s]
-        messages: How many messages bring the same values.
     """
 
     def __init__(self) -> None:

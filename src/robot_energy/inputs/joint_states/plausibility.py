@@ -84,7 +84,6 @@ class Plausibility:
     the positions contradict (deg/s, a wrong sign, zeros of a driver that knows no velocity).
 
     Args:
-        joint_names: Joints in model order.
         limits: Limits from the URDF; None to look at zeros and velocities only.
     """
 

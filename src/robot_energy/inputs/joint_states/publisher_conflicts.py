@@ -37,7 +37,6 @@ class PublisherConflictFilter:
     until a second has passed without another.
 
     Args:
-        log: Where refused samples are counted.
         limits: Limits from the URDF; None to allow what any joint can do.
 
     Attributes:
@@ -93,11 +92,7 @@ class PublisherConflictFilter:
         return held
 
     def step(self, samples: JointBlock) -> JointBlock | None:
-        """Return the samples that can be used, with some that waited before, or None.
-
-        Args:
-            samples: One or more.
-        """
+        """Return the samples that can be used, with some that waited before, or None."""
         leaps = self.steps.leaps(samples.stamp_ns, samples.joint_position)
         out: JointBlock | None = samples
         if leaps is not None or self._disputes or not self.steps.calm or self._to_watch:
@@ -187,7 +182,6 @@ class PublisherConflictFilter:
         """Whether a leap back ends one excursion, which other samples than its own know nothing of.
 
         Args:
-            sample: Stamp and positions after the leap.
             back: Which joints leap back, shape (n,).
         """
         if not bool(back.any()):

@@ -26,7 +26,6 @@ class ZeroStateFilter:
 
     Args:
         limits: Limits from the URDF; None to allow what any joint can do.
-        log: Where messages left out are counted.
 
     Attributes:
         first_ns: Stamp of the first one. [ns]

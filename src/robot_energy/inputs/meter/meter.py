@@ -125,11 +125,7 @@ class MeterIngest:
         return numbers
 
     def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
-        """Return the readings in messages of the topics of the meter; None if there are none.
-
-        Args:
-            batches: Serialised messages, each in order of arrival.
-        """
+        """Return the readings in messages of the topics of the meter; None if there are none."""
         kind = self.source.kind
         if self.source.pair and kind is not None:
             block = self._pair(batches, kind)

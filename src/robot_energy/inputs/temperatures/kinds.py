@@ -40,7 +40,6 @@ class Said(NamedTuple):
     """What the messages of one run say.
 
     Attributes:
-        names: What they call the joints; k of them.
         values: Shape (m, k), in the unit of the source; NaN where nothing usable is said.
     """
 

@@ -34,7 +34,6 @@ def usable_limit(kind: str, key: str, value: float) -> float:
     """Return a limit of effort or velocity, or inf where the URDF gives none that can be one.
 
     Args:
-        key: ``effort`` or ``velocity``.
         value: As in the URDF, joint side. [N m], [N], [rad/s] or [m/s]
     """
     largest = MAX_EFFORT if key == "effort" else _fastest(kind)
@@ -43,10 +42,6 @@ def usable_limit(kind: str, key: str, value: float) -> float:
 
 def limit_remarks(root: ET.Element, joint_names: Sequence[str]) -> list[str]:
     """Name limits of the URDF that count as not given, though it states them.
-
-    Args:
-        root: From `parse`.
-        joint_names: Modelled joints, in model order.
 
     Returns:
         One sentence for each kind of limit.
@@ -68,11 +63,7 @@ def limit_remarks(root: ET.Element, joint_names: Sequence[str]) -> list[str]:
 
 
 def first_names(names: Sequence[str], most: int = 6) -> str:
-    """Return names of joints as one phrase, and how many more there are.
-
-    Args:
-        most: Names that are written out.
-    """
+    """Return names of joints as one phrase, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
