@@ -34,7 +34,6 @@ from robot_energy_studies.judged_savings import (
     JudgedChoice,
     JudgedSaving,
     PlantAtWork,
-    judge_new_moves,
 )
 
 MOVES = 8  # of a program
@@ -96,7 +95,6 @@ def judge_plant(
                 savings += _savings(work, task)
                 if cycle_time is None:
                     savings.append(_unchanged(work, task))
-            savings += judge_new_moves(work, model)
             if scale.brute:
                 choices += _choices(work, model, stretch)
     return savings, choices

@@ -92,18 +92,6 @@ def _with_supply(task: Task, plan: CyclePlan) -> Cost:
     return table.cost(CyclePlan(np.arange(len(chosen)), plan.rest, plan.state))
 
 
-def _variant(name: str, label: str, line: str, changes: str) -> Measure:
-    """A measure whose program was made before: the task has its cost under this name."""
-    return Measure(
-        name=name,
-        label=label,
-        line=line,
-        changes=changes,
-        plan=lambda task: task.base if name in task.variants else None,
-        cost=lambda task, plan: task.variants[name],
-    )
-
-
 MEASURES: Kinds[Measure] = Kinds(
     "measure",
     Measure(
@@ -119,18 +107,6 @@ MEASURES: Kinds[Measure] = Kinds(
         line="the same shares of speed and acceleration for all moves, no slower than now",
         changes="speed, acceleration",
         plan=_one_override,
-    ),
-    _variant(
-        "order",
-        label="order of independent moves",
-        line="configurations in the order that costs least, each with its rest",
-        changes="order",
-    ),
-    _variant(
-        "place",
-        label="place of the workpiece",
-        line="the workpiece, or the base, shifted in a box, by inverse kinematics",
-        changes="place of workpiece or base",
     ),
     Measure(
         name="regenerative",
@@ -209,12 +185,11 @@ class Optimum:
     front: list[tuple[CyclePlan, Cost]]
 
 
-def optimise(task: Task, moved: Task | None = None) -> Optimum:
+def optimise(task: Task) -> Optimum:
     """Return the choice, each measure alone and the trade-offs.
 
     Args:
         task: The program and what may be changed.
-        moved: The same with the moves that take the place of its own in the choice.
 
     Raises:
         MotionError: If a move cannot be made within the limits.
@@ -222,8 +197,6 @@ def optimise(task: Task, moved: Task | None = None) -> Optimum:
     base = task.table.cost(task.base)
     task = task.near(together(task))
     tried = tuple(_try(task, base, measure) for measure in MEASURES.values())
-    if moved is not None:
-        task = moved.near(together(moved))
     plan = together(task)
     cost = task.table.cost(plan)
     free = CyclePlan(task.base.row, task.needed, task.base.state)

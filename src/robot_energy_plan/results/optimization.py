@@ -292,7 +292,7 @@ def _at(task: Task, index: int) -> Task:
         for one in (table.use, table.held, table.braked)
     )
     return replace(
-        task, table=CostTable(table.candidates, use, held, braked, table.states, table.elsewhere)
+        task, table=CostTable(table.candidates, use, held, braked, table.states)
     )
 
 
