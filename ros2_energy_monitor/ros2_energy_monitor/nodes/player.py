@@ -162,7 +162,11 @@ class Player:
         ]
 
     def play(self, pause: Callable[[float], bool], *, loop: bool = False) -> None:
-        """Publish all of it, once or for ever; `pause` waits [s] and returns whether to go on."""
+        """Publish all of it, once or for ever.
+
+        Args:
+            pause: Waits [s] and returns whether to go on.
+        """
         while self._play_once(pause) and loop:
             self._report("begins again")
 
