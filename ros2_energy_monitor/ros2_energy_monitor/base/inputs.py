@@ -72,11 +72,7 @@ def temperature_ingest(
 
 
 def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParameters) -> list[Inbox]:
-    """Subscribe every topic of joint states; at least one.
-
-    Returns:
-        One inbox per topic.
-    """
+    """Return an inbox for every topic of joint states; at least one."""
     return [
         Inbox(
             node,

@@ -77,13 +77,10 @@ class TopicRecorder(Node):
 
 
 def record(context: Context, seconds: float, stop: StopSignal | None = None) -> TopicRecorder:
-    """Run robot, monitor and recorder in one executor.
+    """Return the recorder, destroyed, after running robot, monitor and recorder in one executor.
 
     Args:
         seconds: Time that is recorded, once every topic has come. [s]
-
-    Returns:
-        The recorder, destroyed, with what it has taken.
     """
 
     def given(**values: Any) -> list[Parameter]:

@@ -42,13 +42,10 @@ MAX_START_TIME = 60.0  # for all topics to arrive, on a machine that does much e
 
 
 def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
-    """Run the virtual robot under its monitors and show the console.
+    """Whether robot, monitors and console ran until the end and ended cleanly.
 
     Args:
         seconds: How long to show it. [s]
-
-    Returns:
-        Whether all nodes ran until the end and ended cleanly.
     """
     environment = {
         "ROS_DOMAIN_ID": str(os.getpid() % 100 + 1),

@@ -162,7 +162,12 @@ class Player:
         ]
 
     def play(self, pause: Callable[[float], bool], *, loop: bool = False) -> None:
-        """Publish all of it, once or for ever; `pause` waits [s] and returns whether to go on."""
+        """Publish all of it.
+
+        Args:
+            pause: Waits [s]; returns whether to go on.
+            loop: Whether to begin again at the end, for ever.
+        """
         while self._play_once(pause) and loop:
             self._report("begins again")
 
@@ -270,11 +275,7 @@ def _positive(text: str) -> float:
 
 @contextmanager
 def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
-    """Execute a node in the pauses of a program that has something else to do.
-
-    Yields:
-        Waits some seconds; returns whether to go on.
-    """
+    """Yield a wait of some seconds in which the node is executed; it returns whether to go on."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
 

@@ -36,7 +36,7 @@ def predicted(
     newest_degc: Float,
     calibration: Calibrated,
 ) -> Answer:
-    """Predict a trajectory.
+    """Return the fields of the response, each joint as fields of a ``JointEnergy``.
 
     Args:
         request: Fields of a ``PredictTrajectory.Request``, its trajectory as `PointColumns`.
@@ -45,9 +45,6 @@ def predicted(
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-
-    Returns:
-        Fields of the response; each joint as fields of a ``JointEnergy``.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
     from robot_energy_plan.motion.joint_trajectory import through_points

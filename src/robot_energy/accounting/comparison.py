@@ -172,15 +172,12 @@ class Comparison(ExactSum):
                 epoch.newest_ns = int(part.end_ns[-1])
 
     def predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
-        """Take predicted power and compare as far as both are known.
+        """Return the intervals that become comparable with more predicted power.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
             power: Predicted power at the meter's place, shape (N,). [W]
-
-        Returns:
-            The elementary intervals that became comparable.
         """
         before = int(stamp_ns[0]) if self._last is None else self._last[0]
         calm = self._measured_epoch == self._predicted_epoch and int(stamp_ns[0]) >= before

@@ -151,10 +151,7 @@ def parse_chunk(data: memoryview) -> Chunk:
 
 
 def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
-    """Return the content of a MessageIndex record.
-
-    Returns:
-        The id of the channel, and its pairs of log time and offset, uint64 each.
+    """Return the id of the channel of a MessageIndex record, and its pairs of uint64.
 
     Raises:
         RecordError: If the record or its last pair ends too early.

@@ -120,11 +120,7 @@ def metadata_yaml(
 
 
 def read_folder_info(folder: Path) -> FolderInfo:
-    """Read metadata.yaml.
-
-    Returns:
-        Storage, compression mode and files, in the order recorded.
-    """
+    """Return storage, compression and files, in the order recorded, from metadata.yaml."""
     path = folder / FILE_NAME
     try:
         content: Any = parse_yaml(read_regular_text(path, MAX_BYTES), str(path), BagError)

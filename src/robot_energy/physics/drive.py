@@ -224,10 +224,7 @@ def ideal(entries: list[object]) -> Ideal:
 
 
 def drive_from_model(model: RobotModel) -> Drive:
-    """Build the drive model that a model file names.
-
-    Returns:
-        The drives of all joints, in model order.
+    """Return the drives that a model file names, joints in model order.
 
     Raises:
         ModelFileError: If a joint lacks the figures of that model.

@@ -129,26 +129,20 @@ class ViscousLaw:
         return float(np.sqrt(np.trapezoid(off, span) / (self.upper_degc - self.lower_degc)))
 
     def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
-        """Whether a temperature is outside the fitted range.
+        """Whether a temperature is outside the fitted range, same shape.
 
         Args:
             motor_temperature_degc: Any shape (...). [degC]
-
-        Returns:
-            Same shape.
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
         return (values < self.lower_degc) | (values > self.upper_degc)
 
 
 def viscous_law(entry: LawEntry) -> ViscousLaw:
-    """Build the law that a model file names.
+    """Return the law that a model file names.
 
     Args:
         entry: The ``viscous`` entry of a joint.
-
-    Returns:
-        The law.
     """
     kind = FRICTION_LAWS[entry.law]
     if kind.curve is None:
@@ -244,21 +238,14 @@ class FrictionModel:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> FrictionModel:
-        """Build the friction that a model file describes.
-
-        Returns:
-            The friction of all joints, in model order.
-        """
+        """Return the friction that a model file describes, joints in model order."""
         return cls([joint.friction for joint in model.joints])
 
     def viscous(self, motor_temperature_degc: Float) -> Float:
-        """Return viscous coefficients.
+        """Return viscous coefficients, motor side; NaN where the temperature is. [N m s/rad]
 
         Args:
             motor_temperature_degc: Shape (..., n). [degC]
-
-        Returns:
-            Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
         inside = np.clip(motor_temperature_degc, *self._used_degc)
         columns = [law.formula(inside[..., i]) for i, law in enumerate(self.laws)]
@@ -288,13 +275,10 @@ class FrictionModel:
         return np.asarray([law.spread(assumed_degc) for law in self.laws])
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
-        """Whether a law is used outside its fitted range.
+        """Whether a law is used outside its fitted range, shape (..., n).
 
         Args:
             motor_temperature_degc: Shape (..., n). [degC]
-
-        Returns:
-            Shape (..., n).
         """
         below = motor_temperature_degc < self._lower_degc
         return below | (motor_temperature_degc > self._upper_degc)

@@ -149,13 +149,10 @@ class FrictionTimeline:
         return FrictionBlock.concatenate([first, line]), np.where(held, 0, row + 1)
 
     def next_ns(self, stamp_ns: int) -> int | None:
-        """Stamp of the first row after a time.
+        """Return the stamp of the first row after a time; None if there is none. [ns]
 
         Args:
             stamp_ns: The time. [ns]
-
-        Returns:
-            The stamp; None if there is no later row. [ns]
         """
         row = int(np.searchsorted(self._line.stamp_ns, stamp_ns, side="right"))
         return int(self._line.stamp_ns[row]) if row < len(self._line) else None

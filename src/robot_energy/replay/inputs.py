@@ -66,10 +66,6 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
 
 @contextmanager
 def silent(label: str) -> Generator[Callable[[float], None]]:
-    """Show no progress.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
+    """Yield what is called with the share done, 0 to 1, and shows nothing."""
     del label
     yield lambda share: None

@@ -59,11 +59,7 @@ class SlotStore(ABC, Generic[T]):
         """Continue from what is on disk."""
 
     def begin(self) -> bool:
-        """Begin to write what there is to keep, or try to open its folder.
-
-        Returns:
-            Whether a write was begun; False also while the disk is at work.
-        """
+        """Whether a write of what there is to keep was begun; an absent folder is tried again."""
         slots = self._slots
         if slots is None or self._pending is not None:
             return False

@@ -87,14 +87,11 @@ def check_size(
     inside: tuple[str, ...] = (),
     known: dict[str, int] | None = None,
 ) -> int:
-    """Refuse a message type that nests too deep or has too many fields, without expanding it.
+    """Return the number of fields of a message type; refuse one too deep or too large.
 
     Args:
         fielddefs: Definitions by type; what is not there counts as one field.
         known: Fields of types counted before; grows.
-
-    Returns:
-        Number of fields with all that it is made of.
     """
     from rosbags.interfaces import Nodetype
 
