@@ -81,21 +81,13 @@ class PlaybackClock:
         return reached + round((time.monotonic() - self._since) * self._rate * SECOND_NS)
 
     def begin(self, now_ns: int) -> None:
-        """Set it.
-
-        Args:
-            now_ns: Time of the recording. [ns]
-        """
+        """Set it."""
         self._reached_ns = now_ns
         if not self.paused:
             self._since = time.monotonic()
 
     def left(self, due_ns: int) -> float:
-        """Return how long it takes until a time; infinite while it stands still. [s]
-
-        Args:
-            due_ns: Time of the recording. [ns]
-        """
+        """Return how long it takes until a time; infinite while it stands still. [s]"""
         return math.inf if self.paused else (due_ns - self.now_ns) / SECOND_NS / self._rate
 
     def pause(self, paused: bool) -> None:

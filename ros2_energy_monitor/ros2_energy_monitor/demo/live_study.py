@@ -59,7 +59,6 @@ class Expected:
     """What the study says of one recording, by replay.
 
     Attributes:
-        robot_degc: Mean temperature of the motors. [degC]
         measured: Energy by the meter. [J]
         predicted: By the model, over the same time. [J]
     """

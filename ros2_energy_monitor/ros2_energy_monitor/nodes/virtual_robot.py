@@ -36,11 +36,7 @@ CLEARANCE = 0.3  # height that the flange keeps above the base [m]
 
 
 def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
-    """Return the rig with a random program, at rest before its first sample.
-
-    Args:
-        start_stamp_ns: Stamp of the first sample. [ns]
-    """
+    """Return the rig with a random program, at rest before its first sample."""
     drawn = parameters.plant_seed >= 0
     profile = random_profile(BODY, parameters.plant_seed) if drawn else load_profile(BODY)
     config = RigConfig.hard() if parameters.hard else RigConfig()

@@ -53,7 +53,6 @@ class Idle:
 
     Attributes:
         since_ns: Predicted stamp at which it began. [ns]
-        until_ns: Newest predicted stamp. [ns]
         ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
     """
 
@@ -69,7 +68,6 @@ class _Epoch:
     """Both curves of one epoch, as far as they are not compared.
 
     Attributes:
-        done_ns: Until where they are compared. [ns]
         newest_ns: Newest reading of the meter; None before the first. [ns]
     """
 

@@ -41,7 +41,6 @@ class JobIntervals:
 
         Args:
             name: Unique among the open ones, 1 to 100 printable characters.
-            stamp_ns: Newest counted sample. [ns]
         """
         require_plain_text("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self._open.values()):
@@ -72,7 +71,6 @@ class JobIntervals:
 
         Args:
             name: Its name; used where the number is 0.
-            stamp_ns: Newest counted sample. [ns]
         """
         found = [
             entry
@@ -90,11 +88,7 @@ class JobIntervals:
         return closed
 
     def listed(self, stamp_ns: int | None, totals: Totals) -> list[EnergyInterval]:
-        """Return the closed intervals, oldest first, then the open ones as they stand.
-
-        Args:
-            stamp_ns: Newest counted sample. [ns]
-        """
+        """Return the closed intervals, oldest first, then the open ones as they stand."""
         now = [
             self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, totals, True)
             for entry in self._open.values()

@@ -288,11 +288,7 @@ class LagEstimate:
             self.lags.append(self._lag())
 
     def forget(self, before_ns: int) -> None:
-        """Drop lags that no later sample asks for.
-
-        Args:
-            before_ns: Later samples are newer. [ns]
-        """
+        """Drop lags that no later sample asks for."""
         past = bisect_right(self.since_ns, before_ns)
         del self.since_ns[:past], self.lags[:past]
 

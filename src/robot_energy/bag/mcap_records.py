@@ -63,12 +63,7 @@ LogTimes = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndex:
-    """Where a chunk lies in the file, its length and end with what follows it, what it holds.
-
-    Attributes:
-        start_ns: Earliest log time. [ns]
-        end_ns: Latest log time. [ns]
-    """
+    """Where a chunk lies in the file, its length and end with what follows it, what it holds."""
 
     start: int
     length: int

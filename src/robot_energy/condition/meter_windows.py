@@ -28,7 +28,6 @@ class Window(NamedTuple):
     """Energies over one window.
 
     Attributes:
-        stamp_ns: Where it ends. [ns]
         duration: Of its pieces. [s]
         measured: By the meter. [J]
         energies: Predicted ones, in the order they were given, shape (E,). [J]
@@ -78,7 +77,6 @@ class MeterWindows:
             stamp_ns: Rising but for jumps, shape (N,). [ns]
             segment: Shape (N,).
             power: Shape (N, E). [W]
-            until_ns: Pieces that end later wait. [ns]
         """
         bounds = np.flatnonzero(np.diff(segment)) + 1
         for rows in np.split(np.arange(len(stamp_ns)), bounds):

@@ -46,7 +46,6 @@ class ViscousLaw:
 
     Attributes:
         lower_degc: Lower end of the fitted range. [degC]
-        upper_degc: Upper end. [degC]
         formula: fv of temperatures in ``used_degc``. [N m s/rad]
         deviation: Standard deviation of ``formula`` at temperatures in ``known_degc``; None for
             unknown. [N m s/rad]

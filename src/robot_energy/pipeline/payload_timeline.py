@@ -51,11 +51,7 @@ class PayloadTimeline:
         return tuple(self._coming)
 
     def carried_at(self, stamp_ns: int) -> tuple[Payload, ...]:
-        """Return the bodies that the robot carries at a stamp after the newest torque.
-
-        Args:
-            stamp_ns: The stamp. [ns]
-        """
+        """Return the bodies that the robot carries at a stamp after the newest torque."""
         carried = {body.link: body for body in self.robot.payload}
         due = [change.payload for change in self._coming if change.from_ns <= stamp_ns]
         carried |= {body.link: body for body in due}
