@@ -73,9 +73,6 @@ def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
 
     Returns:
         The kind of its link, and what it holds.
-
-    Raises:
-        MeterProfileError: If it is missing or malformed.
     """
     source, document = read_document(name)
     link = document.get("link") if isinstance(document, dict) else None

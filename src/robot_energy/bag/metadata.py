@@ -23,7 +23,6 @@ class Qos:
     """Quality of service a topic was published with.
 
     Attributes:
-        reliable: Whether lost messages are sent again.
         latched: Whether late subscribers get the last messages (transient local).
         depth: Length of the publisher's queue. [messages]
     """

@@ -43,9 +43,6 @@ class FrictionStage:
     Readings that are not finite, implausible, a step without cause or older than the last
     one of their motor are counted and change nothing.
 
-    Args:
-        model: The robot's model.
-
     Attributes:
         rejections: Values of motors that arrived, that were used and that were not, by reason.
     """

@@ -121,11 +121,7 @@ def replay(
     """Run a bag through the pipeline.
 
     Args:
-        path: MCAP file or rosbag2 folder.
-        model: The robot's model.
         topics: Topics to use where they cannot be found by type.
-        settings: Settings of the pipeline.
-        out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         keep_curves: Whether to return energies over time for plots (in bounded memory).
         progress: Called with the share done, 0 to 1.
@@ -137,7 +133,6 @@ def replay(
         learned: What an earlier recording of the robot has taught; None begins with nothing.
         time_range: Part of the bag; None for all. Temperatures are read from as long before it as
             they stay in use, payloads from the beginning.
-        jobs: Jobs and cycles to count, in order of time.
         calibration: Of the bands, from an earlier account of the same model and meter.
         processes: 2: reading and torque are a process of their own; 3: two; which changes
             no figure.

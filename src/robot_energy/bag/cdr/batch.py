@@ -16,13 +16,11 @@ class RawBatch:
     """Serialized messages of one topic inside one shared buffer, in log order.
 
     Attributes:
-        topic: Name of the topic.
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
         log_time_ns: When each message was recorded or received, int64, shape (n,). [ns]
         buffer: Bytes that hold every message, uint8, one-dimensional and contiguous.
         offset: First byte of each message (of its CDR encapsulation header), int64, shape (n,).
         length: Bytes of each message, int64, shape (n,).
-
     Validity: offsets and lengths come from the data and may be wrong; the decoder checks them.
     """
 
@@ -44,16 +42,10 @@ class RawBatch:
         """Gather messages that were received one by one.
 
         Args:
-            topic: Name of the topic.
-            msgtype: Message type.
             log_time_ns: Time of receipt of each message, shape (n,). [ns]
-            messages: The n serialized messages, in the order of their times.
 
         Returns:
             The batch; its buffer is a copy.
-
-        Raises:
-            ShapeError: If there are not as many times as messages.
         """
         times = np.atleast_1d(np.asarray(log_time_ns, dtype=np.int64))
         if times.shape != (len(messages),):
@@ -68,9 +60,6 @@ class RawBatch:
     @classmethod
     def joined(cls, parts: Sequence[dict[str, RawBatch]]) -> dict[str, RawBatch]:
         """Join batches that came one after the other, topic by topic.
-
-        Args:
-            parts: At least one; batches by topic.
 
         Returns:
             One batch per topic, in a buffer that holds all of them.
@@ -141,12 +130,6 @@ class RawBatch:
 
         Args:
             i: Index of the message; negative counts from the end.
-
-        Returns:
-            The serialized message.
-
-        Raises:
-            ShapeError: If the message is not wholly inside the buffer.
         """
         start, length = int(self.offset[i]), int(self.length[i])
         if not 0 <= start <= start + length <= len(self.buffer):

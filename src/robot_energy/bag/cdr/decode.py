@@ -73,14 +73,8 @@ class Run:
     def array(self, path: str) -> NDArray[Any]:
         """Return a numeric column.
 
-        Args:
-            path: Field path.
-
         Returns:
             The array, shape (m, ...).
-
-        Raises:
-            MessageTypeError: If the column is a string or ragged.
         """
         column = self.columns[path]
         if not isinstance(column, np.ndarray):
@@ -90,14 +84,8 @@ class Run:
     def names(self, path: str) -> tuple[str, ...]:
         """Return a column of strings.
 
-        Args:
-            path: Path of a string sequence.
-
         Returns:
             The strings, the same for all rows of the run.
-
-        Raises:
-            MessageTypeError: If the column is numeric or a single string.
         """
         column = self.columns[path]
         if not isinstance(column, tuple) or not all(isinstance(item, str) for item in column):
@@ -235,9 +223,6 @@ class Decoder:
             ``temperature_stamp.sec`` (a field of each element of an array of messages).
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
         max_parts: Strings and messages in the arrays of one message; more are malformed.
-
-    Raises:
-        MessageTypeError: If the type is unknown or a path names no single field.
     """
 
     def __init__(
@@ -262,16 +247,10 @@ class Decoder:
     def decode(self, batch: RawBatch) -> Decoded:
         """Decode a batch.
 
-        Args:
-            batch: Messages of this decoder's type.
-
         Returns:
             Columns by layout, and the rows that could not be decoded. A message is malformed when
             it lies outside the buffer, is too short, has more than three bytes after its end, an
             encapsulation other than CDR, or strings that are not closed or not UTF-8.
-
-        Raises:
-            MessageTypeError: If the batch is of another type.
         """
         if batch.msgtype != self.msgtype:
             raise MessageTypeError(f"a batch of {batch.msgtype} on {batch.topic}", self.msgtype)
@@ -420,7 +399,6 @@ def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
 
     Args:
         run: A run with the columns ``<path>.sec`` and ``<path>.nanosec``.
-        path: Path of the builtin_interfaces/Time field.
 
     Returns:
         Time since the epoch, int64, shape (m, ...); ``INVALID_STAMP_NS`` where the
