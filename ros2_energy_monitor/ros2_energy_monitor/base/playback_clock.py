@@ -101,11 +101,7 @@ class PlaybackClock:
 
     @contextmanager
     def space_key(self, fd: int) -> Iterator[bool]:
-        """Stop it and let it go on by the space key, in a terminal and in its foreground.
-
-        Yields:
-            Whether there is such a terminal.
-        """
+        """Yield whether a terminal in the foreground lets it stop and go on by the space key."""
         if not os.isatty(fd) or not _in_foreground(fd):
             yield False
             return

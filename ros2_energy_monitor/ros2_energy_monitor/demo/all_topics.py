@@ -167,7 +167,3 @@ def main(args: Sequence[str] | None = None) -> int:
     for topic in TYPES:
         print(f"{recorder.counts[topic]:8d} {topic}", flush=True)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -143,7 +143,3 @@ def main(args: Sequence[str] | None = None) -> int:
         print(error, flush=True)
         return 2
     return 0 if well else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

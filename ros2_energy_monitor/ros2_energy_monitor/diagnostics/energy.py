@@ -138,15 +138,12 @@ def temperature_source(
     *,
     wanted: bool = True,
 ) -> Source:
-    """Check motor temperatures and the friction that follows from them.
+    """Return what makes the status of motor temperatures and the friction that follows.
 
     The temperature of a motor is NaN while it is missing or too old to be used.
 
     Args:
         wanted: Whether any source is set; that a robot has none is not a fault.
-
-    Returns:
-        Makes the status of the motor temperatures.
     """
 
     def findings() -> StatusBuilder:

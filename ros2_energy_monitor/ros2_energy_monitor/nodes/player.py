@@ -323,7 +323,3 @@ def _play(bag: BagReader, options: argparse.Namespace, node: Node, stop: StopSig
             print(f"{count:8d} {shown(topic)}", flush=True)
         pause(LEAD)  # until what was sent last has been taken
         return 130 if stop.received else 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -11,8 +11,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock
@@ -113,17 +113,4 @@ class VirtualRobot(Node):
                 self._loads[topic].publish(rows)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(VirtualRobot, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, VirtualRobot)

@@ -109,15 +109,12 @@ def _joints(registers: Registers, model: RobotModel) -> list[dict[str, Any]]:
 def temperatures_of(
     model: RobotModel, joint_names: Sequence[str], given: Sequence[float], newest_degc: Float
 ) -> Float:
-    """Return temperatures in the order of the model: as asked, else the newest, else the fallback.
+    """Return temperatures as asked, else the newest, else the fallback, shape (n,). [degC]
 
     Args:
         joint_names: In the order of ``given``.
         given: As asked; NaN, or empty, where nothing is. [degC]
         newest_degc: NaN where unknown, shape (n,). [degC]
-
-    Returns:
-        Shape (n,). [degC]
     """
     if len(given) not in (0, len(joint_names)):
         raise MotionError(

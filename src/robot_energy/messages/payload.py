@@ -67,14 +67,10 @@ class SetPayloadAnswer:
 
 
 def answer_set_payload(set_payload: SetPayload, request: Any) -> SetPayloadAnswer:
-    """Carry out a request; it never raises for what the request holds.
+    """Return the answer to a request, carried out; it never raises for what the request holds.
 
     Args:
         request: Of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it.
-
-    Returns:
-        The answer. Where ``change`` is not None, publish `PayloadWriter.encode` of it on
-        ``energy/payload``, latched.
     """
     header, inertia = request.payload.header, request.payload.inertia
     seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)

@@ -169,12 +169,7 @@ def interval_fields(
     calibration: BandCalibration,
     unmodelled: Collection[str] = (),
 ) -> dict[str, Any]:
-    """Return the plain fields of the message; ``start_ns`` and ``end_ns`` stay integers.
-
-    Returns:
-        Fields by name; ``joints`` is a list of the fields of `JointEnergy`, ``auxiliary`` one of
-        those of `LoadEnergy`.
-    """
+    """Return the plain fields of the message, its joints and its loads; stamps stay integers."""
     counted, nan = interval.counted, math.nan
     cabinet = {name: value / PER_JOULE for name, value in counted.cabinet_energy_microjoule.items()}
     observed, compared = counted.observed_ns * NANOSECOND, counted.compared_ns * NANOSECOND

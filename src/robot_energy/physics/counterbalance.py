@@ -17,13 +17,10 @@ AnySpring = TorsionSpring | LeverSpring | GasSpring
 
 
 def counterbalance_torque(entry: AnySpring, joint_position: Float) -> Float:
-    """Return what the drive adds against one counterbalance.
+    """Return what the drive adds against one counterbalance, joint side. [N m] or [N]
 
     Args:
         joint_position: q, shape (N,). [rad] or [m]
-
-    Returns:
-        Joint side, shape (N,). [N m] or [N]
     """
     return torque_columns(entry, joint_position) @ coefficients(entry)
 

@@ -30,16 +30,13 @@ class Drive(Protocol):
         motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:
-        """Return the electrical input.
+        """Return the electrical input, shape (N, n) [W], and where it is extrapolated, if at all.
 
         Args:
             shaft_power: Shape (N, n). [W]
             motor_velocity: Shape (N, n). [rad/s]
             motor_torque: Rigid plus friction, shape (N, n). [N m]
             motor_temperature_degc: Of the windings, shape (N, n). [degC]
-
-        Returns:
-            Input power, shape (N, n), and where it is extrapolated (None: nowhere). [W]
         """
         ...
 

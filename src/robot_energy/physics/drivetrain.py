@@ -45,13 +45,10 @@ class Drivetrain:
         return cls(transmission, inertia)
 
     def motor_velocity_from_joint(self, joint_velocity: Float) -> Float:
-        """Return motor velocities; also serves accelerations, the map being constant.
+        """Return motor velocities, or accelerations likewise, shape (N, n). [rad/s]
 
         Args:
             joint_velocity: Shape (N, n). [rad/s] or [m/s]
-
-        Returns:
-            Shape (N, n). [rad/s]
         """
         return mapped(self.transmission, joint_velocity)
 
@@ -64,24 +61,18 @@ class Drivetrain:
         return mapped(self._torque_map.T, motor_velocity)
 
     def motor_torque_from_joint(self, joint_torque: Float) -> Float:
-        """Return the motor torque that balances a joint torque, without rotor inertia.
+        """Return motor torque that balances a joint torque, rotors apart, shape (N, n). [N m]
 
         Args:
             joint_torque: Shape (N, n). [N m] or [N]
-
-        Returns:
-            Shape (N, n). [N m]
         """
         return mapped(self._torque_map, joint_torque)
 
     def joint_torque_from_motor(self, motor_torque: Float) -> Float:
-        """Return the joint torque that balances a motor torque, without rotor inertia.
+        """Return joint torque that balances a motor torque, rotors apart, (N, n). [N m] or [N]
 
         Args:
             motor_torque: Shape (N, n). [N m]
-
-        Returns:
-            Shape (N, n). [N m] or [N]
         """
         return mapped(self.transmission.T, motor_torque)
 

@@ -67,13 +67,10 @@ class ViscousLaw:
         return self.used_degc or (self.lower_degc, self.upper_degc)
 
     def viscous(self, motor_temperature_degc: Float | float) -> Float:
-        """Return the viscous coefficient.
+        """Return the viscous coefficient, motor side; NaN where the temperature is. [N m s/rad]
 
         Args:
             motor_temperature_degc: Any shape. [degC]
-
-        Returns:
-            Same shape, motor side; NaN where the temperature is NaN. [N m s/rad]
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
         return self.formula(np.clip(values, *self.used))
@@ -263,13 +260,10 @@ class FrictionModel:
         return np.stack(columns, axis=-1)
 
     def viscous_spread(self, assumed_degc: float) -> Float:
-        """Return what an unknown temperature adds to the deviations, see `ViscousLaw.spread`.
+        """Return what an unknown temperature adds, see `ViscousLaw.spread`, shape (n,). [N m s/rad]
 
         Args:
             assumed_degc: Used for every motor. [degC]
-
-        Returns:
-            Motor side, shape (n,). [N m s/rad]
         """
         return np.asarray([law.spread(assumed_degc) for law in self.laws])
 
@@ -290,7 +284,7 @@ class FrictionModel:
         viscous: Float,
         standing: NDArray[np.bool_],
     ) -> Float:
-        """Return the friction torque that the drive must overcome.
+        """Return the friction torque to overcome, motor side, sign of w, shape (N, n). [N m]
 
         Args:
             motor_velocity: w, shape (N, n). [rad/s]
@@ -298,9 +292,6 @@ class FrictionModel:
             coulomb: fc, shape (N, n). [N m]
             viscous: fv at the present temperature, shape (N, n). [N m s/rad]
             standing: Where the axis counts as standing still: torque 0, shape (N, n).
-
-        Returns:
-            Motor side, with the sign of w, shape (N, n). [N m]
         """
         return friction_torque(
             motor_velocity,

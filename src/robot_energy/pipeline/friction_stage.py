@@ -82,13 +82,10 @@ class FrictionStage:
         }
 
     def step(self, block: TemperatureBlock) -> FrictionBlock | None:
-        """Take temperatures and return the friction from each of them onward.
+        """Return the friction from each temperature onward that changes something, or None.
 
         Args:
             block: Readings, in order of their stamps as far as they arrived in time.
-
-        Returns:
-            One row per reading that changed something, or None.
         """
         if not len(block):
             return None

@@ -112,11 +112,7 @@ class PowerStage:
         return self._timeline.rows
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
-        """Take torques and return the power at those that have settled.
-
-        Returns:
-            Power samples, or None while every sample still waits.
-        """
+        """Return the power at torques that have settled; None while every sample still waits."""
         block = block.motor_side()
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])

@@ -118,7 +118,7 @@ def replay(
     processes: int = 1,
     on_reading: Callable[[EnergyAccount, int], None] | None = None,
 ) -> Replay:
-    """Run a bag through the pipeline.
+    """Return the energy account of a bag, and the rejection log of every input.
 
     Args:
         topics: Topics to use where they cannot be found by type.
@@ -138,9 +138,6 @@ def replay(
             no figure.
         on_reading: Called with the account, and the UTC minute up to which it has counted all
             samples or 0, as `EnergyAccount.on_reading`, and at the end.
-
-    Returns:
-        The energy account and the rejection log of every input.
 
     Raises:
         BagError: If the bag cannot be read or holds no usable joint state, or nothing of it can

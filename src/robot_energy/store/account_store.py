@@ -146,13 +146,10 @@ class AccountStore(SlotStore[AccountRecord]):
         return outcome
 
     def checkpoint(self, patience: float | None = None) -> bool:
-        """Write the account as it stands to disk.
+        """Whether the account is on disk as it stands now.
 
         Args:
             patience: How long to wait for the disk, twice at most; None for ever. [s]
-
-        Returns:
-            Whether they are on disk.
         """
         self.open(patience)
         if self._slots is None or not self._slots.held:
@@ -169,13 +166,10 @@ class AccountStore(SlotStore[AccountRecord]):
             )
 
     def close(self, patience: float | None = None) -> bool:
-        """Make a last checkpoint and let another monitor write.
+        """Whether the last checkpoint is on disk; let another monitor write.
 
         Args:
             patience: How long to wait for the disk, twice at most. [s]
-
-        Returns:
-            Whether the account is on disk.
         """
         done = self.checkpoint(patience)
         self._release()

@@ -72,12 +72,7 @@ class SlotStore(ABC, Generic[T]):
         return payload is not None
 
     def poll(self) -> bool | None:
-        """Take the result of the disk's work.
-
-        Returns:
-            True if a write has reached the disk, False if the work failed, None if there is
-            nothing to report.
-        """
+        """Return whether the disk's work succeeded; None if there is nothing to report."""
         if self._pending is None or not self._pending.done():
             return None
         job, self._pending = self._pending, None

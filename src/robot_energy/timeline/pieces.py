@@ -63,15 +63,11 @@ class CoveredPieces(Block):
         return self[slice(int(np.searchsorted(self.end_ns, time_ns, side="right")), None)]
 
     def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
-        """Return which piece holds each interval, and whether one does.
+        """Return the last piece begun at each interval, and whether it holds it, shape (M,) each.
 
         Args:
             start_ns: Where each interval begins, shape (M,). [ns]
             end_ns: Where each ends, shape (M,). [ns]
-
-        Returns:
-            Number of the last piece that begins no later than the interval, and whether the
-            interval lies within it; shape (M,) each.
         """
         if not len(self):
             return np.zeros(len(start_ns), dtype=np.int64), np.zeros(len(start_ns), dtype=np.bool_)

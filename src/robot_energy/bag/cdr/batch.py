@@ -39,13 +39,10 @@ class RawBatch:
         log_time_ns: ArrayLike,
         messages: Sequence[bytes | memoryview],
     ) -> RawBatch:
-        """Gather messages that were received one by one.
+        """Return messages that were received one by one, in a buffer of their own.
 
         Args:
             log_time_ns: Time of receipt of each message, shape (n,). [ns]
-
-        Returns:
-            The batch; its buffer is a copy.
         """
         times = np.atleast_1d(np.asarray(log_time_ns, dtype=np.int64))
         if times.shape != (len(messages),):
@@ -59,11 +56,7 @@ class RawBatch:
 
     @classmethod
     def joined(cls, parts: Sequence[dict[str, RawBatch]]) -> dict[str, RawBatch]:
-        """Join batches that came one after the other, topic by topic.
-
-        Returns:
-            One batch per topic, in a buffer that holds all of them.
-        """
+        """Return batches that came one after the other joined, one a topic."""
         if len(parts) == 1:
             return parts[0]
         buffers: dict[int, tuple[int, NDArray[np.uint8]]] = {}
@@ -106,13 +99,10 @@ class RawBatch:
         return self.from_messages(self.topic, self.msgtype, self.log_time_ns, messages)
 
     def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
-        """Yield the batch in pieces of bounded size, each with its first row.
+        """Yield the batch in order, in pieces of bounded size, each behind its first row.
 
         Args:
             max_bytes: Of the messages of a piece; a longer message is one of its own.
-
-        Yields:
-            First row and piece, in order.
         """
         if int(self.length.sum()) <= max_bytes:
             yield 0, self

@@ -71,22 +71,14 @@ class Run:
     columns: dict[str, Column]
 
     def array(self, path: str) -> NDArray[Any]:
-        """Return a numeric column.
-
-        Returns:
-            The array, shape (m, ...).
-        """
+        """Return a numeric column, shape (m, ...)."""
         column = self.columns[path]
         if not isinstance(column, np.ndarray):
             raise MessageTypeError(f"the field {path} is not a numeric array", "a numeric field")
         return column
 
     def names(self, path: str) -> tuple[str, ...]:
-        """Return a column of strings.
-
-        Returns:
-            The strings, the same for all rows of the run.
-        """
+        """Return a column of strings, the same for all rows of the run."""
         column = self.columns[path]
         if not isinstance(column, tuple) or not all(isinstance(item, str) for item in column):
             raise MessageTypeError(f"the field {path} is not a list of strings", "string sequence")

@@ -89,14 +89,11 @@ class Encoder:
         self.fields = tuple(plans)
 
     def encode(self, columns: Mapping[str, ArrayLike], n: int) -> NDArray[np.uint8]:
-        """Encode ``n`` messages.
+        """Return ``n`` serialized messages, uint8, shape (n, size), little endian.
 
         Args:
             columns: Every path of ``fields``: array (n, ...) with one axis more per array passed,
                 or one number for all of them. NaN where a quantity is unmeasured.
-
-        Returns:
-            Complete serialized messages, uint8, shape (n, size), little endian.
 
         Raises:
             MessageTypeError: If a field is missing or unknown, or values do not fit its type.
@@ -213,13 +210,10 @@ def _check_kind(where: str, values: NDArray[Any], view: View) -> None:
 def stamp_columns(
     stamp_ns: NDArray[np.int64], path: str = "header.stamp"
 ) -> dict[str, NDArray[np.int32] | NDArray[np.uint32]]:
-    """Return the two columns of a builtin_interfaces/Time field.
+    """Return ``<path>.sec`` (int32) and ``<path>.nanosec`` (uint32) of a Time field, same shape.
 
     Args:
         stamp_ns: Time since the epoch, int64, shape (n, ...). [ns]
-
-    Returns:
-        ``<path>.sec`` (int32) and ``<path>.nanosec`` (uint32), same shape.
     """
     seconds, rest = np.divmod(np.asarray(stamp_ns, dtype=np.int64), 1_000_000_000)
     narrow = seconds.astype(np.int32)

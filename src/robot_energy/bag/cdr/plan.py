@@ -113,13 +113,10 @@ def plan_shape(plan: Plan) -> tuple[int, ...] | None:
 
 
 def read(plan: Plan, rows: NDArray[np.uint8]) -> Column:
-    """Return a column of its own memory in native byte order, number by number contiguous.
+    """Return a column (m, ...) of its own memory in native order; a tuple where lengths differ.
 
     Args:
         rows: Messages, uint8, shape (m, row size).
-
-    Returns:
-        Array (m, ...); a tuple of arrays where the parts differ in length.
     """
     if isinstance(plan, View):
         view = plan.of(rows)

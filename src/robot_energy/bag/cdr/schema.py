@@ -159,13 +159,10 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
 
 
 def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
-    """Return what a dotted path names and how many axes it has after the message axis.
+    """Return the number or string at the end of a dotted path, and the arrays on the way.
 
     Args:
         path: Dotted field path, such as ``header.stamp.sec``.
-
-    Returns:
-        The number or string at the end of the path, and the count of arrays passed on the way.
     """
     node: Node = schema
     axes = 0
