@@ -116,16 +116,13 @@ def policy_xml(rights: Iterable[NodeRights]) -> bytes:
 
 
 def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[NodeRights]:
-    """Start the nodes one after the other and read what each uses.
+    """Return the rights of nodes in the order of their names, by starting one after the other.
 
     Each begins in a graph of its own, where no node of that name was before.
 
     Args:
         args: Command line of the nodes, from ``--ros-args`` on.
         has_file: Whether a parameter file is given, which then names the profile of the meter.
-
-    Returns:
-        The rights, in the order of the names.
     """
     found: list[NodeRights] = []
     for name in names:
@@ -219,7 +216,3 @@ def main(args: Sequence[str] | None = None) -> int:
             flush=True,
         )
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -186,7 +186,8 @@ def test_wrong_ros_arguments_are_refused(child_environment):
         [
             sys.executable,
             "-m",
-            "ros2_energy_monitor.nodes.torque_monitor",
+            "ros2_energy_monitor",
+            "torque_monitor",
             "--ros-args",
             "-p",
             "model",

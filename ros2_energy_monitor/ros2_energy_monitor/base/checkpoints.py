@@ -168,11 +168,7 @@ class Checkpoints:
             self._start()
 
     def now(self) -> bool:
-        """Bring the registers to disk as they stand, waiting for it, and publish them.
-
-        Returns:
-            Whether they are on disk.
-        """
+        """Whether the registers are on disk as they stand; waits for it, and publishes them."""
         self._row = None  # of a checkpoint that is overtaken
         kept = self.store.checkpoint(CLOSING)
         if kept:

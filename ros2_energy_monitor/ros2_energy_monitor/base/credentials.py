@@ -36,13 +36,10 @@ class Credentials:
 
 
 def read_credentials(path: str) -> Credentials | None:
-    """Read a YAML file with ``username`` and ``password``.
+    """Return ``username`` and ``password`` of a YAML file; None for an empty path.
 
     Args:
         path: The file; empty for none.
-
-    Returns:
-        What it holds; None for an empty path.
     """
     if not path:
         return None

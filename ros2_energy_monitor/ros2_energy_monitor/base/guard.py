@@ -53,11 +53,7 @@ class Guard:
     def run(
         self, path: str, work: Callable[[], T], restart: Callable[[], None] | None = None
     ) -> T | None:
-        """Do some work of a path.
-
-        Returns:
-            What the work gives; None after an exception.
-        """
+        """Return what some work of a path gives; None after an exception."""
         try:
             return work()
         except Exception as error:
@@ -73,13 +69,10 @@ class Guard:
         work: Callable[[], T],
         restart: Callable[[], None],
     ) -> T | None:
-        """Let an input take messages; after an exception none of them was used.
+        """Return what an input makes of messages; None after an exception: none of them was used.
 
         Args:
             accounts: Each account of the input, with how many messages have arrived for it.
-
-        Returns:
-            What the work gives; None after an exception.
         """
         kept = [(rejections, rejections.copy(), arrived) for rejections, arrived in accounts]
 

@@ -72,11 +72,7 @@ def temperature_ingest(
 
 
 def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParameters) -> list[Inbox]:
-    """Subscribe every topic of joint states; at least one.
-
-    Returns:
-        One inbox per topic.
-    """
+    """Return an inbox for every topic of joint states; at least one."""
     return [
         Inbox(
             node,
@@ -90,13 +86,10 @@ def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParamet
 
 
 def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: float) -> list[Inbox]:
-    """Subscribe every topic of motor temperatures, and the keys of those that have some.
+    """Return an inbox for every topic of motor temperatures and keys whose type is installed.
 
     Args:
         renew_after: Silence after which a topic is subscribed again. [s]
-
-    Returns:
-        One inbox per topic whose message type is installed.
     """
     return [
         Inbox(

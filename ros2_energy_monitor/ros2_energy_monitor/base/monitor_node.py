@@ -242,11 +242,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self._reporter.publish(statuses, self._hardware_id if self.sources else "")
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
-        """Take the messages that wait.
-
-        Returns:
-            One batch per inbox; those with nothing are left out.
-        """
+        """Return one batch per inbox in which messages wait."""
         batches = [self.guard.run(f"queue.{inbox.topic}", inbox.drain) for inbox in inboxes]
         return [batch for batch in batches if batch is not None]
 
@@ -256,11 +252,7 @@ class MonitorNode(ManagedNode, Generic[P]):
 
 
 def hardware_id(model: RobotModel, namespace: str) -> str:
-    """Return what differs between two robots of a type.
-
-    Returns:
-        Type, serial number and, unless it is the root, the namespace.
-    """
+    """Return what differs between robots of a type: type, serial number, namespace but the root."""
     robot = model.robot
     place = f"({namespace})" if namespace.strip("/") else ""
     return " ".join(shown(part) for part in (robot.type, robot.serial, place) if part)

@@ -17,11 +17,7 @@ from robot_energy.foundation.errors import RobotEnergyError
 
 
 def require(package: str, distribution: str, user: str, error: type[RobotEnergyError]) -> Any:
-    """Import a package, or say how to install it.
-
-    Returns:
-        The module.
-    """
+    """Return a package, or say how to install it."""
     try:
         return importlib.import_module(package)
     except ModuleNotFoundError as missing:

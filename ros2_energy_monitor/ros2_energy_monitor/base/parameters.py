@@ -52,7 +52,7 @@ P = TypeVar("P", bound="DataclassInstance")
 
 
 def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P:
-    """Declare the parameters of a node and return their values.
+    """Return the values of the parameters of a node, declared here.
 
     Unknown overrides are logged as a warning, with the name that was probably meant, and so
     are parameter files without a section for the node. Where the class has the parameter
@@ -61,9 +61,6 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
 
     Args:
         fixed: Parameters that are read-only; None for all.
-
-    Returns:
-        The values.
     """
     complaints = files_without_section(sys.argv, node.get_fully_qualified_name())
     for sentence in complaints:  # at once: it may be why a parameter is missing

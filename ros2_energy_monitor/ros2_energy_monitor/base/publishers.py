@@ -117,20 +117,12 @@ class PacedPublisher:
 
 
 def torque_publisher(node: Node, depth: int) -> RowPublisher:
-    """Make the publisher of ``energy/joint_torque``, which must not lose a sample in a burst.
-
-    Returns:
-        The publisher.
-    """
+    """Return the publisher of ``energy/joint_torque``, which loses no sample in a burst."""
     return RowPublisher(node, JointTorque, TORQUE_TOPIC, reliable(depth))
 
 
 def friction_publisher(node: Node) -> RowPublisher:
-    """Make the publisher of ``energy/joint_friction``, whose last messages late subscribers get.
-
-    Returns:
-        The publisher.
-    """
+    """Return the publisher of ``energy/joint_friction``; late subscribers get its last messages."""
     return RowPublisher(node, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
 
 

@@ -34,15 +34,12 @@ LOOK_AGAIN = 0.05  # s
 
 
 def clear_ports(folder: Path = FOLDER, orphaned: float = ORPHANED) -> list[str]:
-    """Remove ports that were left half made, so that nodes can start again.
+    """Return a sentence for each port left half made, removed so that nodes can start again.
 
     Removing takes the name away only; a process that has the file open keeps it.
 
     Args:
         orphaned: Age from which a port that is not ready has no maker any more. [s]
-
-    Returns:
-        One sentence for each port found: that it is removed, or why it could not be.
     """
     since: dict[Path, float] = {}
     while half_made := list(_half_made(folder)):

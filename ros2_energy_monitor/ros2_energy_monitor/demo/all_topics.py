@@ -77,13 +77,10 @@ class TopicRecorder(Node):
 
 
 def record(context: Context, seconds: float, stop: StopSignal | None = None) -> TopicRecorder:
-    """Run robot, monitor and recorder in one executor.
+    """Return the recorder, destroyed, after running robot, monitor and recorder in one executor.
 
     Args:
         seconds: Time that is recorded, once every topic has come. [s]
-
-    Returns:
-        The recorder, destroyed, with what it has taken.
     """
 
     def given(**values: Any) -> list[Parameter]:
@@ -170,7 +167,3 @@ def main(args: Sequence[str] | None = None) -> int:
     for topic in TYPES:
         print(f"{recorder.counts[topic]:8d} {topic}", flush=True)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -42,13 +42,10 @@ MAX_START_TIME = 60.0  # for all topics to arrive, on a machine that does much e
 
 
 def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
-    """Run the virtual robot under its monitors and show the console.
+    """Whether robot, monitors and console ran until the end and ended cleanly.
 
     Args:
         seconds: How long to show it. [s]
-
-    Returns:
-        Whether all nodes ran until the end and ended cleanly.
     """
     environment = {
         "ROS_DOMAIN_ID": str(os.getpid() % 100 + 1),
@@ -146,7 +143,3 @@ def main(args: Sequence[str] | None = None) -> int:
         print(error, flush=True)
         return 2
     return 0 if well else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

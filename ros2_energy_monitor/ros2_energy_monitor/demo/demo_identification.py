@@ -37,10 +37,7 @@ def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
 
 
 def identify_plant(bags: Path, out: Path) -> str:
-    """Identify the model of the plant from its training bags, and say so.
-
-    Returns:
-        The model file.
+    """Return the model file of the plant, identified from its training bags.
 
     Raises:
         BagError: If a bag is not there or cannot be read.

@@ -59,7 +59,6 @@ class Expected:
     """What the study says of one recording, by replay.
 
     Attributes:
-        robot_degc: Mean temperature of the motors. [degC]
         measured: Energy by the meter. [J]
         predicted: By the model, over the same time. [J]
     """
@@ -94,13 +93,10 @@ def read_study(folder: Path) -> list[Expected]:
 def live_energies(
     expected: Expected, model: Path, rate: float, log: Path, stop: StopSignal
 ) -> EnergyRegisters | None:
-    """Play one recording to the three monitors and return their last registers.
+    """Return the last registers of three monitors to which a recording was played; None if none.
 
     Args:
         rate: Times the speed of nature, > 0. [-]
-
-    Returns:
-        None if nothing was published, or it was stopped.
     """
     with ros([]) as context, NodeProcesses(log, dict(os.environ)) as children:
         children.start(
@@ -215,7 +211,3 @@ def _tell(expected: Expected, found: Any) -> bool:
     why = "" if same else counted
     print(f"{start}   {live:+11.2%}{why}", flush=True)
     return same
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -55,11 +55,7 @@ class NodeProcesses:
         return [name for name, child in self._running.items() if child.poll() is not None]
 
     def stop(self, *names: str) -> dict[str, int]:
-        """Interrupt some nodes or all, and kill what does not end.
-
-        Returns:
-            Exit code of each node by its name.
-        """
+        """Return the exit codes of some nodes or all; what does not end is killed."""
         chosen = {name: self._running.pop(name) for name in names or tuple(self._running)}
         for child in chosen.values():
             if child.poll() is None:

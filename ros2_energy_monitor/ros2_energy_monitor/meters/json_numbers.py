@@ -48,11 +48,7 @@ class JsonFlag(ProfileEntry):
 
 
 def parse(text: str, whose: str) -> Any:
-    """Parse a document.
-
-    Returns:
-        Plain values.
-    """
+    """Return the plain values of a document."""
     if len(text) > MAX_ANSWER:
         raise MeterAnswerError(
             f"{whose} answers with {len(text)} characters", f"at most {MAX_ANSWER}"

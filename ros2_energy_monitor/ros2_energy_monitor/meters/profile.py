@@ -137,13 +137,10 @@ P = TypeVar("P", bound=MeterProfile[Any])
 
 
 def read_document(name: str) -> tuple[str, object]:
-    """Read a profile.
+    """Return the path of a profile and its content, unchecked.
 
     Args:
         name: Name of a shipped profile, or path of a file of yours.
-
-    Returns:
-        Its path and its content, unchecked.
     """
     shipped = {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
     path = shipped.get(name) or Path(name)
@@ -157,9 +154,5 @@ def read_document(name: str) -> tuple[str, object]:
 
 
 def checked(document: object, model: type[P], source: str) -> P:
-    """Validate the content of a profile.
-
-    Returns:
-        The profile.
-    """
+    """Return the profile that a content describes."""
     return validated(document, model, source, MeterProfileError)

@@ -151,11 +151,7 @@ class SunSpecLink(MeterLink):
 
 
 def terms(data: Sequence[int], layout: _Layout) -> tuple[MeterTerm, MeterTerm]:
-    """Return energy and power of a model.
-
-    Returns:
-        Energy [J] with its wrap, and power [W]; NaN where the meter says: no value.
-    """
+    """Return energy [J], with its wrap, and power [W] of a model; NaN for no value."""
     broken = bool(_unsigned(data, layout.events) & BROKEN)
     watt_hour = ENERGY_UNITS["Wh"]
     if layout.energy_scale is None or layout.power_scale is None:

@@ -11,8 +11,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from concurrent.futures import Future
+from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
@@ -150,17 +150,4 @@ class EnergyDashboard(Node):
                     feed.take_statuses(statuses)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line; None for that of the process.
-
-    Returns:
-        The exit code, as of `run`.
-    """
-    return run(EnergyDashboard, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, EnergyDashboard)

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -104,17 +103,4 @@ class EnergyExporter(Node):
         super().destroy_node()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(EnergyExporter, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, EnergyExporter)

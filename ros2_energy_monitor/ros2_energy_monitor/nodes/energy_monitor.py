@@ -10,7 +10,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from robot_energy.accounting.account import EnergyAccount
@@ -274,17 +275,4 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.guard.run("publish.power", lambda: self._account_publisher.power(means))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(EnergyMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, EnergyMonitor)

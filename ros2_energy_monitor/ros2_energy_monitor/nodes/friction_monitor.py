@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from robot_energy.messages import FrictionWriter
@@ -92,17 +92,4 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
             self.guard.run("publish.joint_friction", lambda: publish(encode(block)))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(FrictionMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, FrictionMonitor)

@@ -10,7 +10,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
@@ -111,17 +112,4 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             self.guard.run("publish.joint_torque", lambda: publish(encode(torque, self._recording)))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(TorqueMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, TorqueMonitor)

@@ -117,11 +117,7 @@ class CMessage:
         return layout(self._kind).from_address(self.address)
 
     def fill(self, message: Any) -> CMessage:
-        """Write a message of rclpy here.
-
-        Returns:
-            This memory.
-        """
+        """Return this with a message of rclpy written to it."""
         if not self._fill(message, self.address):
             raise TypeError(f"{message!r} is not a {self._kind.__name__}")
         return self
@@ -149,10 +145,7 @@ class CMessage:
             rmw.rcutils_uint8_array_fini(ctypes.byref(array))
 
     def deserialise(self, data: bytes) -> CMessage:
-        """Write a serialised message here.
-
-        Returns:
-            This memory.
+        """Return this with a serialised message written to it.
 
         Raises:
             ValueError: If the middleware cannot read it.

@@ -36,16 +36,13 @@ def compared(
     newest_degc: Float,
     calibration: Calibrated,
 ) -> Answer:
-    """Compare trajectories.
+    """Return the fields of the response, each candidate as fields of a ``CandidateEnergy``.
 
     Args:
         request: Fields of a ``CompareTrajectories.Request``, its trajectories as `PointColumns`.
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-
-    Returns:
-        Fields of the response; each candidate as fields of a ``CandidateEnergy``.
 
     Raises:
         MotionError: If the request as a whole makes no sense.

@@ -36,7 +36,7 @@ def predicted(
     newest_degc: Float,
     calibration: Calibrated,
 ) -> Answer:
-    """Predict a trajectory.
+    """Return the fields of the response, each joint as fields of a ``JointEnergy``.
 
     Args:
         request: Fields of a ``PredictTrajectory.Request``, its trajectory as `PointColumns`.
@@ -45,9 +45,6 @@ def predicted(
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-
-    Returns:
-        Fields of the response; each joint as fields of a ``JointEnergy``.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
     from robot_energy_plan.motion.joint_trajectory import through_points
@@ -112,15 +109,12 @@ def _joints(registers: Registers, model: RobotModel) -> list[dict[str, Any]]:
 def temperatures_of(
     model: RobotModel, joint_names: Sequence[str], given: Sequence[float], newest_degc: Float
 ) -> Float:
-    """Return temperatures in the order of the model: as asked, else the newest, else the fallback.
+    """Return temperatures as asked, else the newest, else the fallback, shape (n,). [degC]
 
     Args:
         joint_names: In the order of ``given``.
         given: As asked; NaN, or empty, where nothing is. [degC]
         newest_degc: NaN where unknown, shape (n,). [degC]
-
-    Returns:
-        Shape (n,). [degC]
     """
     if len(given) not in (0, len(joint_names)):
         raise MotionError(

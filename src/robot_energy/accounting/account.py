@@ -318,24 +318,18 @@ class EnergyAccount:
             self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Begin a job interval at the newest counted sample.
+        """Return a job interval that begins at the newest counted sample.
 
         Args:
             name: Unique among the open intervals, 1 to 100 printable characters.
-
-        Returns:
-            The interval, which has counted nothing yet.
         """
         return self.intervals.open(name, self.end_ns, self.totals())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """End a job interval at the newest counted sample.
+        """Return a job interval, ended at the newest counted sample.
 
         Args:
             interval_id: Its number; 0 for none.
-
-        Returns:
-            The interval with all that it counted.
         """
         return self.intervals.close(name, interval_id, self.end_ns or 0, self.totals())
 

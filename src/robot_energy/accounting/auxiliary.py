@@ -44,7 +44,6 @@ class AuxiliaryAccount:
         missing_count: How often a load ceased to be known, shape (n,).
         state_energy: By load and state, all in one row, exact.
         state_ns: Time in each of these states while the power is known. [ns]
-        together_ns: That time. [ns]
         observed_ns: Observed time in all, decided so far. [ns]
     """
 
@@ -120,7 +119,6 @@ class AuxiliaryAccount:
             counts: Known and missing time [ns] and count of each load, shape (3, n).
             state_ns: Time in each state, shape (states,). [ns]
             together_ns: Time for which all loads are known. [ns]
-            observed_ns: Observed time. [ns]
         """
         self.known_ns, self.missing_ns, self.missing_count = counts + np.stack(
             [self.known_ns, self.missing_ns, self.missing_count]

@@ -53,7 +53,6 @@ class Idle:
 
     Attributes:
         since_ns: Predicted stamp at which it began. [ns]
-        until_ns: Newest predicted stamp. [ns]
         ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
     """
 
@@ -69,7 +68,6 @@ class _Epoch:
     """Both curves of one epoch, as far as they are not compared.
 
     Attributes:
-        done_ns: Until where they are compared. [ns]
         newest_ns: Newest reading of the meter; None before the first. [ns]
     """
 
@@ -172,15 +170,12 @@ class Comparison(ExactSum):
                 epoch.newest_ns = int(part.end_ns[-1])
 
     def predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
-        """Take predicted power and compare as far as both are known.
+        """Return the intervals that become comparable with more predicted power.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
             power: Predicted power at the meter's place, shape (N,). [W]
-
-        Returns:
-            The elementary intervals that became comparable.
         """
         before = int(stamp_ns[0]) if self._last is None else self._last[0]
         calm = self._measured_epoch == self._predicted_epoch and int(stamp_ns[0]) >= before

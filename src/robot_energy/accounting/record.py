@@ -121,7 +121,6 @@ class TraceEntry(RecordPart):
     Attributes:
         stamp_ns: Newest counted sample then; None before the first. [ns]
         totals: All counters before, where they were set to zero.
-        energy_start_ns: Since when those had counted. [ns]
     """
 
     kind: TraceKind
@@ -190,14 +189,11 @@ class AccountRecord(RecordPart):
 
     Attributes:
         energy_start_ns: Since when they count; None before the first sample. [ns]
-        end_ns: Newest counted sample. [ns]
         remainders: What they hold beyond whole microjoules.
         phase_energy_microjoule: Energy drawn from the grid by phase. [uJ]
-        phase_observed_ns: Observed time by phase. [ns]
         peak_power_watt: Highest grid power since the start. [W]
         learned_energy_microjoule: Drawn from the grid as predicted with learned figures. [uJ]
         standby_energy_microjoule: Drawn from the grid in standby. [uJ]
-        standby_ns: Time in standby. [ns]
         quality_counts: Samples that carried each quality bit, by its name.
         restarts: How often the registers were taken over from a file.
         trace: Resets, restarts, changes of the model; the latest of each kind.

@@ -63,12 +63,7 @@ LogTimes = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndex:
-    """Where a chunk lies in the file, its length and end with what follows it, what it holds.
-
-    Attributes:
-        start_ns: Earliest log time. [ns]
-        end_ns: Latest log time. [ns]
-    """
+    """Where a chunk lies in the file, its length and end with what follows it, what it holds."""
 
     start: int
     length: int
@@ -151,10 +146,7 @@ def parse_chunk(data: memoryview) -> Chunk:
 
 
 def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
-    """Return the content of a MessageIndex record.
-
-    Returns:
-        The id of the channel, and its pairs of log time and offset, uint64 each.
+    """Return the id of the channel of a MessageIndex record, and its pairs of uint64.
 
     Raises:
         RecordError: If the record or its last pair ends too early.

@@ -58,13 +58,10 @@ class _Packed:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked.
+        """Yield the messages of some topics, unpacked, a batch a topic.
 
         Args:
             spans: Log times that matter, by topic. [ns]
-
-        Yields:
-            One batch per topic that has messages in the part.
         """
         yield from self._source.parts(topics, spans)
 
@@ -79,13 +76,10 @@ class PackedMessages(_Packed):
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked.
+        """Yield the messages of some topics, unpacked, a batch a topic.
 
         Args:
             spans: Log times that matter, by topic. [ns]
-
-        Yields:
-            One batch per topic that has messages in the part.
         """
         import zstandard
 

@@ -48,16 +48,11 @@ class BagReader:
         path: An MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
 
     Attributes:
-        path: The bag.
-        topics: Topics by name.
         start_ns: Earliest log time; None if unknown or the bag is empty. [ns]
         end_ns: Latest log time; None if unknown or the bag is empty. [ns]
         message_count: Messages in the bag; None if it does not say.
         origin: Where the recording comes from, as its writer said; empty if it did not.
         problems: What was found wrong so far, one sentence each.
-
-    Raises:
-        BagError: If there is no bag, or it cannot be read at all.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -90,11 +85,7 @@ class BagReader:
 
     @cached_property
     def typestore(self) -> LazyStore:
-        """Message definitions for this bag: the known ones, and the bag's own where they differ.
-
-        Raises:
-            MessageTypeError: If the bag defines a known type in a way that cannot be used.
-        """
+        """Message definitions for this bag: the known ones, and the bag's own where they differ."""
         return extended(typestore(), self._contents.definitions, self._report)
 
     @property
@@ -104,13 +95,6 @@ class BagReader:
 
     def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
         """Return a topic that must be there with one of some types.
-
-        Args:
-            topic: Name of the topic.
-            msgtypes: Accepted message type or types.
-
-        Returns:
-            The topic.
 
         Raises:
             MissingTopicError: If it is absent, has another type or is not serialized as CDR; the
@@ -148,14 +132,10 @@ class BagReader:
         problem is reported.
 
         Args:
-            topics: Names of topics.
             spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
 
         Yields:
             One batch per topic that has messages in the part; never an empty part.
-
-        Raises:
-            MissingTopicError: If the bag lacks a topic, or it is not serialized as CDR.
         """
         wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
         return self._parts(wanted, spans or {})

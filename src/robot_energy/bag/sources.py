@@ -147,13 +147,10 @@ class McapSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, a chunk at a time.
+        """Yield the messages of some topics, a chunk at a time and a batch a topic.
 
         Args:
             spans: Log times that matter, by topic; chunks outside are passed over. [ns]
-
-        Yields:
-            One batch per topic that has messages in the chunk.
         """
         for block in self._file.blocks(topics, spans):
             part = self._part(block, topics)

@@ -80,13 +80,10 @@ class SqliteSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics in order of their times, some thousands at a time.
+        """Yield some thousand messages at a time, in order of their times, a batch a topic.
 
         Args:
             spans: Log times that matter, by topic. [ns]
-
-        Yields:
-            One batch per topic that has messages among them.
         """
         wanted = [key for key, (name, kind) in self._ids.items() if topics.get(name) == kind]
         within = ""

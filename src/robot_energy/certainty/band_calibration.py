@@ -126,7 +126,6 @@ class BandCalibration:
         """Take power samples and what became comparable; set the bands of the means.
 
         Args:
-            open_ns: Where the next one began. [ns]
             means: Periods that ended; their bands are written in place.
         """
         if self.location is MeterLocation.UNKNOWN:

@@ -154,7 +154,7 @@ class PowerDeviation:
         balance: Balance,
         stamp_ns: Int,
     ) -> Float:
-        """Return the deviations of the power that a meter at the grid sees.
+        """Return the deviations of the power that a meter at the grid sees, shape (N, K).
 
         Args:
             motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
@@ -168,9 +168,6 @@ class PowerDeviation:
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
-
-        Returns:
-            First ``CABINET_DEVIATIONS``, then ``JOINT_DEVIATIONS`` of every joint, shape (N, K).
         """
         size, n_joints = rigid_power.shape
         first = len(CABINET_DEVIATIONS)

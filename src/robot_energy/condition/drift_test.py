@@ -82,7 +82,6 @@ class FrictionChange:
     """A change that was found.
 
     Attributes:
-        stamp_ns: When it began. [ns]
         hours: Hours of motion when it began. [h]
         until: Hours of motion when it was complete, or found; those of the step. [h]
         size: Logarithm of the factor when it was found. [-]

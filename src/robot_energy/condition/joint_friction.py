@@ -80,7 +80,6 @@ class MotionSums:
     """What one part of the samples says of each joint, forward and backward.
 
     Attributes:
-        stamp_ns: Of its last sample. [ns]
         model: Sum of the model's friction torque times the sample period, by bucket of speed,
             shape (2, n, SPEED_BUCKETS). [N m s]
         measured: The same of the measured friction torque. [N m s]

@@ -59,7 +59,6 @@ class ConditionRecord(ConditionPart):
     """What was learned of one robot with one model file.
 
     Attributes:
-        end_ns: Newest sample learned from. [ns]
         wear: Records of friction, and the changes found in them.
     """
 
@@ -174,18 +173,13 @@ class ConditionLearner:
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
-            before_ns: Stamp before the first. [ns]
         """
         if not self.applies:
             return []
         return np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
 
     def begin(self, stamp_ns: int) -> None:
-        """Let what was learned of the parts before a sample count.
-
-        Args:
-            stamp_ns: Of the sample. [ns]
-        """
+        """Let what was learned of the parts before a sample count."""
         if self._part is not None and stamp_ns // PART_NS != self._part:
             self._end_part()
 

@@ -171,7 +171,6 @@ class ThermalObserver:
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
-            before_ns: Stamp before the first. [ns]
             rising: Whether no stamp is older than the one before it.
         """
         if not self.on or (rising and before_ns // WINDOW_NS == int(stamp_ns[-1]) // WINDOW_NS):
@@ -182,7 +181,6 @@ class ThermalObserver:
         """Let the window before a sample count, if the sample begins another one.
 
         Args:
-            stamp_ns: Of the sample. [ns]
             stuck: Whose readings stand still, shape (n,).
         """
         if not self.on:

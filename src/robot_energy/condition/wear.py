@@ -111,7 +111,6 @@ class WearMonitor:
         """Take a window of the power meter.
 
         Args:
-            stamp_ns: Its end. [ns]
             duration: [s]
             residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]

@@ -48,7 +48,6 @@ class WearRecord(NamedTuple):
     """Minutes of motion of one joint, or of the whole robot.
 
     Attributes:
-        stamp_ns: Their mean. [ns]
         hours: Hours of motion up to the middle. [h]
         time: Motion. [s]
         excess: Logarithm of measured over model friction. [-]
@@ -270,7 +269,6 @@ class MeterGatherer:
         """Return the record that a window completes, or None.
 
         Args:
-            stamp_ns: Its end. [ns]
             duration: [s]
             residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]

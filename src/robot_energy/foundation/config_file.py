@@ -67,19 +67,7 @@ def load(
     what: str = "configuration file",
     remedy: str = "",
 ) -> M:
-    """Return the checked values of one file.
-
-    Args:
-        path: A YAML file.
-        model: Its schema.
-        error: What to raise.
-        what: What the file is, for messages.
-        remedy: Where an example of one is.
-
-    Raises:
-        RobotEnergyError: The error asked for, if the file cannot be read, is not bounded YAML, or
-            does not fit the schema.
-    """
+    """Return the checked values of one file."""
     text = read_text(path, error, what, remedy=remedy)
     return validated(parse_yaml(text, str(path), error), model, str(path), error)
 
@@ -123,17 +111,7 @@ def validated(
 
 
 def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFileError) -> Any:
-    """Return the plain values of one YAML document.
-
-    Args:
-        text: The document.
-        source: Its name, for messages.
-        error: What to raise.
-
-    Raises:
-        RobotEnergyError: The error asked for, if the text is not YAML, is too large or too deep,
-            or holds tags, aliases or repeated keys.
-    """
+    """Return the plain values of one YAML document."""
     if len(text) > MAX_BYTES:
         raise error(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
     try:

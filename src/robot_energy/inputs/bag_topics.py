@@ -65,16 +65,12 @@ def find_temperatures(
     sources: Mapping[str, TemperatureSource] | None,
     foreign: Collection[str] = (),
 ) -> tuple[dict[str, TemperatureSource], list[str]]:
-    """Find the sources of motor temperatures in a bag.
+    """Return the sources of motor temperatures in a bag by name, and what the user should know.
 
     Args:
         topics: Their topics as the user named them; None to go by the sources, or by type.
         sources: Those of the node that the bag is to be read like; None to go by type.
         foreign: Topics of other robots, which are not found by type.
-
-    Returns:
-        The sources by name, with the full names of their topics, and what the user should know
-        of them.
 
     Raises:
         MissingTopicError: If a named topic is absent, of another type or of one that needs
@@ -122,16 +118,12 @@ def find_meter(
     others: Collection[str] = (),
     foreign: Collection[str] = (),
 ) -> tuple[MeterSource | None, list[str]]:
-    """Find the power meter in a bag.
+    """Return the power meter of a bag, None if there is none, and what the user should know.
 
     Args:
         topic: Its topic as the user named it; None to go by the source, or by type.
         source: The meter of the node that the bag is to be read like; None to go by type.
         foreign: Topics of other robots, which are not found by type.
-
-    Returns:
-        The meter with the full names of its topics, None if there is none, and what the
-        user should know of it.
     """
     if topic is not None:
         other = source if source is not None and not source.pair else MeterSource()
@@ -169,14 +161,10 @@ def find_meter(
 def find_auxiliary(
     bag: BagReader, loads: Sequence[AuxiliaryLoad], inputs: AuxiliaryInputs | None
 ) -> tuple[dict[str, LoadTopics], list[str]]:
-    """Find meters and states of loads in a bag.
+    """Return topics of every load by its name, and a sentence for what is missing or names none.
 
     Args:
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-
-    Returns:
-        Topics of every load by its name, and one sentence for each meter that is missing and each
-        entry that names no load.
     """
     inputs = inputs or AuxiliaryInputs()
     found: dict[str, LoadTopics] = {}

@@ -53,8 +53,6 @@ class RegistersWriter:
     """Serialises the registers as they stand.
 
     Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file.
         loads: Auxiliary loads in model order, those of the accounts that are encoded.
         unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; NaN while they are 0.
     """
@@ -89,7 +87,6 @@ class RegistersWriter:
         """Return one serialised message, shape (1, size); None before the first sample.
 
         Args:
-            account: The energy account.
             persisted: Whether they are on disk as they stand.
             minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
             recording: Whether they count a recording that is played.
@@ -172,18 +169,7 @@ def interval_fields(
     calibration: BandCalibration,
     unmodelled: Collection[str] = (),
 ) -> dict[str, Any]:
-    """Return the plain fields of the message; ``start_ns`` and ``end_ns`` stay integers.
-
-    Args:
-        interval: What was counted.
-        joint_names: Joints in model order.
-        calibration: Of the bands of the account.
-        unmodelled: As of `RegistersWriter`.
-
-    Returns:
-        Fields by name; ``joints`` is a list of the fields of `JointEnergy`, ``auxiliary`` one of
-        those of `LoadEnergy`.
-    """
+    """Return the plain fields of the message, its joints and its loads; stamps stay integers."""
     counted, nan = interval.counted, math.nan
     cabinet = {name: value / PER_JOULE for name, value in counted.cabinet_energy_microjoule.items()}
     observed, compared = counted.observed_ns * NANOSECOND, counted.compared_ns * NANOSECOND

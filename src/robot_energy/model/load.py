@@ -24,9 +24,7 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
     """Return plain values as a model, with its URDF attached.
 
     Args:
-        data: What `parse_yaml` returned.
         source: Its name, for messages; a relative URDF path starts at its folder.
-        urdf_xml: URDF text that replaces the one named in the file.
 
     Raises:
         ModelFileError: Naming the key, what was found and what was expected.

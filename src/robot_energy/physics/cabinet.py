@@ -42,15 +42,12 @@ class CabinetStage:
         self._last: tuple[int, int] | None = None  # stamp, segment
 
     def step(self, stamp_ns: Int, segment: Int, bus_power: Float) -> Balance:
-        """Balance a block.
+        """Return the balance of a block.
 
         Args:
             stamp_ns: Shape (N,); stamps may repeat. [ns]
             segment: Shape (N,). The capacitor is empty at the start of a segment.
             bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
-
-        Returns:
-            The flows.
         """
         loss_dc, loss_grid = self._loss_dc + self.offset_dc, self._loss_grid + self.offset_grid
         demand = bus_power + loss_dc

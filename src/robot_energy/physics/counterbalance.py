@@ -17,13 +17,10 @@ AnySpring = TorsionSpring | LeverSpring | GasSpring
 
 
 def counterbalance_torque(entry: AnySpring, joint_position: Float) -> Float:
-    """Return what the drive adds against one counterbalance.
+    """Return what the drive adds against one counterbalance, joint side. [N m] or [N]
 
     Args:
         joint_position: q, shape (N,). [rad] or [m]
-
-    Returns:
-        Joint side, shape (N,). [N m] or [N]
     """
     return torque_columns(entry, joint_position) @ coefficients(entry)
 
@@ -89,15 +86,12 @@ def coefficients(entry: AnySpring) -> Float:
 def add_counterbalance(
     torque: Float, joint_position: Float, entries: Sequence[AnySpring | None]
 ) -> Float:
-    """Add the counterbalances of all joints to a torque, in place, and return it.
+    """Return a torque to which all counterbalances were added in place, shape (N, n). [N m] or [N]
 
     Args:
         torque: Joint side, shape (N, n). [N m] or [N]
         joint_position: Shape (N, n). [rad] or [m]
         entries: One per joint.
-
-    Returns:
-        The same array, shape (N, n). [N m] or [N]
     """
     for joint, entry in enumerate(entries):
         if entry is not None:

@@ -39,13 +39,10 @@ class Effort:
     def from_model(
         cls, model: RobotModel, meaning: EffortMeaning, drivetrain: Drivetrain
     ) -> Effort:
-        """Take what the meaning needs from a model file.
+        """Return the conversion from effort to motor torque, with what it needs of a model file.
 
         Args:
             meaning: What the effort of a joint state is.
-
-        Returns:
-            The conversion from effort to motor torque.
         """
         if meaning is not EffortMeaning.MOTOR_CURRENT:
             return cls(meaning, drivetrain)

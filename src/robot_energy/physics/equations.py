@@ -97,14 +97,11 @@ def exponential_viscous(
 
 
 def table_curve(points_degc: Sequence[float], viscous: Sequence[float]) -> PchipInterpolator:
-    """Return the monotone curve through identified points, to be evaluated often.
+    """Return the monotone curve through identified points; outside it extrapolates. [N m s/rad]
 
     Args:
         points_degc: Rising, shape (K,). [degC]
         viscous: fv at each, shape (K,). [N m s/rad]
-
-    Returns:
-        A callable over temperatures; outside the points it extrapolates. [N m s/rad]
     """
     from scipy.interpolate import PchipInterpolator  # heavy to import
 

@@ -62,13 +62,10 @@ class LimitUse:
         return np.where(more, found, known)
 
     def sentences(self, given: LimitUse | None = None) -> list[str]:
-        """Say where the motion exceeds a limit, one sentence per joint and limit.
+        """Return one sentence for each joint and limit that the motion exceeds.
 
         Args:
             given: Of a motion that the robot makes; what uses no more than it is left out.
-
-        Returns:
-            The sentences; empty where the motion is within all limits.
         """
         found: list[str] = []
         most = (1.0, 1.0) if given is None else (given.speed + SAME, given.torque + SAME)

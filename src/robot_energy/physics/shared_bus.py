@@ -52,11 +52,7 @@ class BusExchange:
         return float(np.nanmax(sum(one.grid_power for one in flows)))
 
     def after(self, start_ns: int) -> BusExchange:
-        """Return the part from an instant on, such as a cycle after one that charged capacitors.
-
-        Args:
-            start_ns: Its first stamp. [ns]
-        """
+        """Return the part from an instant on, such as a cycle after one that charged capacitors."""
         rows = np.flatnonzero(self.stamp_ns >= start_ns)
         own = tuple(one.at(rows) for one in self.own)
         return BusExchange(self.stamp_ns[rows], own, self.shared.at(rows))

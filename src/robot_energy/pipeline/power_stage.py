@@ -56,16 +56,10 @@ class PowerStage:
     which arrives a little late still counts from its own stamp. The result therefore
     does not depend on the order in which topics were delivered.
 
-    Args:
-        model: The robot's model.
-        settings: The waiting time.
-
     Attributes:
         watch: Which temperatures are stuck; they are flagged, and stay in use where ``thermal``
             has no estimate, as the motor is at least as warm.
         fallback_use: How many samples had to do without a temperature, and why.
-        condition: What is learned of the robot.
-        thermal: Motor temperatures from the model's own losses.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -104,18 +98,11 @@ class PowerStage:
 
         Rows of stamp zero, what holds before any temperature, are known here already; a
         restarted friction monitor repeats them, which must not undo what came later.
-
-        Args:
-            block: Rows in order of arrival.
         """
         self._timeline.add(block)
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter, to learn from.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings of the meter, to learn from."""
         self.condition.measure(block)
         self.thermal.measure(block)
 
@@ -125,14 +112,7 @@ class PowerStage:
         return self._timeline.rows
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
-        """Take torques and return the power at those that have settled.
-
-        Args:
-            block: Torques in time order.
-
-        Returns:
-            Power samples, or None while every sample still waits.
-        """
+        """Return the power at torques that have settled; None while every sample still waits."""
         block = block.motor_side()
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])
@@ -337,11 +317,8 @@ class PowerStage:
 
         Args:
             degc: Motor temperatures, shape (N, n). [degC]
-            quality: Set where a law is used outside its range.
             viscous: Of the motor temperatures, its deviation, and the part of it that errs alike at
                 all joints; own copies, changed in place, shape (N, n).
-            std: See above.
-            shared: See above.
         """
         gears = self.thermal.gears
         waiting = self.thermal.geared & ~gears

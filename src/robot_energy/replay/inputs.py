@@ -44,15 +44,11 @@ def member_named(kind: type[Member], what: str, name: str) -> Member:
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
-    """Read the inputs of a parameter file, of a known robot, or of both.
+    """Return the inputs of a file, a robot, or both, and a sentence for each misspelt name.
 
     Args:
         path: Parameter file of a monitor, whose values override these; None for none.
         robot: Name of a robot in `ROBOTS`; None for none.
-
-    Returns:
-        The inputs, None where neither is given, and one sentence for each name that is probably
-        misspelt.
 
     Raises:
         KindError: If the robot is unknown.
@@ -66,10 +62,6 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
 
 @contextmanager
 def silent(label: str) -> Generator[Callable[[float], None]]:
-    """Show no progress.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
+    """Yield what is called with the share done, 0 to 1, and shows nothing."""
     del label
     yield lambda share: None

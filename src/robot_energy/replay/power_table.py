@@ -58,14 +58,10 @@ def sample_table(
     compared: Sequence[Compared] | None = None,
     unmodelled: Collection[str] = (),
 ) -> TimeSeries:
-    """Return every sample.
+    """Return every sample; measured power is the mean from reading to reading, NaN without one.
 
     Args:
         compared: What was compared with the meter; None: the table has no measured columns.
-
-    Returns:
-        One row per sample. The measured power is the mean over the interval between two
-        readings of the meter that holds the sample; NaN where no interval does.
     """
     return _table(
         block,
@@ -90,14 +86,10 @@ def period_table(
     compared: Sequence[Compared] | None = None,
     unmodelled: Collection[str] = (),
 ) -> TimeSeries:
-    """Return means over averaging periods; the stamp is that of the last sample of a period.
+    """Return means over periods, columns as `sample_table`; motor quantities at their end.
 
     Args:
         compared: What was compared with the meter; None: the table has no measured columns.
-
-    Returns:
-        One row per period, with the columns of `sample_table`; motor quantities are those of
-        the last sample.
     """
     rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
     loss = block.joint_mean("drive_loss")

@@ -54,11 +54,7 @@ class LoadIngest:
         )
 
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
-        """Take the messages of a part of a bag.
-
-        Returns:
-            What came of them.
-        """
+        """Return what comes of the messages of a part of a bag."""
         return self._each(
             lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])
         )
@@ -126,13 +122,10 @@ def read_steps(
     by_second: bool,
     jobs: RecordedJobs,
 ) -> Generator[BagStep]:
-    """Read a bag, part by part.
+    """Yield steps without torque, a part of the bag each; the last one has the inputs.
 
     Args:
         spans: From when to when each topic is read; all of it where it is not named. [ns]
-
-    Yields:
-        Steps without torque, the last one with the inputs.
     """
     metered = tuple(inputs.meter.source.topics) if topics.meter else ()
     states = topics.joint_states or ()
@@ -179,13 +172,10 @@ def read_steps(
 def torque_steps(
     steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader, whole: bool
 ) -> Generator[BagStep]:
-    """Compute the torque of what was read.
+    """Yield the steps with torque; the last one has both stages.
 
     Args:
         whole: Whether the joint side is of use to anybody; it is left out otherwise.
-
-    Yields:
-        The steps with torque, the last one with both stages.
     """
     for step in steps:
         if step.payload is not None:

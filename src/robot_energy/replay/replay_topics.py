@@ -29,14 +29,10 @@ class Topics:
 
 
 def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:
-    """Find the topics to use in a bag.
+    """Return the topics to use in a bag; those of temperatures and meter stay as named.
 
     Args:
         inputs: Inputs of the node that the bag is to be read like; None to go by types.
-
-    Returns:
-        The topics; ``payload`` stays None where there is none, and those of temperatures
-        and meter are as the user named them.
 
     Raises:
         BagError: If the bag is damaged from its first message on.

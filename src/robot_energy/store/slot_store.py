@@ -59,11 +59,7 @@ class SlotStore(ABC, Generic[T]):
         """Continue from what is on disk."""
 
     def begin(self) -> bool:
-        """Begin to write what there is to keep, or try to open its folder.
-
-        Returns:
-            Whether a write was begun; False also while the disk is at work.
-        """
+        """Whether a write of what there is to keep was begun; an absent folder is tried again."""
         slots = self._slots
         if slots is None or self._pending is not None:
             return False
@@ -76,12 +72,7 @@ class SlotStore(ABC, Generic[T]):
         return payload is not None
 
     def poll(self) -> bool | None:
-        """Take the result of the disk's work.
-
-        Returns:
-            True if a write has reached the disk, False if the work failed, None if there is
-            nothing to report.
-        """
+        """Return whether the disk's work succeeded; None if there is nothing to report."""
         if self._pending is None or not self._pending.done():
             return None
         job, self._pending = self._pending, None

@@ -120,11 +120,7 @@ class Block:
 
     @classmethod
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
-        """Join blocks in the order given.
-
-        Returns:
-            One block with all their samples.
-        """
+        """Return blocks joined in the order given."""
         first = blocks[0]
         if len(blocks) == 1:
             return first
@@ -134,13 +130,10 @@ class Block:
 
     @classmethod
     def arranged(cls, blocks: Sequence[Self], rows: Sequence[Int]) -> tuple[Self, Int]:
-        """Join blocks in the order of their samples' numbers.
+        """Return blocks joined in the order of their samples' numbers, and the numbers.
 
         Args:
             rows: Number of each sample, one array per block.
-
-        Returns:
-            The samples and their numbers.
         """
         number = np.concatenate(rows) if len(rows) > 1 else rows[0]
         whole = cls.concatenate(blocks)
@@ -366,13 +359,10 @@ def known_part(name: str, values: Any, unmodelled: Collection[str]) -> Float:
 
 
 def sum_over_joints(values: Float) -> Float:
-    """Sum over joints in a fixed order, so that the sum never depends on ``N``.
+    """Return the sum in a fixed order, that it never depends on ``N``, shape (N,).
 
     Args:
         values: Any quantity of the joints, shape (N, n). [-]
-
-    Returns:
-        Shape (N,).
     """
     total = np.zeros(len(values))
     for joint in range(values.shape[1]):
@@ -381,14 +371,11 @@ def sum_over_joints(values: Float) -> Float:
 
 
 def differences(values: Int, before: int) -> Int:
-    """Return the step from each value's predecessor; quicker on few values than numpy.diff.
+    """Return steps from predecessors, shape (N,); on few values faster than numpy.diff.
 
     Args:
         values: Shape (N,), N >= 1.
         before: What came before the first value.
-
-    Returns:
-        Shape (N,).
     """
     steps = np.empty(len(values), dtype=np.int64)
     steps[0] = values[0] - before

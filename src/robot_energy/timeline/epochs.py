@@ -29,7 +29,6 @@ class Reach:
     """How far a stamp may lie from the newest one of its stream and still continue it.
 
     Attributes:
-        ahead_ns: Always, ahead of it. [ns]
         max_ahead_ns: At most, where the stream is slow: five median periods count. [ns]
         behind_ns: Less than this behind it: late, not another time. [ns]
         prompt: The first message counts at once, as it does of a state that is latched;

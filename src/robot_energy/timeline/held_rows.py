@@ -32,11 +32,7 @@ class HeldRows:
 
     @staticmethod
     def concatenate(parts: Sequence[HeldRows]) -> HeldRows:
-        """Join what holds at blocks of samples.
-
-        Returns:
-            One for all their samples.
-        """
+        """Return what holds at blocks of samples, joined."""
         sizes = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
         return HeldRows(
             np.concatenate([part.values for part in parts]),
@@ -64,11 +60,7 @@ def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> A
 
 
 def joined(values: Sequence[Any]) -> Any:
-    """Join what blocks of samples hold of one attribute.
-
-    Returns:
-        Their samples one after the other; of what is one per block, the first.
-    """
+    """Return the samples of one attribute one after the other; of one per block, the first."""
     if isinstance(values[0], np.ndarray):
         if values[0].ndim != 2:
             return np.concatenate(values)

@@ -87,14 +87,11 @@ def check_size(
     inside: tuple[str, ...] = (),
     known: dict[str, int] | None = None,
 ) -> int:
-    """Refuse a message type that nests too deep or has too many fields, without expanding it.
+    """Return the number of fields of a message type; refuse one too deep or too large.
 
     Args:
         fielddefs: Definitions by type; what is not there counts as one field.
         known: Fields of types counted before; grows.
-
-    Returns:
-        Number of fields with all that it is made of.
     """
     from rosbags.interfaces import Nodetype
 
@@ -162,13 +159,10 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
 
 
 def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
-    """Return what a dotted path names and how many axes it has after the message axis.
+    """Return the number or string at the end of a dotted path, and the arrays on the way.
 
     Args:
         path: Dotted field path, such as ``header.stamp.sec``.
-
-    Returns:
-        The number or string at the end of the path, and the count of arrays passed on the way.
     """
     node: Node = schema
     axes = 0

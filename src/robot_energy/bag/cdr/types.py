@@ -72,9 +72,6 @@ def typestore() -> LazyStore:
     """Return the message definitions of ROS 2 Jazzy, ros2_energy_msgs, and a few more.
 
     The store is made at the first call and shared: take a copy to add types to it.
-
-    Returns:
-        The rosbags type store.
     """
     from robot_energy.bag.cdr.lazy_store import LazyStore
 

@@ -172,9 +172,6 @@ def all_or_none() -> Generator[list[OutputPlacement]]:
     """Put all that is written in the block into place at its end, or nothing of it.
 
     A block inside another one leaves that to the outer one.
-
-    Yields:
-        The drafts that wait.
     """
     waiting = _waiting.get()
     if waiting is not None:

@@ -11,13 +11,10 @@ from robot_energy.foundation.errors import CredentialsError
 
 
 def require_private(path: str, what: str, remedy: str = "") -> Path:
-    """Refuse a file of secrets that others can read or write.
+    """Return the path of a file of secrets; refuse one that others can read or write.
 
     Args:
         path: The file; ``~`` is the home folder.
-
-    Returns:
-        Its path.
     """
     full = Path(path).expanduser()
     try:

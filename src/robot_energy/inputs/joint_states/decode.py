@@ -76,7 +76,6 @@ class RecordedTime:
 
     Attributes:
         first_ns: Time of receipt of the first one. [ns]
-        last_ns: That of the last one. [ns]
         ahead_ns: Stamp less time of receipt of the first one and of the last one that can be read
             and has a stamp; empty before the first one. [ns]
         ordered: Whether no time of receipt was before one that the file holds earlier.
@@ -103,12 +102,7 @@ class RecordedTime:
             self.ahead_ns = (self.ahead_ns or (first,))[0], last
 
     def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
-        """Return how long messages came before the first sample and after the last one. [ns]
-
-        Args:
-            start_ns: Stamp of the first sample. [ns]
-            end_ns: Stamp of the last one. [ns]
-        """
+        """Return how long messages came before the first sample and after the last one. [ns]"""
         if not self.ordered or not self.ahead_ns:
             return 0, 0
         before = min(start_ns - self.first_ns - ahead for ahead in self.ahead_ns)

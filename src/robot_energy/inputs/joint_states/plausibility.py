@@ -43,7 +43,6 @@ class JointStateProblem:
 
     Attributes:
         first_ns: Stamp of the first sample concerned. [ns]
-        last_ns: Stamp of the last one. [ns]
         severe: Whether samples cannot be used because of it.
         everywhere: Whether it concerns all samples, so that no figure is right.
         setting: Line of the parameter file that mends it, where one does.

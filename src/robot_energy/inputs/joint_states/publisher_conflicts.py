@@ -42,7 +42,6 @@ class PublisherConflictFilter:
     Attributes:
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
-        last_ns: Stamp of the last sign. [ns]
         astray_ns: Stamp at which the last leap came back that showed no second publisher;
             None if there was none. [ns]
     """

@@ -33,7 +33,6 @@ class _Doubt:
     """Readings that do not continue the count.
 
     Attributes:
-        first_ns: Stamp of the first. [ns]
         first: The first reading. [J]
         last: The newest reading. [J]
         unbroken: Whether no gap lies between the count and them.

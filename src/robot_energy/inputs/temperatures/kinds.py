@@ -60,13 +60,10 @@ class Adapter(Protocol):
         ...
 
     def read(self, run: Run, /) -> Said | str:
-        """Read messages of one layout.
+        """Return what messages of one layout say, or the reason why they cannot be used.
 
         Args:
             run: m messages with the same names and lengths, decoded into columns.
-
-        Returns:
-            What the messages say, or the reason why they cannot be used.
         """
         ...
 

@@ -76,7 +76,6 @@ class Compiled(Protocol):
             values: Order F, shape (N, n). [unit]
             slope: Written to, of the rows from ``start`` on, order F, shape (M, n). [unit/s]
             behind_ns: How far a window reaches behind its row. [ns]
-            ahead_ns: How far it reaches ahead. [ns]
             least_behind: Samples that it has behind at least, if there are so many.
             scale: Unit of time in the fit. [s]
 

@@ -57,11 +57,7 @@ class _Found:
 def read_actuators(
     root: ET.Element, joint_names: Sequence[str]
 ) -> tuple[dict[str, Actuator], list[str]]:
-    """Return what the URDF states of the drives, and what of that is not used.
-
-    Returns:
-        The drive of every joint, and a sentence for each kind of entry that is left out.
-    """
+    """Return the drive of every joint, and a sentence for each kind of entry that is left out."""
     found = _Found({name: Actuator() for name in joint_names})
     for transmission in (
         *root.iterfind("transmission"),

@@ -47,11 +47,7 @@ class JointLimits:
     wraps: NDArray[np.bool_]
 
     def unit(self, joint: int) -> str:
-        """Unit of a joint's position.
-
-        Returns:
-            ``m`` for a prismatic joint, otherwise ``rad``.
-        """
+        """Return the unit of the position: ``m`` of a prismatic joint, else ``rad``."""
         return "m" if self.prismatic[joint] else "rad"
 
 
@@ -147,10 +143,7 @@ def parse(urdf_xml: str) -> ET.Element:
 def take_inventory(
     root: ET.Element, joint_names: Sequence[str], massless_links: Sequence[str] = ()
 ) -> Inventory:
-    """Say what of a URDF is modelled.
-
-    Returns:
-        Every joint that can move, and what is done with it.
+    """Return every joint that can move, and what is done with it.
 
     Raises:
         RobotDescriptionError: If a modelled joint or a moving link cannot be used.

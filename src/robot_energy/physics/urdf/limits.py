@@ -41,11 +41,7 @@ def usable_limit(kind: str, key: str, value: float) -> float:
 
 
 def limit_remarks(root: ET.Element, joint_names: Sequence[str]) -> list[str]:
-    """Name limits of the URDF that count as not given, though it states them.
-
-    Returns:
-        One sentence for each kind of limit.
-    """
+    """Return a sentence for each kind of limit that counts as not given, though it is stated."""
     found: dict[str, list[str]] = {}
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     for name in joint_names:

@@ -75,11 +75,7 @@ def moving_joints(root: ET.Element) -> dict[str, MovingJoint]:
 
 
 def mimic_remarks(root: ET.Element) -> list[str]:
-    """Name joints that follow another one and carry more than fingers: they count as locked.
-
-    Returns:
-        One sentence each.
-    """
+    """Return a sentence for each follower that is locked, as it carries more than fingers."""
     joints = moving_joints(root)
     total = max((joint.mass for joint in joints.values()), default=0.0)
     return [

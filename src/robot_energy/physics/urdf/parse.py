@@ -148,11 +148,7 @@ def check_numbers(root: ET.Element) -> None:
 
 
 def prefix_remarks(root: ET.Element) -> list[str]:
-    """Name prefixes of elements and attributes that the URDF does not declare.
-
-    Returns:
-        One sentence each.
-    """
+    """Return a sentence for each prefix that the URDF uses and does not declare."""
     known, used = {"xml", "xmlns"}, dict[str, None]()
     for element in root.iter():
         for name in (element.tag, *element.keys()):
