@@ -73,10 +73,6 @@ REPORT: Options = {
 def report(args: Namespace, folder: Path) -> int:
     """Write the report of a month.
 
-    Args:
-        args: With `REPORT`.
-        folder: Of the history.
-
     Returns:
         The exit code.
 
@@ -98,10 +94,6 @@ def report(args: Namespace, folder: Path) -> int:
 
 def export(args: Namespace, folder: Path) -> int:
     """Write the rows of a time for another program.
-
-    Args:
-        args: With `EXPORT`.
-        folder: Of the history.
 
     Returns:
         The exit code.

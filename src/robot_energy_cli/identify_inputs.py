@@ -74,13 +74,7 @@ def bag_options(
     effort: str = "what the effort in the joint states means",
     robot: bool = False,
 ) -> Options:
-    """Return recordings, model and what their topics mean.
-
-    Args:
-        required: Whether there is no other input, such as a log.
-        effort: Help of ``--effort``; empty for a command that needs none.
-        robot: Whether a known robot can bring model and inputs.
-    """
+    """Return recordings, model and what their topics mean."""
     model: Options = {"--model FILE|NAME": ("model file to begin with", {"required": required})}
     meaning = (f"%(choices)s: {effort}", {"choices": EFFORTS})
     return {
@@ -92,11 +86,7 @@ def bag_options(
 
 
 def result_options(what: str, plot: str = "") -> Options:
-    """Return what can be written.
-
-    Args:
-        plot: Help of ``--plot``; empty for a command without a figure.
-    """
+    """Return what can be written."""
     figure = {"--plot FILE": plot} if plot else {}
     return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS, **figure}
 
@@ -226,11 +216,7 @@ class IdentifyInputs:
         return blocks, mapping.joints.names
 
     def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
-        """Return the recordings, and how they are read.
-
-        Args:
-            bags: Instead of those that the command names.
-        """
+        """Return the recordings, and how they are read."""
         from robot_energy_identify.api.bag_source import BagSource
 
         effort, robot = getattr(self.args, "effort", None), getattr(self.args, "robot", None)

@@ -88,7 +88,6 @@ class Parser(ArgumentParser):
 
         Args:
             args: Words of the command line; None for those of the process.
-            namespace: Where the values go; None for a new one.
 
         Returns:
             The values, and no words that are left.

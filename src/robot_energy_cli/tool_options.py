@@ -33,11 +33,7 @@ TOOL: Options = {
 
 
 def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> None:
-    """Add the options.
-
-    Args:
-        several: Whether a command takes several robots.
-    """
+    """Add the options."""
     action = "append" if several else "store"
     each = "; once for all robots, or once per model" if several else ""
     add_option(

@@ -41,9 +41,7 @@ class FleetBag:
     """A bag to replay, with all that a worker needs but the model.
 
     Attributes:
-        place: Where it is.
         programme: What the robot did; may be empty.
-        shift: When; may be empty.
         options: Of the replay, plain values under the names of `ReplayOptions`.
         texts: Text of files among the options, by option: workers need not have the files.
         named: Addresses under which a table names it.
@@ -98,11 +96,7 @@ class FleetBag:
 
 
 class FleetModels:
-    """The models of a fleet, each read once.
-
-    Attributes:
-        models: By their hashes.
-    """
+    """The models of a fleet, each read once."""
 
     def __init__(self) -> None:
         self.models: dict[str, RobotModel] = {}
@@ -150,11 +144,8 @@ def list_bags(
     """Return the bags of a fleet.
 
     Args:
-        models: Where models are kept.
         model: File or name of the model of bags for which a table names none.
         robot: Name of the robot of all bags; None: that of the folder in which a recording lies.
-        split: As of `find_bags`.
-        complete: As of `find_bags`.
 
     Raises:
         DatasetError: If place or table cannot be used.

@@ -13,11 +13,7 @@ from robot_energy.model import RobotModel
 
 
 class BagMinutes:
-    """Collects the registers of a replay, in the messages that a monitor would publish.
-
-    Args:
-        model: Of the replay.
-    """
+    """Collects the registers of a replay, in the messages that a monitor would publish."""
 
     def __init__(self, model: RobotModel) -> None:
         self._writer = RegistersWriter(

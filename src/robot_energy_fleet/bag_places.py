@@ -69,11 +69,7 @@ class BagPlace:
 
 
 def unusable(address: str, problem: Exception) -> BagPlace:
-    """Return the place of a bag that cannot be used.
-
-    Args:
-        problem: Why not.
-    """
+    """Return the place of a bag that cannot be used."""
     return BagPlace(shown(address), (), (), UNREAD, False, True, problem)
 
 
@@ -141,11 +137,7 @@ class Folders:
         self._links: list[str] = []  # to files
 
     def add(self, roots: list[str]) -> None:
-        """Add the files at and below places.
-
-        Args:
-            roots: The places; links among them come last.
-        """
+        """Add the files at and below places."""
         waiting = sorted(roots, key=os.path.islink)
         while waiting:
             root = waiting.pop(0)
@@ -222,7 +214,6 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
     where files are named themselves, each MCAP file is.
 
     Args:
-        where: Folder, pattern with ``*``, or one bag.
         split: Whether each MCAP file is a bag of its own in folders of rosbag2 too.
         complete: Whether to leave out what is still being written: folders without metadata,
             MCAP files without their end.

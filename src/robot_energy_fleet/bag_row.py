@@ -66,7 +66,6 @@ def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) ->
     """Return the row of a bag that could not be used.
 
     Args:
-        error: Why not.
         bag_hash: Hash of its content; None if it could not be read, so that the next run tries
             again.
     """

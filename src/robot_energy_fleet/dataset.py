@@ -85,9 +85,6 @@ def _parquet(rows: pl.DataFrame) -> bytes:
 class Dataset:
     """The files of a dataset.
 
-    Args:
-        folder: Where they lie; made when the first row comes.
-
     Raises:
         DatasetError: If something else lies there.
     """
@@ -149,9 +146,6 @@ class Dataset:
 
         A bag that cannot be read takes no row away: where it was read before, that row stays.
 
-        Args:
-            data: The row, from `row_bytes`.
-
         Returns:
             The file.
 
@@ -167,11 +161,7 @@ class Dataset:
         return path
 
     def remove(self, bags: Iterable[Bag], unread: bool = False) -> None:
-        """Remove the rows of bags.
-
-        Args:
-            unread: Whether only where the bag could not be read.
-        """
+        """Remove the rows of bags."""
         rows = self._rows()
         for bag in bags:
             for name in sorted(self._same.get(bag, ())):
@@ -180,9 +170,6 @@ class Dataset:
 
     def pack(self, least: int = 2) -> None:
         """Merge the files of each robot and day, which are quicker to read as one.
-
-        Args:
-            least: Files of single rows from which on it is done.
 
         Raises:
             DatasetError: If one cannot be written.
@@ -301,9 +288,6 @@ def scan(folder: str | Path) -> pl.LazyFrame:
 
 def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
     """Return rows of a dataset.
-
-    Args:
-        rows: What is wanted of them, from `scan`.
 
     Raises:
         DatasetError: If a file cannot be read, which it names.

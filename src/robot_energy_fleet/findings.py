@@ -55,7 +55,6 @@ def compare(
 
     Args:
         duty: Share of motion in the time of the bags of each robot. [-]
-        models: In the whole report, whose robots are compared each.
 
     Returns:
         What was found, and the levels behind it.

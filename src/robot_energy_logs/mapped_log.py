@@ -34,9 +34,6 @@ class MappedLog:
     """One recording of a log: a table, or several side by side.
 
     Args:
-        path: The table; a folder if the mapping names the files.
-        recording: Name of the recording, where the mapping names several.
-        drivetrain: Gears of the robot; None: as the mapping says.
         optional: Whether the file may lack columns other than those of time and position.
 
     Raises:

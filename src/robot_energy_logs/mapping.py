@@ -43,7 +43,6 @@ class Time(MappingEntry):
     """When each row was measured: a column, or a rate where there is none.
 
     Attributes:
-        column: Column of the time.
         unit: Its unit; a column of dates needs none. ``excel_day``: days as Excel counts them.
         format: Of dates that are not ISO 8601, in the words of ``strptime``, such as
             ``%d.%m.%Y %H:%M:%S.%f``; without a day it is the time since midnight.
@@ -89,11 +88,7 @@ class Time(MappingEntry):
 
 
 def since_1970(instant: datetime) -> int:
-    """Return the nanoseconds from 1970 to an instant.
-
-    Args:
-        instant: Without zone it is UTC.
-    """
+    """Return the nanoseconds from 1970 to an instant."""
     instant = instant if instant.tzinfo else instant.replace(tzinfo=UTC)
     elapsed = instant - datetime(1970, 1, 1, tzinfo=UTC)
     return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
@@ -138,7 +133,6 @@ class ReferenceFriction(MappingEntry):
     Attributes:
         viscous: Torque of each joint per its own velocity. [N m s/rad]
         coulomb: [N m]
-        source: Where it comes from.
     """
 
     viscous: list[Number]
@@ -151,7 +145,6 @@ class LogMapping(MappingEntry):
 
     Attributes:
         delimiter: Between cells of a text; None: taken from its first line.
-        decimal: Decimal sign of a text.
         encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
         comment: What lines begin with that are left out; None: ``#``.
         skip_rows: Lines before the header, or before the rows, that are left out.
@@ -248,9 +241,6 @@ def _check_encoding(name: str) -> None:
 
 def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
     """Return the validated mapping of a log.
-
-    Args:
-        recordings: Names of the recordings, instead of those in the file.
 
     Raises:
         LogFormatError: Naming the bad key, what was found and what was expected.

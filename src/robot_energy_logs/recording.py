@@ -76,11 +76,7 @@ class RecordingContents:
 
     Attributes:
         joint_names: Joints, in the order of the arrays.
-        velocity: Whether the log has velocities.
-        effort: Whether it has efforts.
-        temperatures: Whether it has motor temperatures.
         meaning: What a meter reading stands for; UNKNOWN: there is no meter.
-        location: Where the meter sits.
         interval: Length of a mean's interval; NaN for other meanings. [s]
         drive_power: Whether it has the electrical power of each drive.
         payload_link: Link that carries the payload; empty where the log says nothing of it.
@@ -292,9 +288,6 @@ def write_bag(
     """Write blocks of a log into a new bag; nothing is left behind if that fails.
 
     Args:
-        blocks: Its rows in time order.
-        files: The accounts that ``blocks`` fills while it is read.
-        overwrite: Whether an existing bag may be replaced.
         origin: Where the recording comes from, in words, noted with the bag.
 
     Returns:

@@ -182,7 +182,6 @@ def usable_rows(
         known: From `Clock.instants`, shape (N,).
         required: Which of the numbers must be there, shape (K,).
         last_ns: Time of the last row used, None before the first. [ns]
-        account: Where to count.
         start_ns: What instants are added to to become stamps. [ns]
     """
     finite = np.isfinite(rows.values[:, required]).all(axis=1)

@@ -54,7 +54,6 @@ class LogTable:
     Args:
         delimiter: Between cells of a text; None: the likeliest in its first line, spaces only
             where there is no other.
-        column_names: Names of all columns of a text without a header.
         encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
         comment: What lines of a text begin with that are left out; None: ``#``.
         skip_rows: Lines of a text before its header, or its rows, that are left out.

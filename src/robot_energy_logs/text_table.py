@@ -58,9 +58,7 @@ class TextTable:
         delimiter: Between cells; None: the likeliest in its first line, spaces only where
             there is no other.
         encoding: Of the text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
-        comment: What lines begin with that are left out; None: ``#``.
         skip_rows: Lines before the header, or the rows, that are left out.
-        headed: Whether there is a header.
 
     Attributes:
         notes: What was found about the text, one sentence each.
@@ -239,11 +237,7 @@ class TextTable:
             yield line
 
     def unreadable(self, error: Exception, line: int = 0) -> LogFormatError:
-        """Return why the file cannot be read.
-
-        Args:
-            line: The last one that was read.
-        """
+        """Return why the file cannot be read."""
         where = f" after line {line}" if line else ""
         what = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         remedy = ""

@@ -67,10 +67,6 @@ def energy_over_temperature(
 ) -> None:
     """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b).
 
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-        deviation: Whether to draw the deviation below the energy.
-
     Raises:
         ShapeError: If there is no set.
         ReportError: If the file cannot be written.
@@ -100,7 +96,6 @@ def shaft_power_over_temperature(
     Args:
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
-        path: File to write: PNG, SVG or PDF by its suffix.
 
     Raises:
         ShapeError: If there is no curve.
@@ -201,11 +196,7 @@ def over_time(
     """Draw curves over time in panels.
 
     Args:
-        curves: By the name of their panel.
-        columns: Panels side by side.
         limits: Limits of the vertical axes, in the unit of the values [-]; None fits the curves.
-        cut: Whether the highest peaks may lie outside.
-        along: Over what they are drawn.
 
     Raises:
         ReportError: If the file cannot be written.

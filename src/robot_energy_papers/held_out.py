@@ -21,7 +21,6 @@ class SetRow:
     """One set.
 
     Attributes:
-        way: ``heating``, ``cooling`` or ``soaked``.
         robot_degc: Mean over the motors of their mean temperature in the set. [degC]
         coldest_degc: The coldest motor. [degC]
         warmest_degc: The warmest motor. [degC]
@@ -62,10 +61,6 @@ def held_out(
     sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
 ) -> list[SetRow]:
     """Return one row per set, replayed with every model.
-
-    Args:
-        sets: Recordings that were not used in any fit.
-        models: By name.
 
     Raises:
         RigError: If the meter covers nothing of a set.
@@ -115,7 +110,6 @@ def normalised(rows: Sequence[SetRow], degc: float) -> float:
     """Return the measured mean power at one temperature, straight between the sets. [W]
 
     Args:
-        rows: Sets of the same motions.
         degc: Mean motor temperature; held at the ends. [degC]
     """
     order = sorted(rows, key=lambda row: row.robot_degc)

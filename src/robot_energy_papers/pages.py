@@ -42,11 +42,6 @@ def document(
 ) -> Document:
     """Return a page.
 
-    Args:
-        template: Name of the template without its suffix.
-        pieces: Figures and parts by name.
-        package: That has the template.
-
     Raises:
         RobotEnergyError: If a figure cannot be drawn.
     """
@@ -67,13 +62,7 @@ def document(
 def print_template(
     template: str, context: Mapping[str, Any], page: Document, package: str = PAPERS
 ) -> None:
-    """Write text and tables of a template without figures.
-
-    Args:
-        template: Name of the template without its suffix.
-        page: Where to.
-        package: That has the template.
-    """
+    """Write text and tables of a template without figures."""
     for block in _blocks(template, context, package):
         _write(block, page)
 

@@ -70,9 +70,6 @@ ROLES: dict[str, Role] = {
 def front_picture(result: PaperA, path: Path) -> None:
     """Draw measured and predicted energy over temperature, small and alone.
 
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-
     Raises:
         ReportError: If it cannot be written.
     """

@@ -69,9 +69,6 @@ MARKS = {  # of the stacked bars: of the models' layer, or of the rigs'
 def front_picture(result: PaperB, path: Path) -> None:
     """Draw where the electrical energy of one layer goes.
 
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-
     Raises:
         ReportError: If it cannot be written.
     """

@@ -46,7 +46,6 @@ class Prediction:
         extrapolated: Joints whose friction law does not reach that temperature.
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
-        pipeline: After its last step.
         work: Path of the tool and work on the bodies.
         notes: What a reader should know, one sentence each.
         payload: What was given: instead of what the model has on the same link, and besides what

@@ -111,7 +111,6 @@ class FlowDiagram:
 
     Attributes:
         picture: Its flows. [J]
-        unit: In which they are shown.
         factor: What one of it is. [J]
     """
 
@@ -161,11 +160,7 @@ class Document:
         self.parts.append((self._where, part))
 
     def shown(self, where: Where) -> list[Part]:
-        """Return the parts that a page or a terminal shows.
-
-        Args:
-            where: ``page`` or ``terminal``.
-        """
+        """Return the parts that a page or a terminal shows."""
         return [part for place, part in self.parts if place in ("both", where)]
 
     def heading(self, text: str, depth: int = 2) -> None:
@@ -185,7 +180,6 @@ class Document:
         """Add text; pages set what stands between backticks as code, and leave out no text.
 
         Args:
-            text: One or more sentences.
             kind: How it is set: plain, strong, as a heading, a note, a problem or a command.
         """
         self.add(Text(text, kind))
@@ -195,11 +189,7 @@ class Document:
         self.paragraph(text, "note")
 
     def notes(self, texts: Sequence[str]) -> None:
-        """Add several of them.
-
-        Args:
-            texts: One sentence each.
-        """
+        """Add several of them."""
         for text in texts:
             self.note(text)
 
@@ -224,9 +214,6 @@ class Document:
     ) -> None:
         """Add a table: first column and sentences left, numbers right.
 
-        Args:
-            rows: Cells, as many as columns in each.
-
         Raises:
             ReportError: If a row has another number of cells.
         """
@@ -244,7 +231,6 @@ class Document:
 
         Args:
             columns: What it shows of each object.
-            total: Name of the row of sums; empty for none.
         """
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
         cells = [[column.cell(row) for column in columns] for row in rows]

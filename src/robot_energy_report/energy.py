@@ -73,8 +73,6 @@ def add_flow(
     """Add the picture of where the energy goes, of one result or the sum of several.
 
     Args:
-        page: Where to.
-        reports: Results of robots with the same joints.
         auxiliary: Name and energy of each load outside of the cabinet. [J]
     """
 
@@ -122,11 +120,7 @@ def _share(part: float | None, whole: float) -> float | None:
 
 
 class EnergySections:
-    """Sections about the energy of one result, for replay and prediction.
-
-    Args:
-        page: Where to.
-    """
+    """Sections about the energy of one result, for replay and prediction."""
 
     def __init__(self, page: Document, report: EnergyReport) -> None:
         self._page, self._report = page, report
@@ -271,12 +265,7 @@ def _band_text(sure: EnergyUncertainty) -> str:
 
 
 def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
-    """Add the loads, their states and the balance of the outlet.
-
-    Args:
-        page: Where to.
-        report: What to say; None says nothing.
-    """
+    """Add the loads, their states and the balance of the outlet."""
     if report is None:
         return
     scale = EnergyFormat(max(report.outlet_energy, *(one.known_energy for one in report.loads)))
@@ -325,11 +314,7 @@ def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
 
 
 def flow_labels(report: AuxiliaryReport | None) -> list[tuple[str, float]]:
-    """Return name and known energy of each load for the picture of the flows. [J]
-
-    Args:
-        report: The loads; None for none.
-    """
+    """Return name and known energy of each load for the picture of the flows. [J]"""
     return [
         (
             known_label(load.name, load.known_ns * NANOSECOND, load.missing_ns * NANOSECOND),

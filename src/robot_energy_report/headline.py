@@ -135,9 +135,6 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
 def error_of(reports: Sequence[ReplayReport]) -> tuple[float | None, float]:
     """Return predicted minus measured energy over the measured one, and the compared time.
 
-    Args:
-        reports: Those without a meter count for nothing.
-
     Returns:
         Ratio, None where nothing was measured [-]; time [s].
     """

@@ -56,12 +56,7 @@ def identification_lead(report: IdentificationReport) -> str:
 def identification_document(
     report: IdentificationReport, page: Document, details: bool = False
 ) -> None:
-    """Add everything.
-
-    Args:
-        page: Where to; a page always shows every step in detail.
-        details: Whether the terminal shows that as well.
-    """
+    """Add everything."""
     page.heading("In short")
     identification_overview(report, page)
     if report.energy is not None:

@@ -22,11 +22,7 @@ from robot_energy_report.shared_bus import bus_verdict
 
 
 def optimization_document(report: OptimizationReport, page: Document) -> None:
-    """Add all that was found.
-
-    Args:
-        page: Where to.
-    """
+    """Add all that was found."""
     page.paragraph(_verdict(report), "strong")
     for problem in report.problems:
         page.paragraph(problem, "problem")

@@ -18,11 +18,7 @@ STYLES = {"strong": "bold", "problem": "bold red"}
 
 
 def print_document(document: Document, console: Console) -> None:
-    """Print what a terminal shows of a document: all but figures.
-
-    Args:
-        console: Where to.
-    """
+    """Print what a terminal shows of a document: all but figures."""
     for part in document.shown("terminal"):
         _print(part, console)
 
@@ -95,9 +91,6 @@ def terminal_text(text: str, console: Console) -> str:
 
     A terminal has true signs and units if its encoding has them; a pipe, whose reader may be
     a program, stays ASCII.
-
-    Args:
-        console: Where it goes.
     """
     true = console.is_terminal and console.encoding.lower().startswith("utf")
     return typeset(shown_lines(text)) if true else shown_lines(text)

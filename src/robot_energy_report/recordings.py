@@ -45,7 +45,6 @@ def recordings_document(
 
     Args:
         recordings: Reports, with the curves for their figures over time or None.
-        page: Where to.
     """
     recordings, notes = _once(recordings)
     if len(recordings) == 1:

@@ -55,8 +55,6 @@ class Motion(NamedTuple):
     """What a program makes the robot do from one sample on.
 
     Attributes:
-        first: Number of the first sample.
-        links: Joint side.
         motors: Joint side; that of the links if gears are rigid.
         motor_velocity: Shape (N, n). [rad/s]
         rigid_torque: Of bodies and rotors, motor side, shape (N, n). [N m]

@@ -105,11 +105,7 @@ class AdvisedPlant:
         return record(self._rig(COLD, True), self.length, self._folder / "work").path
 
     def judge(self, claims: Sequence[tuple[Claim | None, bool]]) -> list[JudgedAdvice]:
-        """Return what each advice saves on the rig.
-
-        Args:
-            claims: Of this plant, and whether the recording had a meter.
-        """
+        """Return what each advice saves on the rig."""
         rig = self._rig(COLD, True)
         count = round(self.length / rig.period)
         truth = rig.step(count).truth

@@ -42,7 +42,6 @@ class WarmRun:
     """One run with one model.
 
     Attributes:
-        run: Which program.
         error: Of the whole energy. [-]
         windows: Of the energy of every five minutes, shape (W,). [-]
         friction: RMS over five minutes of the error of each joint's friction power, over its
@@ -155,12 +154,7 @@ def judged(
     plant: str, run: str, name: str, model: RobotModel, pieces: Sequence[RigOutput],
     effort: bool = False, meter: bool = False,
 ) -> WarmRun:  # fmt: skip
-    """Return the errors of a model over a run.
-
-    Args:
-        effort: Whether measured torque is read.
-        meter: Whether the power meter is read.
-    """
+    """Return the errors of a model over a run."""
     meaning = EffortMeaning.MOTOR_TORQUE if effort else EffortMeaning.NONE
     pipeline = EnergyPipeline(model, Settings(effort=meaning))
     start = int(pieces[0].truth.stamp_ns[0])
@@ -196,11 +190,7 @@ def judged(
 
 
 def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterator[WarmRun]:
-    """Yield every run of every plant with every model.
-
-    Args:
-        plants: Seeds; robots and gears in turn.
-    """
+    """Yield every run of every plant with every model."""
     for number, seed in enumerate(plants):
         gears = GEARS[(number // 2) % len(GEARS)]
         plant = WarmPlant(folder, BODIES[number % len(BODIES)], seed, gears, config)

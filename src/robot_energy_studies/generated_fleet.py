@@ -55,11 +55,7 @@ MAX_SEED = 2_147_483_647
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """What is made.
-
-    Attributes:
-        faults: Whether three robots have their faults.
-    """
+    """What is made."""
 
     robots: int = 20
     weeks: int = 5

@@ -57,8 +57,6 @@ class IndependentStudySize:
 
     Attributes:
         train: When sets for identification are recorded, as shares of the rise of the windings.
-        test: When held-out sets are.
-        moves: Of a set.
     """
 
     plants: int
@@ -137,11 +135,7 @@ class _Experiment:
 
 
 def independent_row(plant_seed: int, scale: IndependentStudySize) -> IndependentRow:
-    """Return what comes out on one plant.
-
-    Args:
-        plant_seed: Of robot, motions and sensors.
-    """
+    """Return what comes out on one plant."""
     robot = drawn_robot(plant_seed)
     with TemporaryFolder() as place:
         made = _recorded(robot, plant_seed, scale, place.path)

@@ -39,7 +39,6 @@ class JudgedSaving(JudgedClaim):
 
     Attributes:
         degc: Temperature of motors and gears. [degC]
-        measure: What was changed.
         base: Energy of a cycle on the rig as it was. [J]
         claim: Saving that the model predicts. [J]
         half: Half width of its 90 % band. [J]
@@ -87,7 +86,6 @@ class PlantAtWork:
 
     Args:
         degc: Of motors and gears. [degC]
-        config: Its effects; temperatures are held.
         cycles: Run in turn, of which the last one counts: rests begin as motions left them.
     """
 
@@ -114,8 +112,6 @@ class DrawnWork:
 
     Attributes:
         degc: Temperature of motors and gears. [degC]
-        limits: Its limits without an override.
-        rig: The plant at that temperature.
     """
 
     plant: int
@@ -136,10 +132,7 @@ class DrawnWork:
         """Return what is claimed of a changed program, and what the rig saves with it.
 
         Args:
-            measure: What was changed.
             base: Energy of a cycle on the rig as it was. [J]
-            before: Of the program as it was, by the model.
-            after: Of the changed one.
             standing: Share of losses at rest in the energy, by the model. [-]
         """
         truth, claim = base - self.rig.energy(changed), saving(before, after)

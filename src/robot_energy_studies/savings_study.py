@@ -48,7 +48,6 @@ class SavingsStudySize:
 
     Attributes:
         temperatures: Of motors and gears. [degC]
-        programs: Of each plant at each temperature.
         brute: Whether the best choice on the rig is looked for.
         waits: Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of
             every second plant creep at rest until friction carries a part of the load.
@@ -110,7 +109,6 @@ def task_of(
     """Return the task to make a program cheaper.
 
     Args:
-        limits: Its limits without an override.
         degc: Of all motors. [degC]
         cycle_time: None: the next cycle begins at once. [s]
     """
@@ -127,11 +125,7 @@ def task_of(
 
 
 def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) -> Program:
-    """Return a plan as a program for the rig.
-
-    Args:
-        limits: Its limits without an override.
-    """
+    """Return a plan as a program for the rig."""
     chosen = task.table.candidates[plan.row]
     bounds = replace(limits, jerk_time=program.limits.jerk_time)
     return Program(program.via, bounds, plan.rest, 1.0, chosen.speed, chosen.acceleration)

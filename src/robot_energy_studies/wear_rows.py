@@ -107,7 +107,6 @@ class WearRows:
     Attributes:
         payloads: True ones of the first program, each with the one that the monitor gets.
         cycle: Length of its cycle. [s]
-        loads: Its cycle with each payload.
     """
 
     def __init__(
@@ -186,9 +185,6 @@ class WearRows:
         Grid power is that of the rig at `COULOMB_DEGC`, plus what friction and copper of the plant
         take more at the present temperatures, over the efficiency of the rectifier; the prediction
         follows the temperature by its friction alone.
-
-        Args:
-            wear: As for `days`.
         """
         for day, states in self._states(days, wear):
             yield self._meter_day(day, states)

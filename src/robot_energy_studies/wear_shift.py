@@ -47,11 +47,7 @@ class WearRow:
 
 
 class Shift:
-    """A rig at work in a hall that swings, with payloads that change, watched by a monitor.
-
-    Args:
-        hard: Whether all effects without a term in models are on.
-    """
+    """A rig at work in a hall that swings, with payloads that change, watched by a monitor."""
 
     def __init__(self, profile: PlantProfile, hard: bool = True) -> None:
         self._model = load(profile.body)
@@ -70,7 +66,6 @@ class Shift:
 
         Args:
             wear: Factor on the friction of each axis, shape (n,); None leaves it. [-]
-            stuck: Axis whose thermometer stands still; None for none.
         """
         for _ in range(minutes):
             swing = np.sin(2 * np.pi * self._minute / (60 * DAY_HOURS))
@@ -128,7 +123,6 @@ def detection(shift: Shift, joint: int, rise: float, before: float, after: float
     """Return when the wear of one axis is found.
 
     Args:
-        shift: Not yet begun.
         rise: Of its friction, at once. [-]
         before: Time without wear. [h]
         after: Time with it. [h]
@@ -166,7 +160,6 @@ def stuck_thermometer(
     """Return whether a thermometer of one axis that stands still is taken for wear.
 
     Args:
-        shift: Not yet begun.
         before: Time until the fault. [h]
         during: Of the fault. [h]
         after: Time with a good thermometer again. [h]

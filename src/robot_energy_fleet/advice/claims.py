@@ -85,9 +85,6 @@ def standby(
     """Return what the best state saves in long rests; None without any.
 
     ``S = sum_rests P_hold t - P_brakes (p (t - t_wake) + p_wake t_wake)``.
-
-    Args:
-        assumed: Whether their figures are assumed.
     """
     long = [rest for rest in evidence.rests if rest.duration >= LONG_REST]
     if not long or not states:
@@ -278,9 +275,6 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> 
     ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
     the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``. A fan
     that starts with warmth is in the band alone.
-
-    Args:
-        replay: Command that replays a cold recording; empty for none.
     """
     time = evidence.motion_time.sum(axis=1)
     if not evidence.measured_temperature or not (time > 0).all():

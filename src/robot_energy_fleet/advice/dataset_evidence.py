@@ -87,7 +87,6 @@ def of_all(
     ``T^2 (1 - n/N) n/(n - 1) sum_i (S_i - r t_i)^2 / (sum_i t_i)^2`` with ``r = S / T``.
 
     Args:
-        claims: Of each bag; None: it saves nothing there.
         time: Predicted of each bag. [s]
         whole: Predicted of all. [s]
 

@@ -69,7 +69,6 @@ class RecordedEvidence:
         grid_energy: From the grid. [J]
         brake_energy: Into the brake resistor. [J]
         brake_columns: Change of that with the error of each figure, shape (K,). [J]
-        rests: Of `MIN_REST` or more, drives on.
         rest_time: In rests, those of a dataset included. [s]
         squared_speed: Integral of the squared motor speed by 1 K of the motor temperature, while
             the grid feeds the bus, shape (n, bins). [rad^2/s]
@@ -80,9 +79,7 @@ class RecordedEvidence:
             included, by this demand in `DEMAND_BINS`, shape (2, bins).
         start_ns: First sample. [ns since 1970]
         end_ns: Last sample. [ns since 1970]
-        measured_temperature: Whether motor temperatures were measured.
         metered: Whether a power meter at the grid was compared.
-        robots: Names; empty for bags.
         places: Whether it is known where the robot rested.
         fine: Whether the errors of every figure are known, sample by sample.
     """
@@ -114,11 +111,7 @@ class RecordedEvidence:
         return float((self.motion_time * DEGC_MIDDLES).sum() / time) if time > 0 else math.nan
 
     def add(self, other: RecordedEvidence) -> None:
-        """Add what another recording shows.
-
-        Args:
-            other: Of the same robot model.
-        """
+        """Add what another recording shows."""
         for name in SUMS:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         starts = [one for one in (self.start_ns, other.start_ns) if one is not None]
@@ -134,9 +127,6 @@ class EvidenceSums:
 
     A robot rests while its motors are slower than motion that says something of friction, so that
     noise of a reported velocity is not motion.
-
-    Args:
-        model: With which the bag is replayed.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -177,11 +167,7 @@ class EvidenceSums:
             self._add(block, time, position)
 
     def evidence(self, compared: list[Compared]) -> RecordedEvidence:
-        """Return what the recording shows, after its last step.
-
-        Args:
-            compared: With the meter at the grid; empty without one.
-        """
+        """Return what the recording shows, after its last step."""
         self._close()
         _measure(self._rests, compared)
         return RecordedEvidence(

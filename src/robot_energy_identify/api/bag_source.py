@@ -30,7 +30,6 @@ class BagSource:
     """Recordings of one robot for identification, and how they are read.
 
     Attributes:
-        bags: MCAP files or rosbag2 folders.
         effort: What the effort in the joint states is; None: as ``inputs`` says.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         progress: Called with what is going on; gives a function of the share done.

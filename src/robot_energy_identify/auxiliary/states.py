@@ -166,11 +166,7 @@ def fit_outlet(
 
 
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
-    """Return a model with the identified powers that are used.
-
-    Args:
-        source: Where the data come from.
-    """
+    """Return a model with the identified powers that are used."""
     found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
 
     loads: list[AuxiliaryLoad] = []

@@ -100,11 +100,7 @@ class ExcitationCriterion:
         return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
     def cost(self, motion: Trajectory, criterion: Criterion) -> float:
-        """Return the logarithm of the condition number, or minus that of the determinant.
-
-        Args:
-            criterion: Which of both.
-        """
+        """Return the logarithm of the condition number, or minus that of the determinant."""
         rows = self.rows(motion)
         size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
         size = np.maximum(size, np.finfo(np.float64).tiny)

@@ -76,7 +76,6 @@ def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = (
 
     Args:
         found: From the power of each drive, from one meter, or both.
-        torque: Where the torque comes from.
         notes: What was decided for the model file without data, one sentence each.
     """
     total = None if found.total is None else total_power(found.total)

@@ -46,7 +46,6 @@ class ProgramMachine:
     Attributes:
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
         noted: Codes that were left out, and how often they stood in the program.
-        ended: Whether the program has ended.
     """
 
     name: str
@@ -83,9 +82,6 @@ class ProgramMachine:
 
     def take(self, text: str, line: int) -> None:
         """Execute one line.
-
-        Args:
-            line: Its number, from 1.
 
         Raises:
             MotionError: If it cannot be executed, naming the line.

@@ -65,7 +65,6 @@ def words_of(text: str, where: str, printer: bool = True) -> list[Word]:
     The free text of message codes (M117 ...) is left out.
 
     Args:
-        text: One line, without its end.
         printer: Whether commands of the machine stand alone, with words of any form behind them.
 
     Raises:
@@ -141,9 +140,6 @@ def named_command(text: str) -> str | None:
 
     These are the commands and macros of Klipper (``PRINT_START``), those of GRBL (``$H``) and
     those of a printing host (``@OBJECT``).
-
-    Args:
-        text: One line, without its end.
     """
     code = text.partition(";")[0]
     found = NAMED.match(code) or HOST.match(code)

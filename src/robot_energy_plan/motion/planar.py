@@ -54,11 +54,7 @@ class PlanarArm:
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:
-        """Return the geometry of a robot; None if it is not a planar arm.
-
-        Args:
-            link: Link of the URDF that is the tool.
-        """
+        """Return the geometry of a robot; None if it is not a planar arm."""
         zero = np.zeros(robot.n_joints)
         tool, _, jacobian = robot.link_jacobian(zero, link)
         axes: Float = jacobian[3:].T
@@ -100,7 +96,6 @@ class PlanarArm:
 
         Args:
             joint_position: Positions of the others, shape (n,). [rad]
-            free: Indices of the joints that move, rising.
         """
         start, links = self._chain(joint_position, free)
         size = np.abs(links)
@@ -155,7 +150,6 @@ class PlanarArm:
         Args:
             place: Places of the tool, shape (N,). [m]
             start: The reference, shape (n,). [rad]
-            free: Indices of the joints that move, three or more.
             weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
         """
         result = np.full((len(place), len(start)), np.nan)

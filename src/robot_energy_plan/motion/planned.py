@@ -51,7 +51,6 @@ class SampledMotion:
     """A motion in closed form, sampled at equal steps.
 
     Args:
-        joint_names: In the order of its arrays.
         duration: Time from start to end, at least 1 us. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
@@ -112,9 +111,6 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
 
     Times that fall on the same nanosecond, such as a point and a grid instant next to it, are
     one sample: nothing between them lasts.
-
-    Args:
-        times: How often, >= 1.
 
     Yields:
         Times since the start, shape (N,) [s], rising throughout by a nanosecond at least, and

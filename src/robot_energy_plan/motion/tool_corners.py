@@ -43,15 +43,12 @@ class PathPieces(NamedTuple):
         origin: c. [m]
         radius: r. [m]
         rate: k. [rad/m]
-        first: u, unit vector.
-        second: w, unit vector.
         drift: d. [-]
         commanded: Speed by command. [m/s]
         speed: Greatest speed, by command and curvature. [m/s]
         acceleration: Greatest acceleration along the path; 0 on rounded corners. [m/s^2]
         entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
         dwell: Rest, of dwells alone. [s]
-        source_line: Line of the program.
     """
 
     length: Float = NOTHING

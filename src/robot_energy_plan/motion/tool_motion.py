@@ -74,7 +74,6 @@ class ToolMotion:
     Args:
         start: Joint positions near the first one; decides which solution is taken,
             shape (n,). [rad] or [m]
-        limits: Limits of the joints; a motion beyond them is refused.
         placement: Place of the robot's base in the frame of the program.
         step: Time between knots, > 0. [s]
         anchored: Whether every solution depends on ``start``, as where a redundant arm stays
@@ -82,8 +81,6 @@ class ToolMotion:
 
     Attributes:
         duration: [s]
-        joint_names: In the order of the arrays.
-        sample_count: Number of samples that ``blocks`` gives.
 
     Raises:
         MotionError: If the step makes no sense or the motion is too long for it.

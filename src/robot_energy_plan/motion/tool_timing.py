@@ -90,9 +90,6 @@ class ToolTrajectory:
 class TimedPath:
     """A tool path in time.
 
-    Args:
-        limits: What the tool may do.
-
     Attributes:
         duration: Time from rest to rest, smoothing included. [s]
         length: Length of the path with rounded corners. [m]

@@ -42,7 +42,6 @@ def check_sampling(rate: float, loops: int) -> None:
 
     Args:
         rate: Points per second. [Hz]
-        loops: Periods one after the other.
 
     Raises:
         MotionError: If one does not.
@@ -58,7 +57,6 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
 
     Args:
         rate: Points per second. [Hz]
-        loops: Periods one after the other.
 
     Raises:
         MotionError: If rate or loops make no sense.
@@ -75,11 +73,7 @@ def _header(joint_names: Sequence[str]) -> str:
 
 
 def csv_kind(joint_names: Sequence[str]) -> tuple[FileKind, ...]:
-    """Return the kind of file of a table: for controllers' sake it has no mark but its header.
-
-    Args:
-        joint_names: In the order of the columns.
-    """
+    """Return the kind of file of a table: for controllers' sake it has no mark but its header."""
     header = f"{_header(joint_names)}\n".encode()
     return (FileKind("the trajectory of these joints", header, b""),)
 
@@ -88,7 +82,6 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
     """Write a table with one row per point.
 
     Args:
-        joint_names: In the order of the arrays.
         time: Shape (N,). [s]
 
     Raises:
@@ -167,9 +160,7 @@ def write_trajectory(
     """Write one JointTrajectory message into a new bag.
 
     Args:
-        joint_names: In the order of the arrays.
         time: Since the start, shape (N,). [s]
-        overwrite: Replace a bag that is there.
 
     Raises:
         BagError: If the bag cannot be written.
@@ -203,10 +194,6 @@ def write_trajectory(
 
 def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
     """Return the motion of the JointTrajectory of a bag.
-
-    Args:
-        path: MCAP file or rosbag2 folder.
-        topic: Its topic; None where there is one only.
 
     Raises:
         BagError: If the bag cannot be read.
@@ -243,9 +230,6 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
     """Return a serialized ``trajectory_msgs/msg/JointTrajectory``, for `read_points`.
 
     Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
-
-    Args:
-        name: Where it comes from, for messages.
 
     Raises:
         MotionError: If it is too long or no such message.

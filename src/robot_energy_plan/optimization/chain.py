@@ -97,7 +97,6 @@ class PowerChain:
 
         Args:
             joint_position: Where, shape (P, n). [rad] or [m]
-            holding: Whether the drives hold the robot; otherwise brakes do.
         """
         still = np.zeros_like(joint_position)
         first = np.arange(len(joint_position))

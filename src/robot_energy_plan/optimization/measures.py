@@ -26,7 +26,6 @@ class Measure(Kind):
     """One way to save.
 
     Attributes:
-        changes: What is changed, for tables.
         plan: The best plan that this measure alone gives; None where it does not apply.
         cost: What a plan costs with it, where it changes the cell and not the program.
     """
@@ -37,11 +36,7 @@ class Measure(Kind):
 
 
 def best_states(task: Task, plan: CyclePlan) -> CyclePlan:
-    """Return a plan whose rests are spent in the cheapest state, its way back included.
-
-    Args:
-        task: With the states that may be used.
-    """
+    """Return a plan whose rests are spent in the cheapest state, its way back included."""
 
     def best(via: int, duration: float) -> RestState | None:
         ways = (None, *task.table.states)
@@ -156,7 +151,6 @@ class Tried:
 
     Attributes:
         plan: Its best plan; None where it does not apply.
-        cost: What that costs.
     """
 
     measure: Measure
@@ -170,7 +164,6 @@ class Optimum:
     """What was found.
 
     Attributes:
-        tried: Each measure alone.
         plan: The choice: all measures that change the program, together.
         saving: Over the program as it is; of the program alone, without another supply.
         front: Plans without wait, from fast to slow, and what they cost.
@@ -187,9 +180,6 @@ class Optimum:
 
 def optimise(task: Task) -> Optimum:
     """Return the choice, each measure alone and the trade-offs.
-
-    Args:
-        task: The program and what may be changed.
 
     Raises:
         MotionError: If a move cannot be made within the limits.
@@ -218,9 +208,6 @@ def together(task: Task) -> CyclePlan:
 
     The wait is spent at one place in one state; for each state that place is known, and the moves
     are chosen against the power of that wait.
-
-    Args:
-        task: The program and what may be changed.
 
     Raises:
         MotionError: If a move cannot be made within the limits.

@@ -75,11 +75,7 @@ class Saving:
 
 
 def saving(before: Cost, after: Cost) -> Saving:
-    """Return what a change saves: both programs err by the same figures.
-
-    Args:
-        after: Changed.
-    """
+    """Return what a change saves: both programs err by the same figures."""
     apart = before.columns - after.columns
     half = Z90 * float(np.sqrt((apart**2).sum()))
     return Saving(before.energy - after.energy, half)
@@ -90,9 +86,7 @@ class CostTable:
     """Costs of all candidates and rests of a program.
 
     Attributes:
-        use: What each needs.
         held: What a second of rest before each move needs while the drives hold.
-        braked: The same on brakes.
         states: Ways to rest that may be used.
     """
 
@@ -111,9 +105,7 @@ class CostTable:
         """Return the energy of a rest, infinite where it is too short for the state. [J]
 
         Args:
-            via: Where.
             duration: [s]
-            state: How; None: the drives hold.
         """
         if state is None:
             return float(self.held.energy[via]) * duration

@@ -22,14 +22,12 @@ class ProgramForm(ABC):
     """A program of one robot.
 
     Attributes:
-        robot: That runs it.
         needed: Rest before each move, shape (K,). [s]
         joint_position: Where, shape (K, n). [rad] or [m]
         speeds: Shares of speed that are tried. [-]
         accelerations: Shares of acceleration that are tried. [-]
         acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]
-        notes: What was assumed, one sentence each.
         recorded: Whether it is a recording of what the robot has done.
     """
 

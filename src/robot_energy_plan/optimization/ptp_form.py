@@ -25,9 +25,6 @@ ANGLE_DIGITS = 9  # of configurations
 class PtpForm(ProgramForm):
     """A YAML file of point-to-point moves.
 
-    Args:
-        robot: That runs it.
-
     Attributes:
         full_limits: Limits of speed and acceleration at shares of 1, with the jerk time of the
             program.

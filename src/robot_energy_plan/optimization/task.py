@@ -63,7 +63,6 @@ class Task:
 
         Args:
             row: Candidate of each move, shape (K,).
-            wait_at: Before which move the robot waits.
         """
         rest, state = self.needed.copy(), list(self.base.state)
         if self.cycle_time is not None:

@@ -81,7 +81,6 @@ def path_power(chain: PowerChain, path: Trajectory) -> PathPower:
     """Return the figures of a path; of drives without a loss model the losses are 0.
 
     Args:
-        chain: The robot; its mean temperature counts.
         path: The motion over its own time, shape (N, n) each.
     """
     degc = chain.motor_temperature_degc.mean(axis=0)

@@ -44,8 +44,6 @@ def supply_figures(
     """Return ``starts``, ``supply`` and ``shared_bus`` of an `OptimizationReport`.
 
     Args:
-        task: Of the first robot.
-        robots: All; each waits until the cycle is over.
         cycle_time: Of all. [s]
         one_bus: Whether all stand on one DC bus: the starts then need the least energy, else they
             have the least peak.

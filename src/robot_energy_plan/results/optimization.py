@@ -151,11 +151,7 @@ class OptimizationReport(Result, name="optimization"):
 def optimization_report(
     found: Optimum, form: ProgramForm, program: str, notes: Sequence[str] = ()
 ) -> OptimizationReport:
-    """Return all figures, after a prediction of the choice by the stages of live operation.
-
-    Args:
-        notes: What a reader should know, one sentence each.
-    """
+    """Return all figures, after a prediction of the choice by the stages of live operation."""
     task, model = found.task, found.task.chain.model
     degc = task.chain.motor_temperature_degc
     motion = form.motion(task, found.plan)
@@ -291,9 +287,7 @@ def _at(task: Task, index: int) -> Task:
         )
         for one in (table.use, table.held, table.braked)
     )
-    return replace(
-        task, table=CostTable(table.candidates, use, held, braked, table.states)
-    )
+    return replace(task, table=CostTable(table.candidates, use, held, braked, table.states))
 
 
 def _break_even(task: Task) -> tuple[BreakEven, ...]:

@@ -157,9 +157,6 @@ class HistoryRing:
     def table(self, count: int = MAX_BUCKETS) -> dict[str, Any]:
         """Return the newest buckets as plain values.
 
-        Args:
-            count: Buckets at most; empty ones count, and are left out.
-
         Returns:
             ``width`` [s], ``number`` of each bucket (start over width), and ``mean``, ``low``,
             ``high`` [W] with one list per channel; None where unknown.

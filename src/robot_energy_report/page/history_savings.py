@@ -30,7 +30,6 @@ class SavingsWish:
     Attributes:
         baseline: Begin of its first day and end of its last. [ns]
         reported: The same of the days that are compared: whole ones that are over. [ns]
-        drivers: Names, of `DRIVERS`.
         measured: Whether the energy is that of the meter.
     """
 
@@ -44,9 +43,6 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
     """Return what a request asks for.
 
     Args:
-        asked: ``baseline_start`` and ``baseline_stop``, days; ``driver``, several or none;
-            ``measured``.
-        period: Whose days are compared.
         now_ns: Time of this computer. [ns]
 
     Raises:
@@ -78,11 +74,6 @@ def savings_answer(
     folder: Path, robots: Sequence[str], period: Period, wish: SavingsWish
 ) -> dict[str, Any]:
     """Return what robots saved, those with the surest change first; one robot day by day.
-
-    Args:
-        folder: Of the history.
-        robots: Names; empty for all.
-        period: Whose zone the days are of.
 
     Returns:
         Energies in J.
@@ -157,10 +148,6 @@ def _one(found: EnergySavings, period: Period) -> dict[str, Any]:
 
 def friction_answer(folder: Path, robots: Sequence[str], period: Period) -> dict[str, Any]:
     """Return learned friction of each joint over the parts of a period, largest changes first.
-
-    Args:
-        folder: Of the history.
-        robots: Names; empty for all.
 
     Raises:
         HistoryError: If there is no history, or no such robot.

@@ -53,12 +53,7 @@ MAX_SPANS = 50  # of those that no part holds
 
 @dataclass(frozen=True)
 class Wish:
-    """What is asked for.
-
-    Attributes:
-        robots: Names; empty for all.
-        group: One of `GROUPS`.
-    """
+    """What is asked for."""
 
     period: Period
     robots: tuple[str, ...] = ()
@@ -66,11 +61,7 @@ class Wish:
 
 
 class HistoryView:
-    """Answers what the page asks of a history; each answer has a connection of its own.
-
-    Args:
-        folder: Of the history; it may come later.
-    """
+    """Answers what the page asks of a history; each answer has a connection of its own."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -135,11 +135,7 @@ class PageReaders:
 
 
 def net_energy(registers: dict[str, Any]) -> float:
-    """Return the energy from the grid minus what was fed back. [J]
-
-    Args:
-        registers: As `PageReaders.registers` returns them.
-    """
+    """Return the energy from the grid minus what was fed back. [J]"""
     return float(registers["predicted_import_energy"] - registers["predicted_return_energy"])
 
 

@@ -69,9 +69,6 @@ class RobotState:
     """Keeps the latest of every topic of one robot, and its history.
 
     Time of receipt comes as an argument, so that live page and recording are one code path.
-
-    Args:
-        live: Whether figures grow stale; those of a recording do not.
     """
 
     def __init__(self, name: str, settings: PageSettings, live: bool = True) -> None:

@@ -72,9 +72,6 @@ class CostCounter:
 def load_settings(path: str) -> PageSettings:
     """Read the settings of the page.
 
-    Args:
-        path: A YAML file; empty for the defaults.
-
     Returns:
         The settings.
 

@@ -62,11 +62,7 @@ class BoundedProtocol(H11Protocol):
         super().resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the timers.
-
-        Args:
-            exc: Why the connection ended; None after an orderly end.
-        """
+        """Forget the timers."""
         self._deadline, self._reading = _cancelled(self._deadline), _cancelled(self._reading)
         super().connection_lost(exc)
 
@@ -81,9 +77,6 @@ class BoundedProtocol(H11Protocol):
 
 class PageServer:
     """Serves a page until it is closed.
-
-    Args:
-        access: Where, and for whom.
 
     Raises:
         PageError: If the address cannot be listened on.
