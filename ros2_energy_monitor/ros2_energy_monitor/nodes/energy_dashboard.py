@@ -25,11 +25,11 @@ from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import MAX_WHOLE, PageHub
 from robot_energy_report.page.settings import load_settings
 from robot_energy_report.page.web_server import PageServer
-from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import DashboardParameters
-from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.parameters import declare, folder_of
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, best_effort
+from ros2_energy_monitor.base.reader_memory import make_room_as_needed
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.web.robot_feed import RobotFeed, namespace_of
 
@@ -166,6 +166,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns:
         The exit code, as of `run`.
     """
+    make_room_as_needed()
     return run(EnergyDashboard, args)
 
 
