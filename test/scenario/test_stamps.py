@@ -12,8 +12,7 @@ import robots
 from joint_messages import SECOND, batch, message
 from robot_energy.bag.cdr import typestore
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy.messages import FrictionWriter
-from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.friction import JOINT_FRICTION, FrictionWriter
 from robot_energy.messages.payload import PAYLOAD
 from robot_energy.messages.torque import JOINT_TORQUE
 from robot_energy.pipeline import FrictionStage

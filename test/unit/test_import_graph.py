@@ -65,7 +65,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.messages": """
-        friction model_messages payload power registers torque
+        fields friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
         auxiliary counterbalance drive_models figure friction_laws joint load open_schema

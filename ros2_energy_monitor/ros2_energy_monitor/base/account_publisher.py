@@ -17,11 +17,13 @@ from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.messages import PowerStateWriter, RegistersWriter
+from robot_energy.messages.power import PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter
 from robot_energy.model import RobotModel
-from ros2_energy_monitor.base.checkpoints import Checkpoints, folder_of
+from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
+from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.base.publishers import (
     POWER_TOPIC,
     REGISTERS_TOPIC,

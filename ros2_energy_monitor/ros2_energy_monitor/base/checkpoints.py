@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -26,7 +25,8 @@ from rclpy.node import Node
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.model import RobotModel
-from robot_energy.store import Submit, load_account
+from robot_energy.store.account_store import load_account
+from robot_energy.store.slot_store import Submit
 from ros2_energy_monitor.diagnostics.reporter import ERROR, OK, WARN, StatusBuilder
 
 OPENING = 2.0  # how long configure waits for the disk [s]
@@ -34,25 +34,8 @@ ANSWERING = 3.0  # how long the answer of a service does; the page gives up afte
 POLLED_EVERY = 0.02  # while the disk is at work [s]
 CLOSING = 5.0  # how long deactivate does [s]
 LATE_PERIODS = 3  # a checkpoint that takes longer than this is in trouble
-ROS_HOME = "$ROS_HOME"
-NO_FOLDER = "none"  # `ros2 launch` cannot give an empty argument
 DURATIONS = 600  # latest ones that the quantiles are taken over
 MAX_READINGS = 60  # of whole minutes and before resets, that wait for the disk
-
-
-def folder_of(parameter: str) -> Path | None:
-    """Return the folder that a parameter names.
-
-    Args:
-        parameter: A path; ``$ROS_HOME`` at its beginning stands for that variable, or for
-            ``~/.ros`` where it is not set. ``none`` for no folder, as empty.
-    """
-    if parameter in ("", NO_FOLDER):
-        return None
-    home = os.environ.get("ROS_HOME") or "~/.ros"
-    if parameter == ROS_HOME or parameter.startswith(f"{ROS_HOME}/"):
-        parameter = home + parameter[len(ROS_HOME) :]
-    return Path(parameter).expanduser()
 
 
 class Checkpoints:

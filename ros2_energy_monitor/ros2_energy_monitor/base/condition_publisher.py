@@ -27,7 +27,8 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.store.condition_store import ConditionStore
 from robot_energy.timeline.stamps import bounded
-from ros2_energy_monitor.base.checkpoints import CLOSING, OPENING, folder_of
+from ros2_energy_monitor.base.checkpoints import CLOSING, OPENING
+from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, latched
 from ros2_energy_monitor.diagnostics.reporter import WARN, StatusBuilder
 

@@ -15,9 +15,11 @@ read-only.
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -42,6 +44,8 @@ TYPES: dict[Any, RosParameter.Type] = {
     tuple[str, ...]: RosParameter.Type.STRING_ARRAY,
     tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
+ROS_HOME = "$ROS_HOME"
+NO_FOLDER = "none"  # `ros2 launch` cannot give an empty argument
 # Overrides that rclpy itself declares or reads.
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -191,3 +195,18 @@ def _unknown(node: Node, given: dict[str, RosParameter], names: list[str]) -> li
         hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(names)}"
         sentences.append(f"{node.get_name()} has no parameter '{name}'; {hint}")
     return sentences
+
+
+def folder_of(parameter: str) -> Path | None:
+    """Return the folder that a parameter names.
+
+    Args:
+        parameter: A path; ``$ROS_HOME`` at its beginning stands for that variable, or for
+            ``~/.ros`` where it is not set. ``none`` for no folder, as empty.
+    """
+    if parameter in ("", NO_FOLDER):
+        return None
+    home = os.environ.get("ROS_HOME") or "~/.ros"
+    if parameter == ROS_HOME or parameter.startswith(f"{ROS_HOME}/"):
+        parameter = home + parameter[len(ROS_HOME) :]
+    return Path(parameter).expanduser()

@@ -27,7 +27,7 @@ from pathlib import Path
 from rclpy.executors import SingleThreadedExecutor
 
 from robot_energy.foundation.errors import RobotEnergyError
-from ros2_energy_monitor.base.checkpoints import NO_FOLDER
+from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, identify_plant
 from ros2_energy_monitor.demo.demo_page import PAGE, draw_page, free_port, save_page

@@ -32,7 +32,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
-from ros2_energy_monitor.base.checkpoints import NO_FOLDER
+from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports

@@ -11,8 +11,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from concurrent.futures import Future
-from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
@@ -25,11 +25,11 @@ from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import MAX_WHOLE, PageHub
 from robot_energy_report.page.settings import load_settings
 from robot_energy_report.page.web_server import PageServer
-from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import DashboardParameters
-from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.parameters import declare, folder_of
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, best_effort
+from ros2_energy_monitor.base.reader_memory import make_room_as_needed
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.web.robot_feed import RobotFeed, namespace_of
 
@@ -150,4 +150,7 @@ class EnergyDashboard(Node):
                     feed.take_statuses(statuses)
 
 
-main = partial(run, EnergyDashboard)
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code of `run`."""
+    make_room_as_needed()
+    return run(EnergyDashboard, args)

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.foundation.errors import ParameterError
-from robot_energy.messages.model_messages import RECORDING
+from robot_energy.messages.fields import RECORDING
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, REGISTERS_TOPIC, best_effort

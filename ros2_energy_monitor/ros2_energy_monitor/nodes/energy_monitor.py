@@ -16,7 +16,8 @@ from typing import Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
-from robot_energy.messages import FrictionWriter, TorqueWriter
+from robot_energy.messages.friction import FrictionWriter
+from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock
 from ros2_energy_monitor.base.account_publisher import AccountPublisher

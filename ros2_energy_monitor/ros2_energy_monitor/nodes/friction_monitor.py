@@ -13,7 +13,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from robot_energy.messages import FrictionWriter
+from robot_energy.messages.friction import FrictionWriter
 from robot_energy.pipeline import FrictionStage
 from robot_energy.timeline.blocks import FrictionBlock, TemperatureBlock
 from ros2_energy_monitor.base.inbox import Inbox

@@ -23,7 +23,8 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.messages import FrictionReader, TorqueReader
+from robot_energy.messages.friction import FrictionReader
+from robot_energy.messages.torque import TorqueReader
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import PowerStage
 from robot_energy.timeline.blocks import (

@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
-from robot_energy.messages import TorqueWriter
+from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import TorqueStage
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 from ros2_energy_monitor.base.inputs import joint_state_inboxes, messages_in

@@ -17,7 +17,7 @@ from ros2_energy_msgs.msg import Payload
 from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.messages import PayloadWriter, answer_set_payload
+from robot_energy.messages.payload import PayloadWriter, answer_set_payload
 from robot_energy.pipeline import TorqueStage
 from ros2_energy_monitor.base.publishers import RowPublisher, latched
 

@@ -19,7 +19,7 @@ import numpy as np
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import Registers
 from robot_energy.foundation.errors import MotionError
-from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
+from robot_energy.messages.fields import JOINT_FIELDS, SHAFT_FIELDS
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload, payload
 from robot_energy.timeline.blocks import NANOSECOND, Float, known_part

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
-from pydantic import BaseModel, ValidationError
 
 from robot_energy.foundation.errors import ModelFileError, RobotEnergyError
 from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
 from robot_energy.foundation.files.xml_encoding import DECLARE
-from robot_energy.foundation.schema_errors import described, listed, refusal
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     _Base = yaml.SafeLoader
 else:
     _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -29,7 +29,7 @@ MAX_NODES = 200_000  # keys and values; a large efficiency map has some thousand
 MAX_DEPTH = 50  # a model file has eight
 MAX_INTEGER = 2**64 - 1  # unsigned registers of 64 bits reach it
 
-M = TypeVar("M", bound=BaseModel)
+M = TypeVar("M", bound="BaseModel")
 
 
 class _Loader(_Base):
@@ -100,6 +100,11 @@ def validated(
     data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
 ) -> M:
     """Return plain values as an instance of a schema."""
+    # 10 MB of schemas, which a reader of plain YAML or of bags does not need.
+    from pydantic import ValidationError
+
+    from robot_energy.foundation.schema_errors import described, listed, refusal
+
     if not isinstance(data, dict):
         fields = model.model_fields
         keys = [name for name, field in fields.items() if field.is_required()] or list(fields)

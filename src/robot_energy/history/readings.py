@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.messages.model_messages import FRAME, RECORDING
-from robot_energy.messages.registers import ENERGY_REGISTERS, EXACT_FIELDS, EXACT_JOINT_FIELDS
+from robot_energy.messages.fields import (
+    ENERGY_REGISTERS,
+    EXACT_FIELDS,
+    EXACT_JOINT_FIELDS,
+    FRAME,
+    RECORDING,
+)
 
 PHASES = ("hold", "motion", "generating")  # from PHASE_HOLD on
 FROM_MESSAGE = (

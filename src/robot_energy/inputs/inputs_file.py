@@ -12,11 +12,10 @@ from typing import Any, cast
 
 from robot_energy.foundation.config_file import parse_yaml, read_text
 from robot_energy.foundation.errors import ParameterError
-from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
+from robot_energy.inputs.parameters import MAX_BYTES, Parameter, assemble, refuse_renamed
 from robot_energy.inputs.sources import Inputs
 from robot_energy.presets import ROBOTS, RobotPreset
 
-MAX_BYTES = 1024 * 1024
 MISSPELT = 0.85  # likeness of two names above which one is a misspelling of the other
 ROS_PARAMETERS = "ros__parameters"
 

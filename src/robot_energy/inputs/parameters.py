@@ -29,6 +29,7 @@ KINDS: dict[Any, str] = {
     tuple[str, ...]: "a list of texts",
     tuple[float, ...]: "a list of numbers",
 }
+MAX_BYTES = 1024 * 1024  # of a parameter file
 HEADER, RECEIVE = "header", "receive"  # sources of stamps, the same words for every input
 MESSAGES, POSITIONS = "messages", "positions"  # sources of velocities
 RENAMED = {  # parameters of earlier versions, and what they are called now

@@ -18,35 +18,17 @@ from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.foundation.units import MAX_COUNTER
-from robot_energy.messages.model_messages import FRAME, RECORDING
+from robot_energy.messages.fields import (
+    ENERGY_REGISTERS,
+    EXACT_FIELDS,
+    EXACT_JOINT_FIELDS,
+    FRAME,
+    JOINT_FIELDS,
+    RECORDING,
+    SHAFT_FIELDS,
+)
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, known_part
-
-ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
-JOINT_FIELDS = {
-    "shaft_positive": "shaft_energy_positive",
-    "shaft_negative": "shaft_energy_negative",
-    "rigid": "rigid_energy",
-    "friction": "friction_energy",
-    "drive_loss": "drive_loss_energy",
-}
-SHAFT_FIELDS = {
-    "measured_positive": "shaft_energy_positive_measured",
-    "measured_negative": "shaft_energy_negative_measured",
-    "predicted_positive": "shaft_energy_positive_compared",
-    "predicted_negative": "shaft_energy_negative_compared",
-}
-
-
-EXACT_FIELDS = {
-    "grid_import": "predicted_import_microjoule",
-    "grid_return": "predicted_return_microjoule",
-    "brake": "brake_microjoule",
-    "loss_dc": "loss_dc_microjoule",
-    "loss_grid": "loss_grid_microjoule",
-    "capacitor": "capacitor_microjoule",
-}
-EXACT_JOINT_FIELDS = {name: f"{name}_microjoule" for name in JOINT_REGISTERS}
 
 
 class RegistersWriter:

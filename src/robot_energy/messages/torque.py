@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
-from robot_energy.messages.model_messages import FRAME, RECORDING, ModelMessageReader
+from robot_energy.messages.fields import FRAME, RECORDING
+from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer

@@ -33,7 +33,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import PayloadReader
+from robot_energy.messages.payload import PayloadReader
 from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.torque_limits import TorqueLimitWatch

@@ -21,7 +21,7 @@ from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import PayloadReader
+from robot_energy.messages.payload import PayloadReader
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.replay.recorded_jobs import RecordedJobs

@@ -29,8 +29,8 @@ from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.readings import COLUMNS, ReadingDecoder
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
 from robot_energy.history.tariffs import stored_tariffs
-from robot_energy.messages import RegistersWriter
-from robot_energy.messages.registers import ENERGY_REGISTERS
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.registers import RegistersWriter
 
 IMPORT = "predicted_import_microjoule"
 
