@@ -56,7 +56,7 @@ clean:  ## remove all that set-up and tests made
 # What only tests and checks need; the stamp goes with an environment that is made again.
 .venv/tests: .ci/requirements-test.txt | prepare
 	@echo "set-up: tools of tests and checks ..."
-	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-compile --no-deps --require-hashes -r $< && cp $< $@
+	@.venv/bin/python -I .ci/workspace.py $< && cp $< $@
 
 # URDFs of robots, for one test and for one long run; made again when their pins change.
 build/robots/pins build/urdfs/pins: build/%/pins: .ci/requirements-%.txt | prepare
