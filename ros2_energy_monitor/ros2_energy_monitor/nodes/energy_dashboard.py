@@ -151,6 +151,6 @@ class EnergyDashboard(Node):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted; return the exit code of `run`."""
+    """Return the exit code of `run`, once the node is interrupted."""
     make_room_as_needed()
     return run(EnergyDashboard, args)

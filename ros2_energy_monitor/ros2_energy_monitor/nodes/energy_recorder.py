@@ -266,6 +266,6 @@ class EnergyRecorder(ManagedNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted; return the exit code of `run`."""
+    """Return the exit code of `run`, once the node is interrupted."""
     make_room_as_needed()
     return run(EnergyRecorder, args)
