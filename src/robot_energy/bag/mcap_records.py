@@ -145,19 +145,6 @@ def parse_chunk(data: memoryview) -> Chunk:
     return Chunk(size, crc, cursor.text(), cursor.sized(8))
 
 
-def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
-    """Return the id of the channel of a MessageIndex record, and its pairs of uint64.
-
-    Raises:
-        RecordError: If the record or its last pair ends too early.
-    """
-    cursor = _Cursor(data)
-    channel, pairs = cursor.number(2), cursor.sized()
-    if len(pairs) % 16 or cursor.pos < len(data):
-        raise RecordError("half an index entry, or more than entries")
-    return channel, pairs
-
-
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
     """Return the content of a ChunkIndex record.
 
