@@ -250,8 +250,8 @@ class ModbusLink(MeterLink):
         """Read flags, energy and power in this order."""
         self._registers.begin()
         valid = all(self._is_good(flag) for flag in self._profile.flags)
-        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
-        return [self._exchange(what, numbers, valid) for what, numbers in pairs if numbers]
+        quantities = self._profile.quantities.items()
+        return [self._exchange(what, numbers, valid) for what, numbers in quantities]
 
     def _exchange(
         self, quantity: Quantity, numbers: Sequence[ModbusNumber], valid: bool
