@@ -84,12 +84,7 @@ class MqttParameters:
 
 
 class MqttExporter(Exporter):
-    """Publishes to one broker; reconnects by itself, with growing pauses.
-
-    Raises:
-        ExporterError: If the parameters contradict each other.
-        CredentialsError: If a file of secrets cannot be used.
-    """
+    """Publishes to one broker; reconnects by itself, with growing pauses."""
 
     def __init__(self, parameters: MqttParameters, robot: str) -> None:
         mqtt = require("paho.mqtt.client", "paho-mqtt", "this exporter", ExporterError)

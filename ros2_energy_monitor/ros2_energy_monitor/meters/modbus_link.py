@@ -168,13 +168,7 @@ class Registers:
             self._client = None
 
     def read(self, address: int, count: int) -> list[int]:
-        """Return registers.
-
-        Raises:
-            MeterLinkError: If no answer comes in time or the connection ends.
-            MeterAnswerError: If there are no such registers, or the meter answers with an
-                exception or another number of registers.
-        """
+        """Return registers."""
         if self._client is None:
             raise MeterLinkError(f"{self.where} is not connected", "connect first")
         if address + count > REGISTERS:

@@ -94,12 +94,7 @@ class BagReader:
         return sum(source.unverified_count for source in self._sources)
 
     def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
-        """Return a topic that must be there with one of some types.
-
-        Raises:
-            MissingTopicError: If it is absent, has another type or is not serialized as CDR; the
-                text names the topics of the bag that would do.
-        """
+        """Return a topic that must be there with one of some types."""
         accepted = [msgtypes] if isinstance(msgtypes, str) else list(msgtypes)
         info = self.topics.get(topic)
         if info and info.msgtype in accepted and info.encoding == "cdr":

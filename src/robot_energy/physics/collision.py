@@ -31,10 +31,6 @@ class SelfCollision:
     Attributes:
         links: Links with shapes, in the order of the URDF.
         without: Links with shapes that are not looked at, as meshes.
-
-    Raises:
-        RobotDescriptionError: If the URDF cannot be used.
-        UnknownJointError: If it lacks a joint of the model.
     """
 
     def __init__(self, model: RobotModel) -> None:
