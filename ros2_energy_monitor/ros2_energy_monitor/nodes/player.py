@@ -208,9 +208,6 @@ def _stream(
 def main(args: Sequence[str] | None = None) -> int:
     """Play a bag.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0; 1 if nobody listens; 2 if the bag cannot be played; 130 if interrupted.
     """
