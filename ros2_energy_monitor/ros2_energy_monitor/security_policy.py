@@ -182,9 +182,6 @@ def _running(
 def main(args: Sequence[str] | None = None) -> int:
     """Write the policy.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0; 2 if it cannot be made.
     """

@@ -215,12 +215,7 @@ class ManagedNode(LifecycleNode, ABC):
 
         return self._run("shut down", end)
 
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything after an error of the program.
-
-        Argument and result as in `rclpy.lifecycle.LifecycleNode.on_error`.
-        """
-        return self._run("cleaned up", self._release_all)
+    on_error = on_cleanup  # after an error of the program
 
     def _stop(self) -> None:
         if self.active:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -64,14 +64,15 @@ class MonitorNode(ManagedNode, Generic[P]):
     """
 
     NAME: ClassVar[str]
+    PARAMETERS: ClassVar[type[Common]]
     UNIQUE_TOPIC: ClassVar[str] = ""  # that no other node may publish
     # Queues are emptied at the last tick within it: a step costs as much for few messages. [s]
     TAKEN_EVERY: ClassVar[float] = 0.16
     parameters: P
     model: RobotModel
 
-    def __init__(self, name: str, parameters_type: type[P], **options: Any) -> None:
-        super().__init__(name, **options)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
         self.inputs: list[tuple[Inbox, RejectionLog]] = []
         self.orders: list[StampOrder] = []
         self.sources: list[Source] = []
@@ -79,9 +80,8 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.exit_stack = ExitStack()
         self._inventory: list[str] = []
         try:
-            self.parameters = declare(self, parameters_type, AT_START)
-            self._parameters_type = parameters_type
-            _, self._entries = reread(self, parameters_type)
+            self.parameters = declare(self, self._parameters_type, AT_START)
+            _, self._entries = reread(self, self._parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._reporter = Reporter(self)
             self._tick_statistics = TickStatistics(1.0 / self.parameters.tick_rate)
@@ -92,6 +92,10 @@ class MonitorNode(ManagedNode, Generic[P]):
         except Exception:
             self.destroy_node()
             raise
+
+    @property
+    def _parameters_type(self) -> type[P]:
+        return cast("type[P]", self.PARAMETERS)
 
     @abstractmethod
     def set_up(self) -> None:

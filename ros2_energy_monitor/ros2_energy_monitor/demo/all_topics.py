@@ -141,9 +141,6 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Record a bag.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0; 2 if it cannot be made; 130 if interrupted.
     """

@@ -115,9 +115,6 @@ def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demonstration.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0 if all went well, 1 if a node failed, 2 if a bag cannot be used, 130 if it was
         interrupted.

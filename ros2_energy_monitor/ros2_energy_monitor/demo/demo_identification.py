@@ -37,12 +37,7 @@ def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
 
 
 def identify_plant(bags: Path, out: Path) -> str:
-    """Return the model file of the plant, identified from its training bags.
-
-    Raises:
-        BagError: If a bag is not there or cannot be read.
-        RobotEnergyError: If nothing can be identified.
-    """
+    """Return the model file of the plant, identified from its training bags."""
     # Slow to import, and of no use to the live part.
     from robot_energy_identify.api.identify_all import identify_all
     from robot_energy_report.document import Document

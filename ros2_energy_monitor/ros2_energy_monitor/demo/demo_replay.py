@@ -49,10 +49,6 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
 
     Args:
         model_name: Model of the robot in the bags: a name or a file.
-
-    Raises:
-        BagError: If a bag is not there or cannot be read.
-        RobotEnergyError: If it cannot be replayed.
     """
     model = load(model_name)
     out.mkdir(parents=True, exist_ok=True)

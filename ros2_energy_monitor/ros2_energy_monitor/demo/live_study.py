@@ -148,9 +148,6 @@ class _Seen:
 def main(args: Sequence[str] | None = None) -> int:
     """Play the recordings of a study.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0 if nodes and replay agree, 1 if not, 2 if there is no study, 130 if
         interrupted.

@@ -81,12 +81,7 @@ class OpcUaParameters:
 
 
 class OpcUaExporter(Exporter):
-    """Serves the measurements, read-only, from a thread of its own.
-
-    Raises:
-        ExporterError: If the parameters contradict each other.
-        CredentialsError: If a file of secrets cannot be used.
-    """
+    """Serves the measurements, read-only, from a thread of its own."""
 
     def __init__(self, parameters: OpcUaParameters, robot: str) -> None:
         self._asyncua = require("asyncua", "asyncua", "this exporter", ExporterError)

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import http.client
-import math
 import time
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
@@ -31,7 +30,7 @@ from ros2_energy_monitor.meters.json_numbers import (
 )
 from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
-from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
+from ros2_energy_monitor.meters.reading import Exchange
 
 OK = 200
 
@@ -98,14 +97,10 @@ class HttpLink(MeterLink):
         answered = time.monotonic()
         document = parse(text, self._where)
         good = is_good(document, self._profile.flags)
-        exchanges: list[Exchange] = []
-        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
-        for quantity, numbers in pairs:
-            if numbers:
-                found = terms_at(document, numbers, self._where)
-                terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
-                exchanges.append(Exchange(quantity, terms, requested, answered))
-        return exchanges
+        return [
+            Exchange(what, terms_at(document, numbers, self._where, good=good), requested, answered)
+            for what, numbers in self._profile.quantities.items()
+        ]
 
     def _text(self) -> str:
         """Body of the answer, of bounded size and in bounded time."""

@@ -59,10 +59,12 @@ def parse(text: str, whose: str) -> Any:
         raise MeterAnswerError(f"{whose} answers with no JSON", "a JSON document") from error
 
 
-def terms_at(document: Any, numbers: Sequence[JsonNumber], whose: str) -> tuple[MeterTerm, ...]:
-    """Return the numbers that entries name; NaN where the document says null."""
+def terms_at(
+    document: Any, numbers: Sequence[JsonNumber], whose: str, *, good: bool
+) -> tuple[MeterTerm, ...]:
+    """Return the numbers that entries name; NaN where the document says null or is not good."""
     return tuple(
-        MeterTerm(value * number.factor, number.wraps_at_joule)
+        MeterTerm(value * number.factor if good else math.nan, number.wraps_at_joule)
         for number in numbers
         for value in _values_at(document, number, whose)
     )

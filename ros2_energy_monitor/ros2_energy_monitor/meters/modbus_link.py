@@ -168,13 +168,7 @@ class Registers:
             self._client = None
 
     def read(self, address: int, count: int) -> list[int]:
-        """Return registers.
-
-        Raises:
-            MeterLinkError: If no answer comes in time or the connection ends.
-            MeterAnswerError: If there are no such registers, or the meter answers with an
-                exception or another number of registers.
-        """
+        """Return registers."""
         if self._client is None:
             raise MeterLinkError(f"{self.where} is not connected", "connect first")
         if address + count > REGISTERS:
@@ -250,8 +244,8 @@ class ModbusLink(MeterLink):
         """Read flags, energy and power in this order."""
         self._registers.begin()
         valid = all(self._is_good(flag) for flag in self._profile.flags)
-        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
-        return [self._exchange(what, numbers, valid) for what, numbers in pairs if numbers]
+        quantities = self._profile.quantities.items()
+        return [self._exchange(what, numbers, valid) for what, numbers in quantities]
 
     def _exchange(
         self, quantity: Quantity, numbers: Sequence[ModbusNumber], valid: bool

@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from robot_energy.foundation.config_file import parse_yaml, read_text, validated
 from robot_energy.foundation.errors import MeterProfileError
 from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS
+from ros2_energy_monitor.meters.reading import Quantity
 
 FOLDER = Path(str(resources.files("ros2_energy_monitor") / "meters" / "profiles"))
 UNITS = {**POWER_UNITS, **ENERGY_UNITS}
@@ -121,6 +122,12 @@ class MeterProfile(ProfileEntry, Generic[N]):
         if any(number.wraps_at is not None for number in self.power):
             raise ValueError("power has a wraps_at; expected one for energy only")
         return self
+
+    @property
+    def quantities(self) -> dict[Quantity, tuple[N, ...]]:
+        """The numbers of each quantity that the meter gives, energy first."""
+        every = {Quantity.ENERGY: self.energy, Quantity.POWER: self.power}
+        return {quantity: numbers for quantity, numbers in every.items() if numbers}
 
     @property
     def hides_password(self) -> bool:

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 from robot_energy.messages.friction import FrictionWriter
 from robot_energy.pipeline import FrictionStage
@@ -33,9 +32,7 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
     """Publishes ``energy/joint_friction`` at the start and at every new temperature."""
 
     NAME = "friction_monitor"
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(self.NAME, FrictionParameters, **options)
+    PARAMETERS = FrictionParameters
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""

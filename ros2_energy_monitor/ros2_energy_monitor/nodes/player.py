@@ -73,10 +73,6 @@ class Player:
 
     Attributes:
         left_out: Why topics are not played, one sentence each.
-
-    Raises:
-        MissingTopicError: If the bag lacks a topic, or none can be played.
-        BagError: If nothing of the bag lies in the part.
     """
 
     def __init__(
@@ -116,13 +112,7 @@ class Player:
             )
 
     def _publish(self, topic: str, msgtype: str) -> None:
-        """Make the publisher of one topic.
-
-        Raises:
-            MessageTypeError: If its messages are not installed.
-            BagError: If its name cannot be that of a topic, or is that of another one, or its
-                messages were recorded by another definition than the one installed.
-        """
+        """Make the publisher of one topic."""
         name = _full(topic)
         if name == CLOCK_TOPIC and self._publishes_clock:
             raise BagError(
@@ -216,9 +206,6 @@ def _stream(
 
 def main(args: Sequence[str] | None = None) -> int:
     """Play a bag.
-
-    Args:
-        args: Command line without the program; None for that of the process.
 
     Returns:
         Exit code: 0; 1 if nobody listens; 2 if the bag cannot be played; 130 if interrupted.

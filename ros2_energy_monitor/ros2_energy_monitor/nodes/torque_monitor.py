@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages.torque import TorqueWriter
@@ -33,12 +32,10 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
     """Publishes ``energy/joint_torque`` for every accepted message of ``joint_states``."""
 
     NAME = "torque_monitor"
+    PARAMETERS = TorqueParameters
     # One message for each joint state: bursts of 80 ms lost some on the way to a subscriber where
     # recordings are played fast; its receive buffer is small by default.
     TAKEN_EVERY = 0.0
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(self.NAME, TorqueParameters, **options)
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""

@@ -43,10 +43,6 @@ def compared(
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-
-    Raises:
-        MotionError: If the request as a whole makes no sense.
-        UnknownJointError: If a temperature is that of another robot's joint.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
     from robot_energy_plan.motion.joint_trajectory import JointTrajectory, through_points

@@ -111,11 +111,7 @@ class _Cursor:
 
 
 def parse_schema(data: memoryview) -> tuple[int, Schema]:
-    """Return the id and content of a Schema record.
-
-    Raises:
-        RecordError: If the record ends too early, or a text of it is not UTF-8.
-    """
+    """Return the id and content of a Schema record."""
     cursor = _Cursor(data)
     schema_id = cursor.number(2)
     name, encoding = cursor.text(), cursor.text()
@@ -123,47 +119,22 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
 
 
 def parse_channel(data: memoryview) -> McapChannel:
-    """Return the content of a Channel record.
-
-    Raises:
-        RecordError: If the record ends too early, or a text of it is not UTF-8.
-    """
+    """Return the content of a Channel record."""
     cursor = _Cursor(data)
     channel_id, schema_id = cursor.number(2), cursor.number(2)
     return McapChannel(channel_id, schema_id, cursor.text(), cursor.text())
 
 
 def parse_chunk(data: memoryview) -> Chunk:
-    """Return the content of a Chunk record.
-
-    Raises:
-        RecordError: If the record ends too early, or a text of it is not UTF-8.
-    """
+    """Return the content of a Chunk record."""
     cursor = _Cursor(data)
     cursor.take(16)
     size, crc = cursor.number(8), cursor.number(4)
     return Chunk(size, crc, cursor.text(), cursor.sized(8))
 
 
-def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
-    """Return the id of the channel of a MessageIndex record, and its pairs of uint64.
-
-    Raises:
-        RecordError: If the record or its last pair ends too early.
-    """
-    cursor = _Cursor(data)
-    channel, pairs = cursor.number(2), cursor.sized()
-    if len(pairs) % 16 or cursor.pos < len(data):
-        raise RecordError("half an index entry, or more than entries")
-    return channel, pairs
-
-
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
-    """Return the content of a ChunkIndex record.
-
-    Raises:
-        RecordError: If the record ends too early.
-    """
+    """Return the content of a ChunkIndex record."""
     cursor = _Cursor(data)
     start_ns, end_ns = cursor.number(8), cursor.number(8)
     start, length = cursor.number(8), cursor.number(8)
@@ -176,11 +147,7 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
 
 
 def parse_statistics(data: memoryview) -> Statistics:
-    """Return the content of a Statistics record.
-
-    Raises:
-        RecordError: If the record ends too early.
-    """
+    """Return the content of a Statistics record."""
     try:
         count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", data)
     except struct_error:
@@ -203,12 +170,7 @@ def ros_type(name: str) -> str:
 
 
 def unpack_chunk(chunk: Chunk) -> bytes | memoryview:
-    """Return the records of a chunk, without ever unpacking more than it declares.
-
-    Raises:
-        RecordError: If the size is beyond the limit, the packing unknown or damaged, the size not
-            the declared one, or the checksum (when there is one) wrong.
-    """
+    """Return the records of a chunk, without ever unpacking more than it declares."""
     if chunk.size > MAX_RECORD_BYTES:
         raise RecordError(f"{chunk.size} bytes unpacked, more than the limit of {MAX_RECORD_BYTES}")
     if chunk.compression == "":

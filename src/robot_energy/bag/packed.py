@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -40,11 +41,11 @@ def open_file(path: Path, report: Report) -> Source:
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
 
-class _Packed:
-    """What another source reads, on its way out."""
+class PackedMessages:
+    """Messages each packed with zstd, as another source reads them."""
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self, source: Source, report: Report) -> None:
+        self._source, self._report = source, report
 
     @property
     def unverified_count(self) -> int:
@@ -58,29 +59,7 @@ class _Packed:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked, a batch a topic.
-
-        Args:
-            spans: Log times that matter, by topic. [ns]
-        """
-        yield from self._source.parts(topics, spans)
-
-
-class PackedMessages(_Packed):
-    """Messages each packed with zstd."""
-
-    def __init__(self, source: Source, report: Report) -> None:
-        super().__init__(source)
-        self._report = report
-
-    def parts(
-        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
-    ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked, a batch a topic.
-
-        Args:
-            spans: Log times that matter, by topic. [ns]
-        """
+        """Yield the messages of some topics, unpacked; see `McapSource.parts`."""
         import zstandard
 
         unpacker = zstandard.ZstdDecompressor()
@@ -113,24 +92,24 @@ class PackedMessages(_Packed):
         return RawBatch.from_messages(batch.topic, batch.msgtype, times, rows)
 
 
-class PackedFile(_Packed):
-    """A bag file packed as a whole with zstd, unpacked into a temporary folder.
+def unpacked_file(path: Path, report: Report) -> Source:
+    """Return the source of a file packed as a whole with zstd, unpacked into a temporary folder.
 
-    The folder goes when this object does, or the process.
+    The folder goes when the source does, or the process.
     """
-
-    def __init__(self, path: Path, report: Report) -> None:
-        try:
-            self._folder = TemporaryFolder()
-        except OSError as error:
-            raise BagError(f"{path} cannot be unpacked ({error})", "a temporary folder") from error
-        target = self._folder.path / path.stem
-        try:
-            _unpack_file(path, target)
-        except BaseException:
-            self._folder.remove()
-            raise
-        super().__init__(open_file(target, report))
+    try:
+        folder = TemporaryFolder()
+    except OSError as error:
+        raise BagError(f"{path} cannot be unpacked ({error})", "a temporary folder") from error
+    target = folder.path / path.stem
+    try:
+        _unpack_file(path, target)
+        source = open_file(target, report)
+    except BaseException:
+        folder.remove()
+        raise
+    weakref.finalize(source, folder.__exit__)  # which holds the folder until then
+    return source
 
 
 def _unpack_file(path: Path, target: Path) -> None:

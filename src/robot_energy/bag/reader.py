@@ -15,7 +15,7 @@ from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
-from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
+from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_file
 from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
@@ -94,12 +94,7 @@ class BagReader:
         return sum(source.unverified_count for source in self._sources)
 
     def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
-        """Return a topic that must be there with one of some types.
-
-        Raises:
-            MissingTopicError: If it is absent, has another type or is not serialized as CDR; the
-                text names the topics of the bag that would do.
-        """
+        """Return a topic that must be there with one of some types."""
         accepted = [msgtypes] if isinstance(msgtypes, str) else list(msgtypes)
         info = self.topics.get(topic)
         if info and info.msgtype in accepted and info.encoding == "cdr":
@@ -178,7 +173,7 @@ class BagReader:
             more = len(self.problems) == MAX_PROBLEMS
             self.problems.append("there is more of this kind" if more else sentence)
 
-    def _find(self) -> list[Source | PackedMessages | PackedFile]:
+    def _find(self) -> list[Source | PackedMessages]:
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist", "an MCAP file or a rosbag2 folder")
         if not self.path.is_dir():
@@ -202,7 +197,7 @@ class BagReader:
             f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
         )
 
-    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages | PackedFile]:
+    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages]:
         """Return the files that the metadata lists, as far as they are there."""
         self.origin = info.origin
         files = [self.path / name for name in info.files]
@@ -212,7 +207,7 @@ class BagReader:
         if len(present) == len(files):
             self._said_count = info.message_count
         if info.compression_mode == "file":
-            return [PackedFile(file, self._report) for file in present]
+            return [unpacked_file(file, self._report) for file in present]
         sources = [open_file(file, self._report) for file in present]
         if info.compression_mode == "message":
             return [PackedMessages(source, self._report) for source in sources]

@@ -82,12 +82,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._open = True
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos = DEFAULT_QOS) -> None:
-        """Announce a topic.
-
-        Raises:
-            BagError: If the topic is already there, or the bag is closed.
-            MessageTypeError: If the type is unknown.
-        """
+        """Announce a topic."""
         self._check_open()
         if topic in self._topics:
             raise BagError(f"{topic} is added to {self.path} a second time", "each topic once")
@@ -114,11 +109,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         Args:
             log_time_ns: Log time of each message, shape (n,). [ns]
             rows: Complete serialized messages: uint8, shape (n, size), or n byte strings.
-
-        Raises:
-            MissingTopicError: If the topic was not added.
-            ShapeError: If times and messages do not match, or a time is negative.
-            BagError: If the bag is closed or the disk refuses; nothing is left of it then.
         """
         self._check_open()
         if topic not in self._channels:

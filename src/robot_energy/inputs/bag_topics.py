@@ -71,10 +71,6 @@ def find_temperatures(
         topics: Their topics as the user named them; None to go by the sources, or by type.
         sources: Those of the node that the bag is to be read like; None to go by type.
         foreign: Topics of other robots, which are not found by type.
-
-    Raises:
-        MissingTopicError: If a named topic is absent, of another type or of one that needs
-            settings, or a topic of a source is there with another type, or several times.
     """
     held: dict[str, TemperatureSource] = {}
     notes: list[str] = []

@@ -29,10 +29,6 @@ def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inp
     Args:
         path: A YAML file of ROS parameters, or the name of a robot in `ROBOTS`, whose inputs
             are known.
-
-    Raises:
-        ParameterError: If the file cannot be read or holds no ROS parameters, two nodes
-            disagree, or a value is wrong or has a name of an earlier version.
     """
     if str(path) in ROBOTS and not Path(path).is_file():
         path = ROBOTS[str(path)].inputs

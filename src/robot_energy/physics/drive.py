@@ -221,12 +221,7 @@ def ideal(entries: list[object]) -> Ideal:
 
 
 def drive_from_model(model: RobotModel) -> Drive:
-    """Return the drives that a model file names, joints in model order.
-
-    Raises:
-        ModelFileError: If a joint lacks the figures of that model.
-        KindError: If the kind has no physics.
-    """
+    """Return the drives that a model file names, joints in model order."""
     kind = DRIVE_MODELS[model.drive]
     entries = kind.entries(model.joints)
     if kind.entry is not None and len(entries) < len(model.joints):

@@ -22,11 +22,6 @@ class TorqueStage:
 
     Args:
         settings: Window and lag of the derivative, meaning of the effort.
-
-    Raises:
-        RobotDescriptionError: If the URDF cannot be used.
-        UnknownJointError: If the URDF lacks a joint of the model.
-        ModelFileError: If the effort is a current and a torque constant is missing.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:

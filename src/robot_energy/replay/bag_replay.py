@@ -138,13 +138,6 @@ def replay(
             no figure.
         on_reading: Called with the account, and the UTC minute up to which it has counted all
             samples or 0, as `EnergyAccount.on_reading`, and at the end.
-
-    Raises:
-        BagError: If the bag cannot be read or holds no usable joint state, or nothing of it can
-            be predicted.
-        MissingTopicError: If a topic is missing or ambiguous.
-        UnknownJointError: If the joint states lack joints of the model.
-        RobotEnergyError: If the model cannot be used.
     """
     settings = settings or Settings()
     if out is None and not keep_curves and not keep_means:

@@ -49,10 +49,6 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
     Args:
         path: Parameter file of a monitor, whose values override these; None for none.
         robot: Name of a robot in `ROBOTS`; None for none.
-
-    Raises:
-        KindError: If the robot is unknown.
-        ParameterError: If the file cannot be used.
     """
     if robot is None:
         return (None, []) if path is None else read_inputs(path)

@@ -33,11 +33,6 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
 
     Args:
         inputs: Inputs of the node that the bag is to be read like; None to go by types.
-
-    Raises:
-        BagError: If the bag is damaged from its first message on.
-        MissingTopicError: If a named topic is absent or of another type, or the joint
-            states cannot be found without a name.
     """
     if not bag.topics and bag.problems:
         raise BagError(

@@ -155,8 +155,6 @@ class JointBlock(Block):
 
     Attributes:
         stamp_ns: Measurement time, strictly increasing within a segment, shape (N,). [ns]
-        segment: Segment number, shape (N,).
-        quality: Quality bits, shape (N,).
         joint_position: Shape (N, n). [rad] or [m]
         joint_velocity: Shape (N, n); NaN until derived where not reported. [rad/s] or [m/s]
         joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
@@ -176,8 +174,6 @@ class TorqueBlock(Block):
     """Rigid-body torque at the instants of the joint states.
 
     Attributes:
-        segment: Segment number, shape (N,).
-        quality: Quality bits, shape (N,).
         joint_position: Joint side, shape (N, n). [rad] or [m]
         joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
         joint_acceleration: Joint side, shape (N, n). [rad/s^2] or [m/s^2]
@@ -224,7 +220,6 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
-        quality: Quality bits, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
@@ -268,7 +263,6 @@ class SupplyBlock(Block):
     """Predicted power wherever a meter can sit; a tenth of a power block.
 
     Attributes:
-        segment: Segment number, shape (N,).
         grid_power: Drawn from the grid, shape (N,). [W]
         loss_grid: Loss between the grid and the DC bus, shape (N,). [W]
     """
@@ -290,8 +284,6 @@ class PowerBlock(Block):
     ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
 
     Attributes:
-        segment: Segment number, shape (N,).
-        quality: Quality bits, shape (N,).
         phase: `Phase` values, shape (N,).
         motor_velocity: Motor side, shape (N, n). [rad/s]
         motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]

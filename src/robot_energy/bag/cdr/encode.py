@@ -44,10 +44,6 @@ class Encoder:
 
     Attributes:
         fields: Paths of the numeric fields that ``encode`` needs.
-
-    Raises:
-        MessageTypeError: If the type or a path is unknown, or a constant does not fit its field.
-        ShapeError: If a sequence has no length, or a constant another length than its sequence.
     """
 
     def __init__(
@@ -94,10 +90,6 @@ class Encoder:
         Args:
             columns: Every path of ``fields``: array (n, ...) with one axis more per array passed,
                 or one number for all of them. NaN where a quantity is unmeasured.
-
-        Raises:
-            MessageTypeError: If a field is missing or unknown, or values do not fit its type.
-            ShapeError: If a column has another shape than its field.
         """
         if columns.keys() != self._plans.keys():
             missing = [path for path in self._plans if path not in columns]

@@ -71,10 +71,6 @@ class MeterIngest:
         rejections: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current
             of a pair may turn out to be ``unpaired`` when a later message has come.
-
-    Raises:
-        ParameterError: If the type lacks the number or the header that the source names.
-        MessageTypeError: If the type is unknown.
     """
 
     def __init__(

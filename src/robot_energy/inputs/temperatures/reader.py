@@ -55,10 +55,6 @@ class TemperatureReader:
     Attributes:
         ignored_joints: Names met that are none of the source's joints.
         missing_readings: Values that were not numbers, in messages that were accepted.
-
-    Raises:
-        ParameterError: If the source names a joint that the model lacks.
-        MessageTypeError: If the definition of its messages lacks a field.
     """
 
     def __init__(

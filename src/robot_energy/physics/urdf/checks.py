@@ -143,12 +143,7 @@ def parse(urdf_xml: str) -> ET.Element:
 def take_inventory(
     root: ET.Element, joint_names: Sequence[str], massless_links: Sequence[str] = ()
 ) -> Inventory:
-    """Return every joint that can move, and what is done with it.
-
-    Raises:
-        RobotDescriptionError: If a modelled joint or a moving link cannot be used.
-        UnknownJointError: If the URDF lacks a modelled joint.
-    """
+    """Return every joint that can move, and what is done with it."""
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") != "fixed"}
     for name in joint_names:
