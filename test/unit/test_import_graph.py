@@ -164,7 +164,7 @@ MODULES = {
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns diadem instants log_formats log_import mapped_log mapping recording
+        cells columns instants log_formats log_import mapped_log mapping recording
         rows table text_table ur_rtde
     """,
     "robot_energy_papers": """
@@ -207,7 +207,7 @@ MODULES = {
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
         history_period history_routes history_savings history_view hub json_numbers messages
-        metrics monitoring phase_totals recording robot_state rows saved_page settings terms
+        metrics phase_totals recording robot_state rows saved_page settings terms
         web_app web_server
     """,
     "robot_energy_rig": """

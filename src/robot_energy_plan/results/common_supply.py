@@ -47,9 +47,6 @@ def supply_figures(
         cycle_time: Of all. [s]
         one_bus: Whether all stand on one DC bus: the starts then need the least energy, else they
             have the least peak.
-
-    Raises:
-        MotionError: If a motion cannot be predicted, or is longer than the cycle.
     """
     if one_bus:
         degc = task.chain.motor_temperature_degc.mean(axis=0)
