@@ -75,10 +75,6 @@ def report(args: Namespace, folder: Path) -> int:
 
     Returns:
         The exit code.
-
-    Raises:
-        HistoryError: If there is no history, or nothing was recorded in the month.
-        ReportError: If the file cannot be written.
     """
     from robot_energy_report.history_month import month_document
     from robot_energy_report.html import write_page

@@ -143,7 +143,6 @@ def _log(args: Namespace) -> Read:
 
 
 def _bags(args: Namespace) -> Read:
-    """Run bags through the stages of the monitor."""
     from robot_energy.model import load
 
     model = load(args.model)

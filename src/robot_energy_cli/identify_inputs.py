@@ -116,11 +116,7 @@ class IdentifyInputs:
         return drive_topics(self.args.drive_power, self.args.drive_joints, self.args.dq_scaling)
 
     def sensor_limits(self) -> SensorLimits:
-        """Return the limits of the constant errors of the sensors.
-
-        Raises:
-            ModelFileError: If one is negative.
-        """
+        """Return the limits of the constant errors of the sensors."""
         from robot_energy_identify.stats.systematic import SensorLimits
 
         given: dict[str, float] = {}
@@ -150,11 +146,7 @@ class IdentifyInputs:
         return low, high
 
     def check_results(self) -> None:
-        """Refuse files that cannot be written, before the work.
-
-        Raises:
-            ReportError: If one of them cannot be.
-        """
+        """Refuse files that cannot be written, before the work."""
         inputs: list[Any] = []
         for name in ("bags", "test", "log", "model", "inputs", "mapping"):
             value = getattr(self.args, name, None)
@@ -170,7 +162,6 @@ class IdentifyInputs:
 
         Raises:
             ModelFileError: Saying which options belong together.
-            BagError: If two bags or logs are the same.
         """
         from robot_energy_identify.provenance import require_distinct
 

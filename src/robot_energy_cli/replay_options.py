@@ -26,7 +26,6 @@ def model_named(args: Namespace) -> str:
 
     Raises:
         ModelFileError: If neither names one.
-        KindError: If the robot is unknown.
     """
     from robot_energy.presets import ROBOTS
 

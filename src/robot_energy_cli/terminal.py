@@ -126,12 +126,7 @@ def check_outputs(
 
 
 def check_report(path: str, inputs: Iterable[str] = ()) -> None:
-    """Refuse the file of a report before the work that it is for.
-
-    Raises:
-        ReportError: If it cannot be written, or must not be replaced.
-        PageError: If it is to be a PDF and there is no browser that prints it.
-    """
+    """Refuse the file of a report before the work that it is for."""
     is_pdf = Path(path).suffix.lower() == ".pdf"
     check_file(path, PDF if is_pdf else HTML, "the report", inputs)
     if is_pdf:
@@ -164,9 +159,6 @@ def write_json(path: str, summary: Mapping[str, Any]) -> None:
 
     Args:
         summary: Its content, as `Result.to_dict` gives it: no number is infinite or NaN.
-
-    Raises:
-        ReportError: If the file cannot be written.
     """
     write_file(path, json_bytes(summary), JSON, "the JSON report")
 

@@ -177,9 +177,6 @@ def bag_figures(gram: Float, rows: Int) -> BagFigures:
     Args:
         gram: Sums of products, shape (B, n, COLUMNS, COLUMNS). [units of both columns]
         rows: Samples behind them, shape (B, n).
-
-    Returns:
-        One row for each bag.
     """
     enough = rows >= MIN_ROWS
     fitted = _solved(gram, [MODEL, PAYLOAD, INERTIA, OFFSET])

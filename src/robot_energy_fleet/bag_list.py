@@ -107,9 +107,6 @@ class FleetModels:
 
         Returns:
             The hash, by which `models` has the model.
-
-        Raises:
-            ModelFileError: If it cannot be used.
         """
         if name not in self._digests:
             self.add(load(name), name)
@@ -149,7 +146,6 @@ def list_bags(
 
     Raises:
         DatasetError: If place or table cannot be used.
-        RobotEnergyError: If a model or a file of the options cannot be used.
     """
     if robot and robot != shown(robot):
         raise DatasetError(f"the name of the robot is '{shown(robot)}'", "one of letters, digits")
@@ -197,7 +193,6 @@ def _of_robot(bag: FleetBag) -> FleetBag:
 
 
 def _digest_of(bag: FleetBag, models: FleetModels) -> str:
-    """Hash of the model of a bag."""
     if not bag.model:
         raise DatasetError(
             f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
@@ -261,7 +256,6 @@ def _table(where: str, base: FleetBag, split: bool, complete: bool) -> Iterator[
 def _row(
     where: str, line: int, row: dict[str, str], base: FleetBag, split: bool, complete: bool
 ) -> Iterator[FleetBag]:
-    """The bags of one row."""
     folder = Path(where).parent
     if row.get("") or not row["bag"]:
         raise DatasetError(

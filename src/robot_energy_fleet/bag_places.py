@@ -109,11 +109,7 @@ def _unreadable(address: str, error: Exception) -> DatasetError:
 
 
 def read_whole(address: str) -> bytes:
-    """Return the content of a small file.
-
-    Raises:
-        DatasetError: If it cannot be read.
-    """
+    """Return the content of a small file."""
     system, path = file_system(address)
     try:
         if is_local(system) and os.path.exists(path) and not os.path.isfile(path):
@@ -220,9 +216,6 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
 
     Yields:
         In order of their addresses; first what cannot be read, with its problem.
-
-    Raises:
-        DatasetError: If the place cannot be read.
     """
     system, root = file_system(where)
     infos: Infos = {}

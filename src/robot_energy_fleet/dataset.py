@@ -148,9 +148,6 @@ class Dataset:
 
         Returns:
             The file.
-
-        Raises:
-            DatasetError: If it cannot be written.
         """
         robot = f"robot={quote(key.robot, safe=' ')}"
         path = self.folder / robot / f"date={date}" / f"{key.name}.parquet"
@@ -169,11 +166,7 @@ class Dataset:
                     self._drop(name)
 
     def pack(self, least: int = 2) -> None:
-        """Merge the files of each robot and day, which are quicker to read as one.
-
-        Raises:
-            DatasetError: If one cannot be written.
-        """
+        """Merge the files of each robot and day, which are quicker to read as one."""
         parts: dict[Path, list[Path]] = {}
         for path in self.files():
             parts.setdefault(path.parent, []).append(path)
@@ -189,7 +182,6 @@ class Dataset:
         return self._known
 
     def _found(self, files: list[Path]) -> None:
-        """Note the rows of files."""
         if not files:
             return
         columns = collected(_scan(files, "file").select(*RowKey._fields, "file"), self.folder)
@@ -227,7 +219,6 @@ class Dataset:
                 path.unlink(missing_ok=True)
 
     def _merge(self, paths: list[Path], without: str = "") -> None:
-        """Replace files of one folder by one that holds their rows."""
         rows = _scan(paths).filter(pl.col("name") != without).unique("name").sort("name")
         rows = collected(rows, self.folder)
         names = cast("list[str]", rows["name"].to_list())
@@ -337,11 +328,7 @@ def _why_wrong(rows: pl.DataFrame) -> str:
 
 
 def read_tables(folder: str | Path) -> FleetTables:
-    """Return the rows of a dataset, or of a history, as the tables that reports are made from.
-
-    Raises:
-        DatasetError: If there is none, or a file cannot be read.
-    """
+    """Return the rows of a dataset, or of a history, as the tables that reports are made from."""
     if is_history(folder):
         return history_tables(folder)
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",

@@ -34,9 +34,6 @@ def history_tables(folder: str | Path) -> FleetTables:
     Spans that no hour holds are in the runs, and in no hour. Sums of friction are not kept in a
     history, so nothing is said of wear and no friction can be identified. Time in motion is that
     outside of the phase ``hold``.
-
-    Raises:
-        HistoryError: If there is none, or it cannot be read.
     """
     rows: Rows = {"runs": [], "jobs": [], "hours": [], "joints": []}
     with closing(open_reader(folder)) as connection:

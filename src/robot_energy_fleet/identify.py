@@ -38,7 +38,6 @@ def identify_fleet(
 
     Raises:
         NotIdentifiableError: If no bag was run with this model, or no joint moves enough.
-        ImplausibleIdentificationError: If what was found contradicts physics.
     """
     read = tables.runs.filter(pl.col("reason") == "")
     own = tables.of_model(model.model_id)

@@ -56,9 +56,6 @@ def fit_merged(
 
     Returns:
         The same as `identify friction` gives.
-
-    Raises:
-        NotIdentifiableError: If the joint hardly moves, or at one speed.
     """
     _require(bags)
     warnings: list[str] = []

@@ -29,9 +29,6 @@ def open_history(folder: str | Path | None) -> Generator[HistoryStore | None]:
 
     Yields:
         Its store; None without one.
-
-    Raises:
-        HistoryError: If a recorder or another command writes to it, or it cannot be used.
     """
     if folder is None:
         yield None
@@ -101,9 +98,6 @@ def run_fleet(
 
     Returns:
         What was done.
-
-    Raises:
-        DatasetError: If a row cannot be written, or the scheduler is lost.
     """
     done = done or FleetRun()
     unusable: list[FleetBag] = []
@@ -134,7 +128,6 @@ def run_fleet(
 
 
 def _keep(bag: FleetBag, row: BagRow, dataset: Dataset, done: FleetRun) -> None:
-    """Put a row into the dataset, and count it."""
     dataset.add(row.key, row.date, row.data)
     if not row.key.is_unread:
         dataset.remove(bag.parts)

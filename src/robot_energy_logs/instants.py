@@ -223,5 +223,4 @@ def _elapsed(time: timedelta) -> int:
 
 
 def _shown(local: int) -> str:
-    """A local time, in whole seconds."""
     return (EPOCH + timedelta(seconds=local // SECOND)).isoformat(" ")

@@ -75,7 +75,6 @@ def import_log(
 
     Raises:
         LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
-        BagError: If the bag cannot be written.
     """
     files = [paths] if isinstance(paths, str | Path) else paths
     if mapping.joints.position is None:

@@ -153,9 +153,6 @@ class MappedLog:
 
         Yields:
             Rows in SI units, joint side, in the order of the files.
-
-        Raises:
-            LogFormatError: If a file cannot be read to its end.
         """
         time = self._mapping.time
         clock = Clock(time) if clock is None else clock

@@ -1,6 +1,6 @@
 """Mapping of a log: which column means what, in which unit. Validated by pydantic.
 
-One form serves every table: CSV, gzip, Parquet and DIAdem, whether it becomes a bag or is
+One form serves every table: CSV, gzip and Parquet, whether it becomes a bag or is
 identified from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``.
 """
 
@@ -21,7 +21,6 @@ from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.time_zone import MAX_NAME, time_zone
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy_logs.columns import (
-    CORRECTED,
     Joints,
     MappingEntry,
     Names,
@@ -219,7 +218,6 @@ class LogMapping(MappingEntry):
 
         Raises:
             LogFormatError: If there is no such entry.
-            ModelFileError: If motors cannot move the joints independently.
         """
         if self.robot is None:
             raise LogFormatError(
@@ -240,41 +238,10 @@ def _check_encoding(name: str) -> None:
 
 
 def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
-    """Return the validated mapping of a log.
-
-    Raises:
-        LogFormatError: Naming the bad key, what was found and what was expected.
-    """
+    """Return the validated mapping of a log."""
     remedy = "see src/examples/mappings and src/examples/identify"
     text = read_text(path, LogFormatError, "mapping", remedy=remedy)
-    data = _in_present_form(parse_yaml(text, str(path), LogFormatError))
+    data = parse_yaml(text, str(path), LogFormatError)
     if recordings and isinstance(data, dict):
         data = {**cast("dict[str, Any]", data), "recordings": list(recordings)}
     return validated(data, LogMapping, str(path), LogFormatError)
-
-
-def _in_present_form(data: Any) -> Any:
-    """Move the keys of former mappings to their present places."""
-    if not isinstance(data, dict):
-        return cast("object", data)
-    joints: Any = cast("dict[str, Any]", data).get("joints")
-    if isinstance(joints, dict) and "signs" in joints:
-        of_joints = cast("dict[str, Any]", joints)
-        groups = [of_joints[key] for key in CORRECTED if isinstance(of_joints.get(key), dict)]
-        if not any("sign" in group for group in groups):
-            signs = of_joints.pop("signs")
-            for group in groups:
-                group["sign"] = signs
-    if not {"position", "torque"} & data.keys():
-        return cast("object", data)
-    former = dict(cast("dict[str, Any]", data))
-    places = {
-        "time": {"rate": "rate"},
-        "joints": {"joints": "names", "position": "position", "torque": "effort"},
-        "robot": {"urdf": "urdf", "gear_ratio": "gear_ratio", "coupling": "coupling"},
-    }
-    moved = {
-        part: {new: former.pop(old) for old, new in keys.items() if old in former}
-        for part, keys in places.items()
-    }
-    return {**former, **{part: entries for part, entries in moved.items() if entries}}

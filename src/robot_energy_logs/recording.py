@@ -273,7 +273,6 @@ def _streams(contents: RecordingContents) -> list[_Stream]:
 
 
 def _any(values: Float) -> NDArray[np.bool_]:
-    """Rows in which at least one value is known."""
     return np.asarray(np.isfinite(values).any(axis=1))
 
 
@@ -295,7 +294,6 @@ def write_bag(
 
     Raises:
         LogFormatError: If no row can be used, or a row cannot be read.
-        BagError: If the bag cannot be written.
     """
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)

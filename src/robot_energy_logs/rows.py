@@ -207,7 +207,6 @@ def usable_rows(
 
 
 def _reject(rows: TableRows, reason: str, bad: Mask, required: Mask, account: FileAccount) -> None:
-    """Count rows, and keep what the first of each reason holds."""
     cell = "", ""
     if bad.any() and reason not in account.first_line:
         row = int(np.argmax(bad))

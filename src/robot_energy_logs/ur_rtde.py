@@ -70,7 +70,6 @@ def import_ur_rtde(
 
     Raises:
         LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
-        BagError: If the bag cannot be written.
     """
     names = list(joint_names)
     decimal = _decimal(logs)

@@ -60,12 +60,7 @@ class SetRow:
 def held_out(
     sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
 ) -> list[SetRow]:
-    """Return one row per set, replayed with every model.
-
-    Raises:
-        RigError: If the meter covers nothing of a set.
-        RobotEnergyError: If a recording or model cannot be used.
-    """
+    """Return one row per set, replayed with every model."""
     return [_row(entry, models, reference) for entry in sets]
 
 

@@ -109,11 +109,7 @@ def wall_motion(
 
 @cache
 def layer(key: str) -> tuple[tuple[Float, Trajectory], ...]:
-    """Return the motion of one layer at the bottom of the wall, which is planned once.
-
-    Returns:
-        Blocks as of `ToolMotion.blocks`.
-    """
+    """Return the motion of one layer at the bottom of the wall, which is planned once."""
     return tuple(wall_motion(MACHINES[key]).blocks())
 
 

@@ -162,7 +162,6 @@ def _possible(evaluate: Evaluate, values: Values) -> Mapping[str, float] | None:
 def _drawn(
     figures: Sequence[OpenFigure], draws: int, seed: int, slow: Sequence[str]
 ) -> Iterator[dict[str, float]]:
-    """Values of all figures, for every draw."""
     random = np.random.default_rng(seed)
     values: dict[str, float] = {}
     for number in range(draws):
@@ -192,8 +191,6 @@ def _spread(results: Float, nominal: float, goal: float, seed: int) -> Spread:
 
 @dataclass(frozen=True)
 class _Sought:
-    """The search for one published result."""
-
     evaluate: Evaluate
     figures: Sequence[OpenFigure]
     quantity: str

@@ -65,9 +65,6 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
 
     Yields:
         The figure, whose layout fits itself to what is drawn.
-
-    Raises:
-        ReportError: If the suffix is none of these, or the file cannot be written.
     """
     if not isinstance(path, BytesIO):
         check_format(Path(path))

@@ -51,7 +51,6 @@ def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
 
 
 def _part_names(drive: str) -> dict[str, str]:
-    """Return the names of the parts of the energy from the grid, in their order."""
     unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
     return {
         "rigid": "lifting, accelerating (net)",
@@ -258,7 +257,6 @@ class EnergySections:
 
 
 def _band_text(sure: EnergyUncertainty) -> str:
-    """Return the 90 % band of an energy in words."""
     half = 0.5 * (sure.upper - sure.lower)
     relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
     return f"+- {energy_text(half)}{relative}, 90 % band {BANDS[sure.band]}"

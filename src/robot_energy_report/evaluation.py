@@ -143,7 +143,6 @@ def _brief(score: ModelScore) -> str:
 
 
 def _seen(report: EvaluationReport) -> str:
-    """Say whether the figures are held out."""
     kinds = {one.seen for one in report.recordings}
     if kinds == {"held_out"}:
         return "held out: no figure of the model was identified from these recordings"

@@ -62,11 +62,7 @@ def headline(report: ReplayReport) -> str:
 
 
 def beyond_constant(report: ReplayReport) -> str:
-    """Return in one line how well the part that is not constant is predicted.
-
-    Returns:
-        A sentence; empty where nothing was measured.
-    """
+    """Return in one line how well the part that is not constant is predicted."""
     compared = report.comparison
     predicted = compared.predicted_energy_beyond_constant
     measured, error = compared.measured_energy_beyond_constant, compared.beyond_constant_relative

@@ -233,7 +233,6 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
 
 
 def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: Document) -> None:
-    """Add what standard deviations are made of."""
     causes = list(dict.fromkeys(cause for own in parts.values() for cause in own))
     if not causes:
         return
@@ -303,7 +302,6 @@ def delay_use(delay: Delay, done: str) -> str:
 
 
 def _error_over_energy(fit: LinkFit, path: Target) -> None:
-    """Draw the error that every energy leaves."""
     shown = fit.tried <= 3.0 * fit.energy
     with canvas(path, (6.0, 2.8)) as figure:
         axes = figure.subplots()

@@ -78,7 +78,6 @@ def _pairs(console: Console, rows: Sequence[Sequence[str]]) -> None:
 
 
 def _line(console: Console, text: str, style: str = "") -> None:
-    """One line as it is, without wrapping or markup."""
     console.print(Line(terminal_text(text, console), style=style), soft_wrap=True)
 
 

@@ -177,7 +177,6 @@ def _table(
 
 
 def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:
-    """Mean energy of the jobs of the most frequent name."""
     kinds = job_kinds(reports)
     return f"{scale.text(mean_energy(next(iter(kinds.values()))))}" if kinds else None
 
@@ -196,7 +195,6 @@ MARKERS = "osD^v"  # of the jobs of one robot
 
 
 def _trend(groups: Mapping[str, Sequence[ReplayReport]], path: Target) -> None:
-    """Draw the error of the prediction, and energy per job or mean power, by recording."""
     ordered = sorted(
         (one for group in groups.values() for one in group), key=lambda one: one.time.start_ns or 0
     )

@@ -297,7 +297,6 @@ def _temperatures(page: Document, report: ReplayReport, curves: ReplayCurves | N
 
 
 def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> None:
-    """What was learned of the robot: lasting changes, and figures against the model file."""
     report = whole.condition
     if report is None:
         return

@@ -100,9 +100,6 @@ def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[
 
     Args:
         changes: What was changed about the model of each; None for nothing.
-
-    Returns:
-        Empty where nothing is to be shown.
     """
     curves: list[Series] = []
     for result, change in zip(results, changes, strict=True):

@@ -196,7 +196,6 @@ def record(
 
     Raises:
         RigError: If the duration makes no sense.
-        BagError: If the bag cannot be written.
     """
     pieces = outputs(rig, duration)
     first = next(pieces, None)

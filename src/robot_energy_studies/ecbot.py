@@ -132,11 +132,7 @@ def data_folder(given: str | None = None) -> Path:
 
 
 def study(options: StudyRun, folder: Path) -> tuple[TestedRobot, ...]:
-    """Return the test of each robot.
-
-    Raises:
-        RobotEnergyError: If recordings cannot be read.
-    """
+    """Return the test of each robot."""
     steps = Steps(2, options.progress)
     robots = [_ur3e(folder / "rad_ur3e")]
     steps.done()

@@ -120,7 +120,6 @@ def _visits(
     programmes: list[np.ndarray],
     robot: int,
 ) -> Iterator[Visit]:
-    """The times at one robot."""
     own = np.random.default_rng([plan.seed, robot])
     spread = np.exp(FRICTION_SPREAD * own.standard_normal((3, profile.n_joints)))
     plant = replace(

@@ -94,11 +94,7 @@ class Independent:
 
 
 def study(options: StudyRun, scale: IndependentStudySize) -> Independent:
-    """Return what the whole study finds.
-
-    Raises:
-        MissingExtraError: If MuJoCo is not installed.
-    """
+    """Return what the whole study finds."""
     require("mujoco", "the second simulator")
     first = 1000 * options.seed + 1
     steps = Steps(scale.plants, options.progress)
@@ -126,8 +122,6 @@ def published(robot: DrawnRobot) -> RobotModel:
 
 @dataclass(frozen=True)
 class _Experiment:
-    """The recordings of one plant."""
-
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
@@ -171,7 +165,6 @@ def independent_row(plant_seed: int, scale: IndependentStudySize) -> Independent
 def _recorded(
     robot: DrawnRobot, seed: int, scale: IndependentStudySize, folder: Path
 ) -> _Experiment:
-    """Run and record all sets."""
     train, test, hold = _programs(robot, seed, scale.moves)
     n_joints, random = len(robot.joint_names), np.random.default_rng([0x6865, seed])
     work = Robots(robot, (train, test), even(2, WORK_DEGC, n_joints), np.full(2, WORK_DEGC))

@@ -242,7 +242,6 @@ def program_of(profile: PlantProfile, seed: int) -> Program:
 
 
 def _of(group: str, name: str, figure: Figure, truth: float) -> list[Judged]:
-    """A figure, if it is identified."""
     if figure.tag != "identified":
         return []
     std = float("nan") if figure.std is None else figure.std

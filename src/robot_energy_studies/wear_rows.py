@@ -240,7 +240,6 @@ class WearRows:
         return now + 3600.0 * math.exp(plan.uniform(least, most))
 
     def _network(self, job: _Job, gear_degc: Float, motor_degc: Float) -> ThermalNetwork:
-        """The thermal network for the cycles of a program."""
         length = job.cycle + job.wait
         return ThermalNetwork(
             self.profile,
@@ -372,5 +371,4 @@ class WearRows:
 
 
 def _steps(length: float) -> int:
-    """Steps of the thermal network in a cycle."""
     return int(np.ceil(length / MAX_STEP))

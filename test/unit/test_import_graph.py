@@ -164,7 +164,7 @@ MODULES = {
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns diadem instants log_formats log_import mapped_log mapping recording
+        cells columns instants log_formats log_import mapped_log mapping recording
         rows table text_table ur_rtde
     """,
     "robot_energy_papers": """
@@ -193,7 +193,7 @@ MODULES = {
         timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        common_supply optimization prediction shared_bus
+        optimization prediction shared_bus
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
@@ -207,7 +207,7 @@ MODULES = {
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
         history_period history_routes history_savings history_view hub json_numbers messages
-        metrics monitoring phase_totals recording robot_state rows saved_page settings terms
+        metrics phase_totals recording robot_state rows saved_page settings terms
         web_app web_server
     """,
     "robot_energy_rig": """
@@ -215,7 +215,7 @@ MODULES = {
         virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage certainty certainty_page ecbot ecbot_page fleet_study gear_study
+        advice_study band_coverage certainty certainty_page ecbot ecbot_page fleet_study
         generated_fleet independent independent_page interval_coverage judged_savings
         learning_study savings savings_page savings_study thermal_study wear_cycle wear_rows
         wear_shift wear_study

@@ -299,7 +299,6 @@ def _friction(report: FleetReport, page: Document) -> None:
 
 
 def _is_seen(*lines: Sequence[float | None]) -> bool:
-    """Whether there is anything to draw."""
     return any(value is not None for line in lines for value in line)
 
 

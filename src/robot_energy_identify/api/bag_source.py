@@ -66,11 +66,7 @@ class BagSource:
         return effort_meaning(self.effort or stated), read
 
     def recordings(self, model: RobotModel) -> list[Recording]:
-        """Return the bags as the stages of the monitor read them.
-
-        Raises:
-            RobotEnergyError: If a bag cannot be used.
-        """
+        """Return the bags as the stages of the monitor read them."""
         from robot_energy_identify.data.recordings import read_recording
         from robot_energy_identify.data.thinned import MOST
         from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
@@ -90,8 +86,6 @@ class BagSource:
 
         Raises:
             ModelFileError: If it is not said what the effort means.
-            ImplausibleIdentificationError: If the torque contradicts the model, naming the cause.
-            RobotEnergyError: If a bag cannot be used.
         """
         from robot_energy_identify.causes import refuse_torque, torque_evidence
         from robot_energy_identify.plausibility import check_signs
@@ -150,9 +144,6 @@ class BagSource:
 
         Returns:
             The bags, and why their effort cannot be used; empty if it can, or was not stated.
-
-        Raises:
-            RobotEnergyError: If a bag or the parameter file cannot be used.
         """
         from robot_energy_identify.data.bags import Bag
         from robot_energy_identify.data.thinned import MOST

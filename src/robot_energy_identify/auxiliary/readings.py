@@ -97,10 +97,6 @@ def read_loads(
 
     Args:
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-
-    Raises:
-        BagError: If the bag cannot be read.
-        MissingTopicError: If a topic is there with another type, or several times.
     """
     bag = BagReader(path)
     topics, _ = find_auxiliary(bag, loads, inputs)

@@ -192,9 +192,6 @@ def optimise_excitation(
     Args:
         limits: What the motion keeps to, at 1 kHz in the end.
         progress: Called with the share done.
-
-    Raises:
-        MotionError: If settings make no sense or no allowed motion is found.
     """
     settings = settings or ExcitationSettings()
     basis = FourierBasis(settings.harmonics, settings.period)
@@ -239,7 +236,6 @@ def _breaks(limits: ExcitationLimits, motion: Trajectory) -> float:
 def _draw_start(
     basis: FourierBasis, limits: ExcitationLimits, random: np.random.Generator
 ) -> Float:
-    """A random motion that uses about half of the limits."""
     count = SAMPLES_PER_HARMONIC * basis.harmonics
     time = np.arange(count) * (basis.period / count)
     for _ in range(MAX_TRIES):

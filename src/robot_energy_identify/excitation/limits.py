@@ -57,7 +57,6 @@ class ExcitationLimits:
 
     Raises:
         MotionError: If a joint has no position or velocity limit, or a figure makes no sense.
-        RobotDescriptionError: If the URDF lacks the link.
     """
 
     def __init__(

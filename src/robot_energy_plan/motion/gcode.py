@@ -51,9 +51,6 @@ def load_gcode(
 
     Args:
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
-
-    Raises:
-        MotionError: If it cannot be read, naming the line.
     """
     return read_gcode(gcode_text(path), str(path), rapid_speed, flavor)
 

@@ -81,11 +81,7 @@ class ProgramMachine:
         return self.found.flavor
 
     def take(self, text: str, line: int) -> None:
-        """Execute one line.
-
-        Raises:
-            MotionError: If it cannot be executed, naming the line.
-        """
+        """Execute one line."""
         self.line = line
         command = named_command(text)
         if command is not None and (self.flavor.named or command[0] == "@"):
@@ -352,7 +348,6 @@ class ProgramMachine:
         self.position = list(end)
 
     def _unknown(self, axis: str) -> bool:
-        """Whether the program has not stated yet where the tool is."""
         return self.absolute and not self.moved and axis not in self.known
 
     def _speed(self, shares: Sequence[float]) -> float:
@@ -374,7 +369,6 @@ class ProgramMachine:
         return speed
 
     def _arc(self, start: Point, end: Point, values: dict[str, float], extruding: bool) -> Point:
-        """Add an arc and return where it ends."""
         plane = PLANES[self.plane]
         words = {word: values[word] * self.unit for word in ARC_WORDS if word in values}
         if self.centre_absolute:

@@ -147,7 +147,6 @@ def named_command(text: str) -> str | None:
 
 
 def _checked(code: str, where: str) -> str:
-    """Verify and remove a checksum."""
     body, _, given = code.partition("*")
     given = given.strip()
     actual = 0
@@ -163,7 +162,6 @@ def _checked(code: str, where: str) -> str:
 
 
 def _printable(text: str) -> str:
-    """The beginning of a text, for messages."""
     short = text if len(text) <= QUOTED else f"{text[:QUOTED]}..."
     return "".join(c if c.isprintable() else "?" for c in short)
 

@@ -123,11 +123,7 @@ class JointTrajectory:
 
 
 def read_points(message: Any, name: str) -> JointTrajectory:
-    """Return the motion through the points of a decoded ``trajectory_msgs/msg/JointTrajectory``.
-
-    Raises:
-        MotionError: If points are missing, incomplete or out of order.
-    """
+    """Return the motion through the points of a decoded ``trajectory_msgs/msg/JointTrajectory``."""
     return through_points(PointColumns.of(message), name)
 
 

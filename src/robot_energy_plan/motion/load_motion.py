@@ -90,7 +90,6 @@ def load_motion(
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.
-        RobotEnergyError: If the program cannot be read or made by this robot.
     """
     file = Path(path)
     suffix = file.suffix.lower()

@@ -115,9 +115,6 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
     Yields:
         Times since the start, shape (N,) [s], rising throughout by a nanosecond at least, and
         the motion at them, joint side.
-
-    Raises:
-        MotionError: If it is to be repeated but does not end where it begins.
     """
     first = last = np.empty(0)
     held: list[tuple[Float, Trajectory]] = []  # short turns are handed out together

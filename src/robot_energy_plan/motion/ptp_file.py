@@ -91,11 +91,7 @@ class LoadedProgram:
 
 
 def read_program(path: str | Path) -> ProgramFile:
-    """Return a validated program file.
-
-    Raises:
-        MotionError: Naming the bad key, what was found and what was expected.
-    """
+    """Return a validated program file."""
     return load(path, ProgramFile, MotionError, "program file", "see src/examples/programs")
 
 

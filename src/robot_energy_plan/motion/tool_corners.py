@@ -213,7 +213,6 @@ def _stack(pieces: Sequence[PathPieces]) -> PathPieces:
 
 
 def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
-    """Unit tangent at the beginning or the end."""
     if isinstance(segment, LineSegment):
         way = _mixed(segment.end, 1.0, segment.start, -1.0)
         return _mixed(way, 1.0 / segment.length, ZERO, 0.0)
@@ -249,7 +248,6 @@ def _along(point: Vector, direction: Vector, way: float) -> Vector:
 
 
 def _mixed(one: Vector, share: float, two: Vector, other: float) -> Vector:
-    """Weighted sum of two vectors."""
     return (
         share * one[0] + other * two[0],
         share * one[1] + other * two[1],

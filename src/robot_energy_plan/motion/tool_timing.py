@@ -112,7 +112,6 @@ class TimedPath:
         self._integrate()
 
     def _phases(self, junction: Float) -> None:
-        """Rise, cruise and fall of each piece."""
         pieces = self._pieces
         first, last, a = junction[:-1], junction[1:], pieces.acceleration
         moves, rises = pieces.length > 0, a > 0

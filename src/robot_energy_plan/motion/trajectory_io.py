@@ -57,9 +57,6 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
 
     Args:
         rate: Points per second. [Hz]
-
-    Raises:
-        MotionError: If rate or loops make no sense.
     """
     check_sampling(rate, loops)
     count = max(2, round(loops * motion.period * rate))
@@ -68,7 +65,6 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
 
 
 def _header(joint_names: Sequence[str]) -> str:
-    """The first line of a table."""
     return ",".join(["time", *(f"{kind}_{name}" for kind in COLUMNS for name in joint_names)])
 
 
@@ -83,9 +79,6 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
 
     Args:
         time: Shape (N,). [s]
-
-    Raises:
-        ReportError: If it cannot be written.
     """
     rows = np.column_stack(
         [time, motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
@@ -138,7 +131,6 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
 
 
 def _numbers(line: str, count: int, where: str) -> list[float]:
-    """Numbers of one row."""
     try:
         values = [float(cell) for cell in line.split(",")]
     except ValueError as error:
@@ -161,9 +153,6 @@ def write_trajectory(
 
     Args:
         time: Since the start, shape (N,). [s]
-
-    Raises:
-        BagError: If the bag cannot be written.
     """
     store = typestore()
     kinds = store.types
@@ -196,7 +185,6 @@ def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTraj
     """Return the motion of the JointTrajectory of a bag.
 
     Raises:
-        BagError: If the bag cannot be read.
         MissingTopicError: If there is no such topic, or several.
         MotionError: If it does not hold one message, or that cannot be used.
     """

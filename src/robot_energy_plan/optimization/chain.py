@@ -56,9 +56,6 @@ class PowerChain:
 
     Args:
         motor_temperature_degc: At which the program runs, shape (T, n). [degC]
-
-    Raises:
-        RobotEnergyError: If the model cannot be used.
     """
 
     def __init__(self, model: RobotModel, motor_temperature_degc: Float) -> None:

@@ -37,7 +37,6 @@ def read_form(
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.
-        RobotEnergyError: If it cannot be read or made by this robot.
     """
     file = Path(path)
     if not file.exists():

@@ -73,7 +73,6 @@ def _time_law(task: Task) -> CyclePlan | None:
 
 
 def _with_supply(task: Task, plan: CyclePlan) -> Cost:
-    """Cost of a plan with a supply that returns braking energy, or a bus that robots share."""
     if task.regeneration is None:
         return task.table.cost(plan)
     model = task.chain.model
@@ -179,11 +178,7 @@ class Optimum:
 
 
 def optimise(task: Task) -> Optimum:
-    """Return the choice, each measure alone and the trade-offs.
-
-    Raises:
-        MotionError: If a move cannot be made within the limits.
-    """
+    """Return the choice, each measure alone and the trade-offs."""
     base = task.table.cost(task.base)
     task = task.near(together(task))
     tried = tuple(_try(task, base, measure) for measure in MEASURES.values())
@@ -208,9 +203,6 @@ def together(task: Task) -> CyclePlan:
 
     The wait is spent at one place in one state; for each state that place is known, and the moves
     are chosen against the power of that wait.
-
-    Raises:
-        MotionError: If a move cannot be made within the limits.
     """
     table = task.table
     if task.cycle_time is None:

@@ -53,9 +53,6 @@ class ProgramForm(ABC):
 
         Args:
             path: The file; of a trajectory a name with .csv makes a table, any other a bag.
-
-        Raises:
-            RobotEnergyError: If it cannot be written.
         """
         self._write(path, task.table.candidates[plan.row], plan.rest)
 

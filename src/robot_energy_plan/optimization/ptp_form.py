@@ -28,9 +28,6 @@ class PtpForm(ProgramForm):
     Attributes:
         full_limits: Limits of speed and acceleration at shares of 1, with the jerk time of the
             program.
-
-    Raises:
-        MotionError: If it cannot be read or run by this robot.
     """
 
     def __init__(self, path: str | Path, robot: Robot) -> None:

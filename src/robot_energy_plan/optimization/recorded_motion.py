@@ -43,7 +43,6 @@ def recorded_motion(
         time_range: Part of the bag, such as one cycle; None for all.
 
     Raises:
-        BagError: If the bag cannot be read.
         MotionError: If there is a gap, or too little or too much of it.
     """
     found: list[TorqueBlock] = []

@@ -63,11 +63,7 @@ ASSUMED = (
 
 
 def read_rest_states(path: str | Path) -> tuple[RestState, ...]:
-    """Return the states of a robot.
-
-    Raises:
-        MotionError: Naming the bad key, what was found and what was expected.
-    """
+    """Return the states of a robot."""
     file = load(path, RestStatesFile, MotionError, "file of rest states", "see howto_savings.md")
     return tuple(file.rest_states)
 

@@ -98,19 +98,13 @@ OVERVIEW = (
 
 @dataclass(frozen=True)
 class _Number:
-    """A float64 of a definition: its name, its unit, and whether it is an array."""
-
     name: str
     unit: str
     array: bool
 
 
 def pages(joint_names: Sequence[str]) -> list[Page]:
-    """Return all pages of plots.
-
-    Raises:
-        LayoutError: If the definitions lack what the first page names.
-    """
+    """Return all pages of plots."""
     found = [_overview()]
     for topic, kind, totals, by_joint in TOPICS:
         numbers = _numbers(kind)

@@ -86,7 +86,6 @@ def page_access(
 
     Raises:
         PageError: If the address is none, or a token is needed and missing or too weak.
-        CredentialsError: If others than its owner may read or write the file of the token.
     """
     try:
         found = ipaddress.ip_address(address)
@@ -136,7 +135,6 @@ def _token(path: str) -> str:
 
 
 def _own_names() -> set[str]:
-    """Names and addresses of this computer."""
     import socket
 
     names = {socket.gethostname().lower()}

@@ -117,7 +117,6 @@ class HistoryRing:
         self._edges[slot, 1] = max(self._edges[slot, 1], edges[1])
 
     def _merge(self) -> None:
-        """Double the length of the buckets."""
         rows = self._rows(MAX_BUCKETS)
         old = self._number[rows], self._energy[rows], self._time[rows]
         numbers, energy, seconds = (column.copy() for column in old)

@@ -100,9 +100,6 @@ class HistoryView:
 
         Returns:
             Energies in J, times in s since 1970; None where nothing was recorded.
-
-        Raises:
-            HistoryError: If there is no history, or no such robot.
         """
         with closing(open_reader(self.folder)) as connection:
             known = list(robots_of(connection))
@@ -164,11 +161,7 @@ class HistoryView:
         }  # fmt: skip
 
     def shifts(self, wish: Wish) -> dict[str, Any]:
-        """Return what all robots used in each shift of a period; no rows without shifts.
-
-        Raises:
-            HistoryError: If there is no history, or no such robot.
-        """
+        """Return what all robots used in each shift of a period; no rows without shifts."""
         tariffs, period = stored_tariffs(self.folder), wish.period
         found: dict[str, Row] = {}
         if any(one.shifts for one in tariffs):
@@ -187,11 +180,7 @@ class HistoryView:
         return {"currency": currency, "rows": rows}
 
     def csv(self, wish: Wish) -> str:
-        """Return the parts of a period as a table, by robot, by joint, or by job.
-
-        Raises:
-            HistoryError: If there is no history, or no such robot.
-        """
+        """Return the parts of a period as a table, by robot, by joint, or by job."""
         wish, parts = self._table(wish)
         by_job = wish.group == "job"
         table = self._ended(wish, wish.period, False, JOB_SUMS) if by_job else parts
@@ -213,9 +202,6 @@ class HistoryView:
 
         Returns:
             What was done, in a sentence.
-
-        Raises:
-            HistoryError: If there is no history, or it cannot be written now.
         """
         open_reader(self.folder).close()
         add_tariffs(self.folder, [tariff], now_ns)
@@ -287,7 +273,6 @@ class HistoryView:
         ]  # fmt: skip
 
     def _events(self, wish: Wish) -> list[dict[str, Any]]:
-        """The newest events of the period first."""
         period = wish.period
         found = history_events(
             self.folder, period.start_ns, period.stop_ns, wish.robots, period.zone.key

@@ -117,7 +117,6 @@ class RobotState:
             self._use(found)
 
     def _use(self, found: dict[str, Any]) -> None:
-        """Show registers, and all totals as of their instant."""
         self._registers, self._coming = found, None
         self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
         start_ns, seconds = found["start_ns"], found["observed_time"]
@@ -370,7 +369,6 @@ class RobotState:
         }
 
     def _headline(self) -> dict[str, Any]:
-        """Energy, cost and emission since the registers were set to zero."""
         found = self._registers
         energy = math.nan if found is None else net_energy(found)
         factor, since = self._settings.co2_kg_per_kwh, self._cost.since_ns

@@ -74,8 +74,5 @@ def load_settings(path: str) -> PageSettings:
 
     Returns:
         The settings.
-
-    Raises:
-        PageError: If the file cannot be read or used.
     """
     return load(path, PageSettings, PageError, "page settings") if path else PageSettings()

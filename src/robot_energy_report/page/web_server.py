@@ -76,11 +76,7 @@ class BoundedProtocol(H11Protocol):
 
 
 class PageServer:
-    """Serves a page until it is closed.
-
-    Raises:
-        PageError: If the address cannot be listened on.
-    """
+    """Serves a page until it is closed."""
 
     def __init__(self, hub: PageHub, access: PageAccess) -> None:
         self._socket = _listening(access)
