@@ -90,17 +90,33 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, tmp_path):
     assert not processes_of_session(process.pid)
 
 
+OF_NODES = """
+import os, pathlib, signal, sys
+from ros2_energy_monitor.demo.processes import NodeProcesses
+with NodeProcesses(pathlib.Path(sys.argv[1]), dict(os.environ)) as nodes:
+    nodes.start("console")
+    print("started", flush=True)
+    signal.pause()
+"""
+
+
 def test_killed_demo_takes_its_nodes_along(child_environment, tmp_path):
-    process = demo(child_environment, "--seconds=60", "--model=kr16", f"--out={tmp_path}")
+    """As all its nodes: one, without the demonstration around it."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", OF_NODES, str(tmp_path)],
+        env=child_environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("from the grid"):
-            break
+    assert process.stdout.readline() == "started\n"
+    assert len(processes_of_session(process.pid)) == 2
     process.kill()
     process.communicate(timeout=LIMIT)
     limit = time.monotonic() + LIMIT
     while processes_of_session(process.pid):
-        assert time.monotonic() < limit, "nodes outlived the demonstration"
+        assert time.monotonic() < limit, "the node outlived what started it"
         time.sleep(0.05)
 
 

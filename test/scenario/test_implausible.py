@@ -33,7 +33,7 @@ SHOULDER, ELBOW = 1.0, 1.0  # torque constants that leave the recorded torque as
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     slow = Program(VIA, LIMITS, dwell=1.5)  # long enough to read the meter at rest
-    rig = VirtualRig(two_link_profile(folder), slow, RigConfig(), 0, 25.0)
+    rig = VirtualRig(two_link_profile(folder), slow, RigConfig(), 0, 25.0, rate_hz=100.0)
     record(rig, 30.0, folder / "bag")
     return folder / "bag"
 

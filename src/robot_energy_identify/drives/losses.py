@@ -18,7 +18,13 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
-from robot_energy_identify.stats.regression import Fit, independent, regress
+from robot_energy_identify.stats.regression import (
+    Fit,
+    estimate,
+    independent,
+    regress,
+    require_excitation,
+)
 from robot_energy_identify.stats.systematic import Changes, with_systematic
 
 if TYPE_CHECKING:
@@ -93,6 +99,45 @@ def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
     return np.stack([np.ones_like(speed), heat, speed, speed * speed], axis=-1)
 
 
+def loss_values(
+    columns: Float, target: Float, names: Sequence[str], what: str
+) -> tuple[Float, list[int], list[int]]:
+    """Return the coefficients of `fit_losses` alone: most are tried on parts held out.
+
+    Args:
+        columns: Shape (N, P), those that matter most first. [W/coefficient]
+        target: Shape (N,). [W]
+
+    Returns:
+        Coefficients, 0 where negative or not determined, shape (P,); the columns that are used;
+        those that came out negative.
+
+    Raises:
+        NotIdentifiableError: If there are too few samples or no column is excited.
+    """
+    if len(target) < max(MIN_SAMPLES, 2 * columns.shape[1]):
+        raise NotIdentifiableError(
+            f"{what} have {len(target)} samples with power, torque and speed",
+            f"at least {max(MIN_SAMPLES, 2 * columns.shape[1])}",
+            "record longer, with power and joint states",
+        )
+    size = np.linalg.norm(columns, axis=0)
+    used = sorted(independent(columns, MIN_SHARE * size))
+    if not used:
+        raise NotIdentifiableError(f"{what} are all zero", "motion under load")
+    require_excitation(columns[:, used], [names[k] for k in used], what)
+    negative: list[int] = []
+    while True:
+        values, _ = estimate(columns[:, used], target)
+        worst = int(np.argmin(values * size[used]))
+        if values[worst] >= 0.0 or len(used) == 1:
+            break
+        negative.append(used.pop(worst))
+    found = np.zeros(len(size))
+    found[used] = np.maximum(values, 0.0)
+    return found, used, negative
+
+
 def fit_losses(
     columns: Float,
     target: Float,
@@ -104,32 +149,14 @@ def fit_losses(
     """Return coefficients that are not negative, with deviations from blocks.
 
     Args:
-        columns: Shape (N, P), those that matter most first. [W/coefficient]
-        target: Shape (N,). [W]
+        columns: As of `loss_values`, and what is raised.
+        target: Likewise.
         block: Contiguous block of each sample, shape (N,).
         changes: What constant errors do to the target, of the coefficients by name.
-
-    Raises:
-        NotIdentifiableError: If there are too few samples or no column is excited.
     """
-    if len(target) < max(MIN_SAMPLES, 2 * columns.shape[1]):
-        raise NotIdentifiableError(
-            f"{what} have {len(target)} samples with power, torque and speed",
-            f"at least {max(MIN_SAMPLES, 2 * columns.shape[1])}",
-            "record longer, with power and joint states",
-        )
-    found = np.zeros(columns.shape[1], dtype=np.bool_)
-    found[independent(columns, MIN_SHARE * _size(columns))] = True
-    if not found.any():
-        raise NotIdentifiableError(f"{what} are all zero", "motion under load")
-    used: list[int] = np.flatnonzero(found).tolist()
-    negative: list[int] = []
-    while True:
-        fit = regress(columns[:, used], target, block, [names[k] for k in used], what=what)
-        worst = int(np.argmin(fit.values * _size(columns[:, used])))
-        if fit.values[worst] >= 0.0 or len(used) == 1:
-            break
-        negative.append(used.pop(worst))
+    _, used, negative = loss_values(columns, target, names, what)
+    found = [k in (*used, *negative) for k in range(len(names))]
+    fit = regress(columns[:, used], target, block, [names[k] for k in used], what=what)
     if changes is not None:
         known = dict.fromkeys(names, 0.0) | dict(zip(fit.names, fit.values.tolist(), strict=True))
         fit = with_systematic(fit, columns[:, used], changes(known))
@@ -153,10 +180,6 @@ def fit_losses(
         {names[k]: fit.parts_of(place) for place, k in enumerate(used)},
         fit,
     )
-
-
-def _size(columns: Float) -> Float:
-    return np.linalg.norm(columns, axis=0)
 
 
 def fitted_losses(axis: AxisFit, source: str) -> object:
