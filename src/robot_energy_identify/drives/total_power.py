@@ -9,7 +9,7 @@ the simplest structure that no other beats on blocks it has not seen is taken.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -97,8 +97,9 @@ def fit_total(data: Sums) -> TotalFit:
 
 def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
     """Predict every fold as the fit of the others does."""
+    rest = replace(data, deviations=False)
     return predict_held_out(
-        fold, lambda train, test: predict(data.rows(test), fit(data.rows(train)))
+        fold, lambda train, test: predict(data.rows(test), fit(rest.rows(train)))
     )
 
 
@@ -144,6 +145,7 @@ def fit_structure(
         names,
         "the meter's readings",
         lambda values: _changes(data, spread(values), structure),
+        data.deviations,
     )
     coefficients, deviations = spread(losses.values), spread(losses.std)
     none, known = dict.fromkeys(names, 0.0), () if losses.fit is None else losses.fit.names
