@@ -202,7 +202,7 @@ def _step(step: StepReport, report: IdentificationReport, page: Document) -> Non
             )
             source = step.step.found
             if isinstance(source, DynamicsFound) and source.seconds < float("inf"):
-                page.paragraph(f"of each recording the first {source.seconds:.0f} s were used")
+                page.paragraph(f"of each recording {source.seconds:.0f} s were used")
         case FrictionReport() as found:
             friction_document(found, page)
         case CabinetFit() as fit:

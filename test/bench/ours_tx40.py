@@ -14,7 +14,6 @@ import numpy as np
 import scipy.interpolate
 import scipy.ndimage
 import scipy.signal
-import scipy.stats  # noqa: F401
 
 from robot_energy.model import save
 from robot_energy_identify.data.log_channels import model_of, read_channels

@@ -81,7 +81,7 @@ MODULES = {
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline fallback_use friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings torque_stage work_sums
+        online_monitor payload_timeline power_stage settings supply torque_stage work_sums
     """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps

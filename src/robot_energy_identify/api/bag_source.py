@@ -120,16 +120,16 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
-        from robot_energy_identify.data.bags import motion_time
+        from robot_energy_identify.data.bags import Kept, motion_time
         from robot_energy_identify.data.recordings import channels_of
 
         recordings = self.with_effort(model)
-        seconds = motion_time(recordings)
+        seconds = motion_time(recordings, len(recordings))
         found: dict[str, list[Channels]] = {}
         rate: float | None = None
         for bag, part in zip(self.lazy(model, None)[0], recordings, strict=True):
-            starts = replace(bag, kept=part).starts(model, seconds)
-            sampled = channels_of(starts, rate)
+            motion = replace(bag, kept=Kept(part)).motion(model, seconds)
+            sampled = channels_of(motion, rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
         return found

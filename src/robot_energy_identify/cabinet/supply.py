@@ -104,5 +104,5 @@ def _rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
         recording,
         model=recording.model.model_copy(update={"cabinet": cabinet}),
         power=replace(power, **flows.__dict__),
-        compared=(),
+        known=(),
     )

@@ -18,13 +18,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
-from robot_energy_identify.stats.regression import (
-    Fit,
-    estimate,
-    independent,
-    regress,
-    require_excitation,
-)
+from robot_energy_identify.stats.regression import Fit, independent, qr_r, regress
 from robot_energy_identify.stats.systematic import Changes, with_systematic
 
 if TYPE_CHECKING:
@@ -99,18 +93,23 @@ def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
     return np.stack([np.ones_like(speed), heat, speed, speed * speed], axis=-1)
 
 
-def loss_values(
-    columns: Float, target: Float, names: Sequence[str], what: str
-) -> tuple[Float, list[int], list[int]]:
-    """Return the coefficients of `fit_losses` alone: most are tried on parts held out.
+def fit_losses(
+    columns: Float,
+    target: Float,
+    block: Int,
+    names: Sequence[str],
+    what: str,
+    changes: Callable[[dict[str, float]], Changes] | None = None,
+    deviations: bool = True,
+) -> Losses:
+    """Return coefficients that are not negative, with deviations from blocks.
 
     Args:
         columns: Shape (N, P), those that matter most first. [W/coefficient]
         target: Shape (N,). [W]
-
-    Returns:
-        Coefficients, 0 where negative or not determined, shape (P,); the columns that are used;
-        those that came out negative.
+        block: Contiguous block of each sample, shape (N,).
+        changes: What constant errors do to the target, of the coefficients by name.
+        deviations: Whether they are wanted; else they are NaN.
 
     Raises:
         NotIdentifiableError: If there are too few samples or no column is excited.
@@ -121,43 +120,22 @@ def loss_values(
             f"at least {max(MIN_SAMPLES, 2 * columns.shape[1])}",
             "record longer, with power and joint states",
         )
-    size = np.linalg.norm(columns, axis=0)
-    used = sorted(independent(columns, MIN_SHARE * size))
-    if not used:
+    found = np.zeros(columns.shape[1], dtype=np.bool_)
+    found[independent(qr_r(columns), MIN_SHARE * _size(columns))] = True
+    if not found.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
-    require_excitation(columns[:, used], [names[k] for k in used], what)
+    used: list[int] = np.flatnonzero(found).tolist()
     negative: list[int] = []
     while True:
-        values, _ = estimate(columns[:, used], target)
-        worst = int(np.argmin(values * size[used]))
-        if values[worst] >= 0.0 or len(used) == 1:
+        own = [names[k] for k in used]
+        fit = regress(columns[:, used], target, block, own, "irls", what, False)
+        worst = int(np.argmin(fit.values * _size(columns[:, used])))
+        if fit.values[worst] >= 0.0 or len(used) == 1:
             break
         negative.append(used.pop(worst))
-    found = np.zeros(len(size))
-    found[used] = np.maximum(values, 0.0)
-    return found, used, negative
-
-
-def fit_losses(
-    columns: Float,
-    target: Float,
-    block: Int,
-    names: Sequence[str],
-    what: str,
-    changes: Callable[[dict[str, float]], Changes] | None = None,
-) -> Losses:
-    """Return coefficients that are not negative, with deviations from blocks.
-
-    Args:
-        columns: As of `loss_values`, and what is raised.
-        target: Likewise.
-        block: Contiguous block of each sample, shape (N,).
-        changes: What constant errors do to the target, of the coefficients by name.
-    """
-    _, used, negative = loss_values(columns, target, names, what)
-    found = [k in (*used, *negative) for k in range(len(names))]
-    fit = regress(columns[:, used], target, block, [names[k] for k in used], what=what)
-    if changes is not None:
+    if deviations:
+        fit = regress(columns[:, used], target, block, fit.names, "irls", what)
+    if deviations and changes is not None:
         known = dict.fromkeys(names, 0.0) | dict(zip(fit.names, fit.values.tolist(), strict=True))
         fit = with_systematic(fit, columns[:, used], changes(known))
     width = fit.interval()
@@ -180,6 +158,10 @@ def fit_losses(
         {names[k]: fit.parts_of(place) for place, k in enumerate(used)},
         fit,
     )
+
+
+def _size(columns: Float) -> Float:
+    return np.linalg.norm(columns, axis=0)
 
 
 def fitted_losses(axis: AxisFit, source: str) -> object:

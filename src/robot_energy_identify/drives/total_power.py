@@ -8,8 +8,8 @@ the simplest structure that no other beats on blocks it has not seen is taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -21,12 +21,7 @@ from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int, MeterLocation
 from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
-from robot_energy_identify.drives.losses import (
-    COPPER_COEFFICIENT,
-    Losses,
-    fit_losses,
-    loss_values,
-)
+from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy_identify.stats.cross_validation import (
     EnergyScore,
@@ -49,7 +44,6 @@ from robot_energy_identify.stats.systematic import (
 
 Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
-READINGS = "the meter's readings"
 
 NO_BETTER = PositiveFigure(
     value=0.0, tag="assumed", source="losses predict held-out readings no better than 0"
@@ -57,33 +51,24 @@ NO_BETTER = PositiveFigure(
 
 
 @dataclass(frozen=True)
-class TotalValues:
+class TotalFit:
     """Losses behind the readings of one meter.
 
     Attributes:
         constant: C. [W]
-        coefficients: Copper, linear and quadratic coefficient of every joint, shape (3, n).
-    """
-
-    structure: Structure
-    constant: float
-    coefficients: Float
-
-
-@dataclass(frozen=True)
-class TotalFit(TotalValues):
-    """The same with what is known of their certainty.
-
-    Attributes:
         constant_std: [W]
         losses: The regression behind it; its columns are named by joint and term.
+        coefficients: Copper, linear and quadratic coefficient of every joint, shape (3, n).
         deviations: Standard deviations of them; NaN where not determined, shape (3, n).
         errors: RMS on blocks not seen, of every structure that was tried. [W]
         spread: Coefficients per parameter of the regression, shape (3, n, P).
     """
 
+    structure: Structure
+    constant: float
     constant_std: float
     losses: Losses
+    coefficients: Float
     deviations: Float
     errors: dict[Structure, float]
     spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
@@ -96,72 +81,26 @@ def fit_total(data: Sums) -> TotalFit:
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
     """
-    errors = _errors(data)
-    return fit_structure(data, simplest(errors) if errors else STRUCTURES[0], errors)
-
-
-def _chosen(data: Sums) -> TotalValues:
-    """The values of `fit_total` alone."""
-    errors = _errors(data)
-    return _values(data, simplest(errors) if errors else STRUCTURES[0])
-
-
-def _errors(data: Sums) -> dict[Structure, float]:
-    """On blocks not seen, of every structure that can be fitted. [W]"""
     errors: dict[Structure, float] = {}
     fold = contiguous_folds(len(data))
     for structure in STRUCTURES:
         try:
-            predicted = _held_out(data, fold, lambda part, what=structure: _values(part, what))
+            predicted = _held_out(
+                data, fold, lambda part, what=structure: fit_structure(part, what)
+            )
         except NotIdentifiableError:
             continue
         errors[structure] = rms_of(predicted - data.measured)
-    return errors
+    chosen = simplest(errors) if errors else STRUCTURES[0]
+    return fit_structure(data, chosen, errors)
 
 
-def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalValues]) -> Float:
+def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
     """Predict every fold as the fit of the others does."""
+    rest = replace(data, deviations=False)
     return predict_held_out(
-        fold, lambda train, test: predict(data.rows(test), fit(data.rows(train)))
+        fold, lambda train, test: predict(data.rows(test), fit(rest.rows(train)))
     )
-
-
-class _Columns:
-    """Columns of the regression of one structure, shape (K, P), and the power that they explain."""
-
-    def __init__(self, data: Sums, structure: Structure) -> None:
-        shaft = 0.0 if structure == "constant" else data.shaft
-        self.rest, self._scale = data.measured - shaft, data.scale
-        columns, self.names, self._place = [np.ones(len(data))], ["constant"], [(-1, -1)]
-        every = range(len(data.names))
-        for row, term in enumerate(COEFFICIENTS):
-            apart = structure == "axis" or (structure == "axis_copper" and row == 0)
-            if apart:
-                columns += [data.terms[:, row, k] for k in every]
-                self.names += [f"{term} of {name}" for name in data.names]
-                self._place += [(row, k) for k in every]
-            elif structure in ("shared", "axis_copper"):
-                columns.append(data.terms[:, row] @ data.scale[row])
-                self.names.append(f"{term} of all axes")
-                self._place.append((row, -1))
-        self.columns = np.column_stack(columns)
-
-    def spread(self, values: Iterable[float]) -> Float:
-        """Coefficients of every joint, shape (3, n), from those of all columns."""
-        found = np.zeros(self._scale.shape)
-        for value, (row, joint) in zip(values, self._place, strict=True):
-            if joint >= 0:
-                found[row, joint] = value
-            elif row >= 0:
-                found[row] = value * self._scale[row]
-        return found
-
-
-def _values(data: Sums, structure: Structure) -> TotalValues:
-    """The values of `fit_structure` alone."""
-    own = _Columns(data, structure)
-    values, _, _ = loss_values(own.columns, own.rest, own.names, READINGS)
-    return TotalValues(structure, float(values[0]), own.spread(values.tolist()))
 
 
 def fit_structure(
@@ -175,26 +114,50 @@ def fit_structure(
     Raises:
         NotIdentifiableError: If the readings are too few.
     """
-    own = _Columns(data, structure)
-    names = own.names
+    n_joints = len(data.names)
+    columns, names, place = [np.ones(len(data))], ["constant"], [(-1, -1)]
+    for row, term in enumerate(COEFFICIENTS):
+        apart = structure == "axis" or (structure == "axis_copper" and row == 0)
+        if apart:
+            columns += [data.terms[:, row, k] for k in range(n_joints)]
+            names += [f"{term} of {name}" for name in data.names]
+            place += [(row, k) for k in range(n_joints)]
+        elif structure in ("shared", "axis_copper"):
+            columns.append(data.terms[:, row] @ data.scale[row])
+            names.append(f"{term} of all axes")
+            place.append((row, -1))
+    shaft = 0.0 if structure == "constant" else data.shaft
+
+    def spread(values: dict[str, float]) -> Float:
+        """Coefficients of every joint, shape (3, n)."""
+        found = np.zeros((3, n_joints))
+        for name, (row, joint) in zip(names[1:], place[1:], strict=True):
+            if joint < 0:
+                found[row] = values[name] * data.scale[row]
+            else:
+                found[row, joint] = values[name]
+        return found
+
     losses = fit_losses(
-        own.columns,
-        own.rest,
+        np.column_stack(columns),
+        data.measured - shaft,
         data.block,
         names,
-        READINGS,
-        lambda values: _changes(data, own.spread(values.values()), structure),
+        "the meter's readings",
+        lambda values: _changes(data, spread(values), structure),
+        data.deviations,
     )
-    known = () if losses.fit is None else losses.fit.names
+    coefficients, deviations = spread(losses.values), spread(losses.std)
+    none, known = dict.fromkeys(names, 0.0), () if losses.fit is None else losses.fit.names
     return TotalFit(
         structure,
         losses.values["constant"],
-        own.spread(losses.values.values()),
         losses.std["constant"],
         losses,
-        own.spread(losses.std.values()),
+        coefficients,
+        deviations,
         dict(errors or {}),
-        np.stack([own.spread([float(name == one) for one in names]) for name in known], axis=-1),
+        np.stack([spread({**none, name: 1.0}) for name in known], axis=-1),
     )
 
 
@@ -213,7 +176,7 @@ def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
     return causes
 
 
-def predict(data: Sums, fit: TotalValues) -> Float:
+def predict(data: Sums, fit: TotalFit) -> Float:
     """Return what the meter would read, shape (K,). [W]
 
     Args:
@@ -238,7 +201,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
     kind, fold = recordings_or_blocks(data.recording)
 
     def fitted(structure: Structure) -> Callable[[], Float]:
-        return lambda: _held_out(data, fold, lambda train: _values(train, structure))
+        return lambda: _held_out(data, fold, lambda train: fit_structure(train, structure))
 
     ways = {"constant": fitted("constant"), "shaft": fitted("shaft")}
     if model is not None:
@@ -246,7 +209,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
         ways["given"] = lambda: data.given + cabinet
     ways |= {structure: fitted(structure) for structure in STRUCTURES[1:]}
-    ways["identified"] = lambda: _held_out(data, fold, _chosen)
+    ways["identified"] = lambda: _held_out(data, fold, fit_total)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives
         ways["drives_measured"] = lambda: (

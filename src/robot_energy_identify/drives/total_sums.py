@@ -40,6 +40,7 @@ class Sums:
         block: Shape (K,).
         scale: Of each joint's coefficients where axes share them, shape (3, n).
         shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
+        deviations: Whether a fit of it needs them, or only predicts what was held out.
     """
 
     names: tuple[str, ...]
@@ -55,6 +56,7 @@ class Sums:
     scale: Float
     shares: Float
     sensors: SensorLimits = DEFAULT_LIMITS
+    deviations: bool = True
 
     def __len__(self) -> int:
         return len(self.duration)

@@ -18,7 +18,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.data.observations import Filters, Observations, observe
+from robot_energy_identify.data.observations import Filters, Observations, Rows, observe
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
@@ -77,6 +77,7 @@ class DynamicsSettings:
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
             by. Gravity that little motion does not distinguish from an offset stays gravity. [-]
+        seen: Rows that were made before, as of `observe`.
     """
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
@@ -85,6 +86,7 @@ class DynamicsSettings:
     delay_span: float = 0.005
     offset: float = 0.01
     sensors: SensorLimits = DEFAULT_LIMITS
+    seen: Rows | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -250,7 +252,7 @@ def _identify(
 ) -> Dynamics:
     check_channels(channels, model)
     whole = TorqueModel.from_model(model, settings.columns)
-    rows = observe(channels, whole, settings.filters)
+    rows = observe(channels, whole, settings.filters, settings.seen)
     check_motion(rows, whole.robot, settings.filters)
     base = whole.structure()
     independent = rows.with_columns(base.independent)

@@ -11,8 +11,8 @@ Student's t says (`student`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
 MAX_ROUNDS = 30  # of the Huber weights
 SETTLED = 1e-6  # relative change of what is fitted at which the weights have settled
+ROUGHLY = 1e-4  # the same for a held-out prediction, whose error is a hundred times that
 MIN_NOISE = 1e-12  # below which residuals are rounding
 MIN_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
 CONFIDENCE = 0.95  # of the intervals at which Student's t and a normal distribution agree
@@ -111,6 +112,8 @@ def fit(
     covariance: Covariance,
     method: Method = "irls",
     used: NDArray[np.bool_] | None = None,
+    base: tuple[Float, Float] | None = None,
+    settled: float = SETTLED,
 ) -> Fit:
     """Return one set of parameters for one target or several, such as the torques of joints.
 
@@ -122,8 +125,10 @@ def fit(
         method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
             with Huber weights against outliers as well.
         used: Rows of each target that count; None for all, shape of the target.
+        base: QR decomposition of the columns, where all rows count and it is known.
+        settled: Relative change at which the weights of ``irls`` have settled. [-]
     """
-    values, weight = estimate(columns, target, method, used)
+    values, weight = estimate(columns, target, method, used, base, settled)
     residual = target - columns @ values
     matrix, independent, degrees = covariance(columns, residual, weight)
     matrix = matrix * student(degrees) ** 2
@@ -146,48 +151,53 @@ def student(degrees: float) -> float:
 
 
 def estimate(
-    columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
+    columns: Float,
+    target: Float,
+    method: Method = "irls",
+    used: NDArray[np.bool_] | None = None,
+    base: tuple[Float, Float] | None = None,
+    settled: float = SETTLED,
 ) -> tuple[Float, Float]:
     """Return values and the weight of each row; arguments as in `fit`."""
     size = len(target)
     wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
     rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used
     if method == "irls":
-        values, weight = _huber(*wide, rows)
+        values, weight = _huber(*wide, rows, base, settled)
     else:
         values, weight = _by_target(*wide, rows, 0 if method == "ols" else WEIGHTINGS)
     return values, weight.reshape(target.shape)
 
 
-def _huber(columns: Float, target: Float, used: NDArray[np.bool_]) -> tuple[Float, Float]:
+def _huber(
+    columns: Float,
+    target: Float,
+    used: NDArray[np.bool_],
+    known: tuple[Float, Float] | None,
+    settled: float,
+) -> tuple[Float, Float]:
     """Solve with weights of one over the noise times the root of the Huber weight."""
-    rows, measured = columns[used], target[used]
+    measured = target[used]
     joint = np.nonzero(used)[1]
     groups = [joint == number for number in np.unique(joint)]
-    base, triangle = np.linalg.qr(rows)  # orthonormal, so that squares lose nothing
-    inner, weight = base.T @ measured, np.ones(len(rows))
+    # orthonormal, so that squares lose nothing
+    base, triangle = np.linalg.qr(columns[used]) if known is None else known
+    inner, weight = base.T @ measured, np.ones(len(measured))
     for _ in range(MAX_ROUNDS):
         residual = measured - base @ inner
         for own in groups:
             rest = residual[own]
-            middle = _median(np.abs(rest - _median(rest)))
-            noise = max(MEDIAN_TO_STD * middle, MIN_NOISE)
+            middle = np.median(np.abs(rest - np.median(rest)))
+            noise = max(MEDIAN_TO_STD * float(middle), MIN_NOISE)
             reach = HUBER * noise / np.maximum(np.abs(rest), 1e-300)
             weight[own] = np.sqrt(np.minimum(1.0, reach)) / noise
         weighted = base * (weight * weight)[:, None]
         before, inner = inner, np.linalg.solve(weighted.T @ base, weighted.T @ measured)
-        if np.linalg.norm(inner - before) <= SETTLED * np.linalg.norm(inner):
+        if np.linalg.norm(inner - before) <= settled * np.linalg.norm(inner):
             break
     spread = np.zeros(target.shape)
     spread[used] = weight
     return np.linalg.lstsq(triangle, inner, rcond=None)[0], spread
-
-
-def _median(values: Float) -> float:
-    """As `numpy.median`, which takes several times as long for so few values."""
-    low, high = (len(values) - 1) // 2, len(values) // 2
-    ordered = np.partition(values, (low, high))
-    return 0.5 * float(ordered[low] + ordered[high])
 
 
 def _by_target(
@@ -278,24 +288,26 @@ def jackknife(block: Int) -> Covariance:
         order = np.argsort(index, kind="stable")
         edges = np.flatnonzero(np.diff(index[order])) + 1
         free = np.where(weight == weight.max(), weight, 0.0)
-        rows = columns[order]
-        free_rows = rows * free[order, None] ** 2
-        pulls = rows * (weight * weight * residual)[order, None]
-        parts = [slice(*ends) for ends in pairwise([0, *edges.tolist(), len(order)])]
-        slope = np.stack([free_rows[part].T @ rows[part] for part in parts])
+        pulls = columns * (weight * weight * residual)[:, None]
+        parts = np.split(order, edges.tolist())
+        slope = np.stack(
+            [(columns[part] * free[part, None] ** 2).T @ columns[part] for part in parts]
+        )
         pull = np.stack([pulls[part].sum(axis=0) for part in parts])
-        blocks = len(pull)
+        blocks, n_parameters = pull.shape
         whole: Float = slope.sum(axis=0)
         count = np.array([float(blocks)])
         if blocks == 1:  # one block says nothing of its own scatter: white residuals are assumed
             rest = weight * residual
-            share = float(rest @ rest) / max(len(residual) - pull.shape[1], 1)
+            share = float(rest @ rest) / max(len(residual) - n_parameters, 1)
             return np.linalg.inv(whole) * share, count, 0.0
         try:
             change = np.linalg.solve(whole - slope, pull[..., None])[..., 0]
         except np.linalg.LinAlgError:  # some block alone determines some parameter
-            left_out = zip(whole - slope, pull, strict=True)
-            change = np.stack([_solved(matrix, of) for matrix, of in left_out])
+            change = np.full((blocks, n_parameters), np.inf)
+            for number in range(blocks):
+                with suppress(np.linalg.LinAlgError):
+                    change[number] = np.linalg.solve(whole - slope[number], pull[number])
         with np.errstate(invalid="ignore"):
             scatter = change.T @ change * (blocks - 1) / blocks
         return np.where(np.isnan(scatter), np.inf, scatter), count, blocks - 1.0
@@ -303,12 +315,10 @@ def jackknife(block: Int) -> Covariance:
     return covariance
 
 
-def _solved(matrix: Float, of: Float) -> Float:
-    """The solution; infinite where there is none."""
-    try:
-        return np.linalg.solve(matrix, of)
-    except np.linalg.LinAlgError:
-        return np.full(len(of), np.inf)
+def undeviated(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
+    """Give no covariance: a fit that only predicts what was held out needs none; all NaN."""
+    size = columns.shape[-1]
+    return np.full((size, size), np.nan), np.full(1, np.nan), float("nan")
 
 
 def regress(
@@ -318,6 +328,7 @@ def regress(
     names: Sequence[str],
     method: Method = "irls",
     what: str = "the data",
+    deviations: bool = True,
 ) -> Fit:
     """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
@@ -327,24 +338,29 @@ def regress(
         block: Number of the contiguous block that each sample belongs to, shape (N,).
         names: Name of each parameter, for messages.
         method: As of `fit`.
+        deviations: Whether they are wanted; they take most of the time.
 
     Raises:
         ShapeError: If shapes do not fit.
         NotIdentifiableError: If the data do not excite a parameter; names it.
     """
     check_shape("target", target.shape, (len(columns),))
-    require_excitation(columns, names, what)
-    return fit(columns, target, names, jackknife(block), method)
+    base, triangle = np.linalg.qr(columns)
+    _require_excitation(columns, triangle, names, what)
+    known = base, triangle
+    if not deviations:
+        return fit(columns, target, names, undeviated, method, base=known, settled=ROUGHLY)
+    return fit(columns, target, names, jackknife(block), method, base=known)
 
 
-def require_excitation(columns: Float, names: Sequence[str], what: str) -> None:
+def _require_excitation(columns: Float, triangle: Float, names: Sequence[str], what: str) -> None:
     """Refuse columns that are zero, or that the others explain but for rounding."""
     length = np.linalg.norm(columns, axis=0)
     weak = [name for name, size in zip(names, length, strict=True) if not size > 0.0]
     if len(columns) < columns.shape[1]:
         weak = list(names)
     if not weak:
-        _, size, direction = np.linalg.svd(qr_r(columns / length))
+        _, size, direction = np.linalg.svd(triangle / length)
         inverse = direction.T / np.maximum(size, np.finfo(float).tiny)
         unexplained = 1.0 / np.linalg.norm(inverse, axis=1)
         weak = [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite, pi, sqrt
+from math import exp, isfinite, pi, sqrt
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from robot_energy.timeline.blocks import Float
 from robot_energy_identify.stats.regression import CONFIDENCE, Fit
 
 ROOT3 = sqrt(3.0)
-ROOT_2PI = sqrt(2.0 * pi)
 SMALL = 1e-3  # of the greatest part: less does not count
 METER, TORQUE, THERMOMETER, BODIES, DRIVE_POWER = (
     "meter", "torque", "thermometer", "bodies", "drive power"
@@ -99,7 +98,7 @@ def total(parts: Mapping[str, float]) -> float:
     def beyond(half: float) -> float:
         """Share above ``half``, less what is wanted: the mean of the normal distribution."""
         low, high = (half - reach) / rest, (half + reach) / rest
-        below = [u * ndtr(u) + np.exp(-0.5 * u * u) / ROOT_2PI for u in (low, high)]
+        below = [u * float(ndtr(u)) + exp(-0.5 * u * u) / sqrt(2.0 * pi) for u in (low, high)]
         return (below[1] - below[0]) * rest / (2.0 * reach) - (0.5 + 0.5 * CONFIDENCE)
 
     return float(brentq(beyond, 0.0, reach + 10.0 * rest)) / Z95
