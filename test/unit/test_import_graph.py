@@ -436,11 +436,12 @@ def test_the_library_imports_no_ros():
         assert not used & FOREIGN, f"{module} imports {used & FOREIGN}"
 
 
-def test_one_module_imports_pinocchio():
+def test_two_modules_import_pinocchio():
     found = {
         m for m, path in files().items() if "pinocchio" in {i.split(".")[0] for i in imports(path)}
     }
-    assert found == {"robot_energy.physics.rigid_body"}
+    names = "pinocchio_model", "rigid_body"
+    assert found == {f"robot_energy.physics.{name}" for name in names}
 
 
 def loaded_by(*modules):
