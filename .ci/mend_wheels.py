@@ -1,4 +1,4 @@
-"""Mend two defects of the ROS wheels: foreign include folders, and a parser that is started too often.
+"""Mend two defects of the ROS wheels: foreign include folders and a parser called too often.
 
 Twenty exported CMake files in `<environment>/share` name the Python and numpy
 headers of the build machine (`/opt/python/cp311-cp311/...`), so no interface package

@@ -1,9 +1,9 @@
 """Each interface definition is parsed once, instead of once by each of the generators.
 
-The Earley parser of `rosidl_parser` takes 0.3 s for a definition, and each generator is a process of
-its own. `mend_wheels.py` copies this module into that package, whose `parse_idl_file` it replaces. The
-parsed definition is kept next to the `.idl` file that colcon makes in the build folder, under the hash
-of its text; where nothing can be written, it is parsed again.
+The Earley parser of `rosidl_parser` takes 0.3 s for a definition, and each generator is a process
+of its own. `mend_wheels.py` copies this module into that package, whose `parse_idl_file` it
+replaces. A parsed definition is kept next to the `.idl` file that colcon makes in the build folder,
+under the hash of its text; where nothing can be written, it is parsed again.
 """
 
 import contextlib

@@ -35,7 +35,7 @@ FIRST = CI / "requirements-build.txt"
 REQUIREMENTS = [CI / "requirements-ros.txt", CI / "requirements.txt"]
 MENDING = [CI / "mend_wheels.py", CI / "parsed_once.py"]
 INTERFACES = "ros2_energy_msgs"
-# Messages for nodes in Python on Fast DDS, the one middleware among the wheels; not linked file by file.
+# Messages for nodes in Python on Fast DDS, the one middleware among the wheels.
 MESSAGES = (
     *("-GNinja", "-DWITH_CPP=OFF", "-DSTATIC_ROSIDL_TYPESUPPORT_C=rosidl_typesupport_fastrtps_c"),
     *("-DCMAKE_C_FLAGS_RELEASE=-O1", "-DCMAKE_CXX_FLAGS_RELEASE=-O1"),
@@ -152,7 +152,7 @@ def install(files: list[Path]) -> None:
 
 
 def pip_install(files: list[Path]) -> None:
-    """Install what files of requirements pin by pip: ten times slower than uv, but it knows each setting of pip."""
+    """Install by pip what files of requirements pin: slower than uv, but by all settings of pip."""
     # Python compiles what is imported; all of it would take half a minute.
     quiet = ["--no-input", "--progress-bar=off", "--disable-pip-version-check", "--no-compile"]
     pip = [VENV_PYTHON, "-m", "pip", "install", *quiet, "--use-pep517", *pinned(files)]
@@ -202,7 +202,7 @@ def build_packages() -> bool:
             *("--build-base", BUILD, "--install-base", INSTALL),
             *("--cmake-args", f"-DPython3_EXECUTABLE={VENV_PYTHON}", *MESSAGES),
         ]
-        # Otherwise colcon starts no second compiler while the load of the machine is above its cores.
+        # Otherwise colcon starts no second compiler while the load is above the number of cores.
         jobs = f"-j{len(os.sched_getaffinity(0))}"
         run(command, "colcon could not build the packages", MAKEFLAGS=jobs)
     messages_stamp.write_text(messages_key)

@@ -32,6 +32,7 @@ class Column:
         unit: Behind the name, in brackets; empty for none.
         total: Whether the row of sums has the sum of the values, or a function of all rows
             that gives the value or its text.
+        optional: Whether the column is left out where no row has a value or a text.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Column:
     form: Callable[[Any], str] = str
     unit: str = ""
     total: bool | Callable[[Sequence[Any]], Any] = False
+    optional: bool = False
 
     @property
     def heading(self) -> str:
@@ -52,6 +54,10 @@ class Column:
             row: An object with the attribute that the column shows, or one that its function takes.
         """
         return self._text(self._of(row))
+
+    def has_something(self, rows: Sequence[Any]) -> bool:
+        """Return whether any of the rows has a value or a text."""
+        return any(self._of(row) not in (None, "") for row in rows)
 
     def sum(self, rows: Sequence[Any]) -> str:
         """Return what stands in the row of sums; a dash where a value is not known."""
@@ -232,6 +238,7 @@ class Document:
         Args:
             columns: What it shows of each object.
         """
+        columns = [one for one in columns if not one.optional or one.has_something(rows)]
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
         cells = [[column.cell(row) for column in columns] for row in rows]
         self.table(title, [column.heading for column in columns], cells, sums)

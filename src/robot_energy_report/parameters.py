@@ -83,7 +83,7 @@ def changes_document(before: RobotModel, after: RobotModel, page: Document) -> N
         Column("now", lambda one: one.after.value, significant(4)),
         Column("std", lambda one: one.after.std, significant(2)),
         Column("known as", lambda one: one.after.tag),
-        Column("not identified", lambda one: not_identified(one.after)),
+        Column("not identified", lambda one: not_identified(one.after), optional=True),
     ]
     for title, weak in (
         ("New figures of the model file, motor side", False),

@@ -11,9 +11,17 @@ import pytest
 from pages import read
 from robot_energy.foundation.errors import ReportError
 from robot_energy_report.canvas import COLOURS, PART_COLOURS, canvas
-from robot_energy_report.document import Document
+from robot_energy_report.document import Column, Document
 from robot_energy_report.html import page_html, write_page
 from robot_energy_report.page.saved_page import static_file
+
+
+@pytest.mark.parametrize(("reasons", "shown"), [(("", None), False), (("", "at its bound"), True)])
+def test_an_optional_column_is_shown_where_one_row_has_something(reasons, shown) -> None:
+    document = Document()
+    columns = [Column("joint", lambda row: "a1"), Column("reason", lambda row: row, optional=True)]
+    document.rows("figures", columns, reasons)
+    assert ("reason" in read(page_html(document)).cells) is shown
 
 
 def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
