@@ -6,11 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Declares parameters at a node, with type, range and meaning, and reads them again.
-
-Those of a node with a life cycle can be changed, see `base.parameter_changes`; all others are
-read-only.
-"""
+"""Declares parameters at a node, with type, range and meaning, and reads them again."""
 
 from __future__ import annotations
 

@@ -8,13 +8,11 @@
 
 """Shared memory that a killed process has left half made.
 
-Fast DDS, the middleware of Jazzy, exchanges messages over files in ``/dev/shm``. One per
-port is opened or made by whoever comes first, which then marks it as ready in its first
-word. A process killed between the two (SIGKILL, out of memory) leaves a port that is never
-ready, and every process that opens it later waits inside the creation of its node, without
-end and without a word: on the whole machine, since ports count up from the same number in
-every domain. So a monitor looks before it makes its node. Making a port takes a fraction of
-a millisecond; one that is not ready after two seconds has no maker any more.
+Fast DDS, the middleware of Jazzy, makes one file per port in ``/dev/shm`` and then marks it as
+ready in its first word. A process killed between the two leaves a port that is never ready, and
+every process on the machine that opens it waits inside the creation of its node, without end and
+without a word. Making a port takes a fraction of a millisecond; one that is not ready after two
+seconds has no maker any more.
 """
 
 from __future__ import annotations

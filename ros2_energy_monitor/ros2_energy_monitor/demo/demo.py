@@ -8,12 +8,7 @@
 
 """The demonstration behind `make demo`: a virtual robot warms up under its monitors.
 
-The virtual robot is a plant whose friction, losses and constants are drawn at random. First its
-model is identified from training bags. Then live: the virtual robot, the three monitors and the
-dashboard run as processes of an own ROS domain on this machine; the console and the energy page
-show predicted and measured power. Then from bags of other motions: a cold and a warm recording,
-with friction that follows the temperature and with friction that does not. Ends by itself and
-leaves no process behind.
+Its model is identified first, from training bags; bags of other motions are predicted at the end.
 """
 
 from __future__ import annotations

@@ -8,10 +8,7 @@
 
 """The held-out motions of the study of paper A, live through the three nodes.
 
-`robot-energy reproduce paper-a` leaves recordings of motions that no model was fitted to,
-and says what the identified model predicts of each by replay. Here the same recordings are
-played to the three monitors as processes of their own, faster than nature, and the energies
-that they publish are compared with those of the replay.
+The energies that they publish are compared with those of the replay.
 """
 
 from __future__ import annotations

@@ -8,8 +8,7 @@
 
 """Device profiles: what a meter is, in one YAML file.
 
-A profile names the link that reads it, and for energy and power the numbers that add up to it,
-with unit, scale and wrap. Energy is what a monitor should compare with; power is a view.
+Energy is what a monitor should compare with; power is a view.
 """
 
 from __future__ import annotations

@@ -8,13 +8,9 @@
 
 """Plays a bag to the monitors at any pace, where there is no `ros2 bag play`.
 
-Messages go out byte for byte, with the stamps they were recorded with; what is scaled is the
-time between them. Topics other than joint states go out a little earlier than they are due:
-at many times the speed of nature the ticks of the nodes, which know no such speed, would
-otherwise bring temperatures and readings late.
-
-In a loop the stamps go back to those of the beginning. For the monitors that is a jump of time: a
-new epoch begins, and no energy is counted across it.
+Messages go out byte for byte, with the stamps they were recorded with. Topics other than joint
+states go out a little earlier than they are due: at many times the speed of nature the ticks of the
+nodes, which know no such speed, would otherwise bring temperatures and readings late.
 """
 
 from __future__ import annotations

@@ -1,14 +1,10 @@
 """Predicted and measured power, over exactly the same covered intervals.
 
-A meter has its own rate and its own meaning. Its readings become pieces of a curve:
-straight between instantaneous readings, level over the interval of a mean or between
-two changes of a counter. The predicted power is straight between samples. Both are
-integrated over the intersection of what is covered by both, cut at every breakpoint of
-either, so the result does not depend on how the input is cut into blocks.
-
-Next to the energy that is drawn over each of these intervals stands what a meter with a delay and a
-low pass shows of it (`robot_energy.accounting.meter_response`). Powers are compared with the
-latter; energies are counted from the former. A counter shows what is drawn.
+A meter has its own rate and its own meaning: straight between instantaneous readings, level over
+the interval of a mean or between two changes of a counter. Predicted power is straight between
+samples. Both are integrated where both are known, cut at every breakpoint of either, so the result
+does not depend on how the input is cut into blocks. Powers are compared with what a meter with a
+delay and a low pass shows (`robot_energy.accounting.meter_response`); energies count what is drawn.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Time and trapezoids: which time was integrated, and what energy each interval carries.
-
-Which time counts says `Coverage`. What is computed every 10 ms and held in between, such as
-deviations of power, is integrated over that same time.
-"""
+"""Time and trapezoids: which time was integrated, and what energy each interval carries."""
 
 from __future__ import annotations
 

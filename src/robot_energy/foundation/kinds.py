@@ -1,8 +1,6 @@
 """Tables of kinds: everything that is of one kind of drive model, friction law, meter ...
 
-A kind is one object that brings all parts it has: its entry of the model file, its physics,
-its fit, its label. Parts of the shipped kinds that stand in layers above the table are named
-there, see `Part`; a kind of a user brings all parts at once with `Kinds.register`, in one file.
+A kind is one object with all its parts; what stands in layers above its table is a `Part`.
 Nobody compares the name of a kind: who needs to know something of it asks for a field.
 """
 

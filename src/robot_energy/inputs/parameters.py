@@ -1,9 +1,6 @@
 """Dataclasses whose fields are parameters: described once, read from a node or from a file.
 
-`assemble` walks such a class and asks for every value by name. Nodes declare a ROS
-parameter for each; a replay reads the same names from the node's own parameter file. What
-no single value can determine (one setting that needs another) is checked by ``__post_init__``,
-which raises a `ParameterError` about its own field names; `assemble` adds whose they are.
+`assemble` asks for every value by name, and adds whose they are to the errors of `__post_init__`.
 """
 
 from __future__ import annotations

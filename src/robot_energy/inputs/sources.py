@@ -1,10 +1,5 @@
 """What the inputs are: topics, types, units and meanings, the same live and in replay.
 
-Each source is a frozen dataclass made of `parameter` fields; its ``__post_init__`` refuses
-what does not fit together. The ``...Inputs`` classes say how sources are named among the
-parameters of a node; a node's parameters inherit those it needs, and `Inputs` is all of
-them, as `robot_energy.inputs.inputs_file.read_inputs` reads them for a replay.
-
 A new kind of source is one dataclass here, one ``...Inputs`` class with a `group` or
 `named_groups` field, and its name among the bases of `Inputs`; nodes then
 declare its parameters, and the parameter file of the node serves replay.

@@ -1,8 +1,4 @@
-"""Read, validate and write model files.
-
-A wrong file is refused with the path of the bad key, what was found and what was
-expected.
-"""
+"""Read, validate and write model files."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
 """Keeps something in a pair of slots: one job of the disk at a time, taken up when it has ended.
 
-The disk may be full, read-only, gone or held by another monitor, at any time and for any
-time: work goes on in memory, `SlotStore.trouble` says why, and the next write tries again. Work on
-the disk is handed to ``submit``, so that a node can do it outside its ticks; by default it is
-done at once.
+The disk may be full, read-only, gone or held by another monitor at any time: work goes on in
+memory, `SlotStore.trouble` says why, and the next write tries again.
 """
 
 from __future__ import annotations

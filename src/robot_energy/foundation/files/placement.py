@@ -1,9 +1,7 @@
 """Drafts next to their targets, moved into place together or not at all.
 
-A draft bears a name of its own (`.robot-energy-...new`); what it replaces is kept next to it
-(`...old`) until all drafts of a command stand. An exception before that puts everything back.
-Only the kill that cannot be caught leaves such files; the next run for the same target
-removes them once their process is gone.
+Only a kill that cannot be caught leaves a draft (`.robot-energy-...new`) or what it replaces
+(`...old`); the next run for the same target removes them once their process is gone.
 """
 
 from __future__ import annotations
