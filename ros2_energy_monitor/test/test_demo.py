@@ -21,6 +21,7 @@ from pathlib import Path
 import pytest
 
 from robot_energy.model import load
+from ros2_energy_monitor.demo import demo_identification
 
 BAGS = Path(__file__).parents[2] / "bags"
 LIMIT = 900.0  # s, on a machine that does much else
@@ -49,17 +50,27 @@ def processes_of_session(session: int) -> list[str]:
     return found
 
 
-def test_demo_runs_through(child_environment, tmp_path):
+def test_the_demo_identifies_the_model_of_its_bags(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(demo_identification, "BAGS", (recording.name,))
+    file = demo_identification.identify_plant(recording.parent, tmp_path)
+    assert f"Identify: robot-energy identify all {recording} --model" in capsys.readouterr().out
+    assert load(file).provenance.bags[0].startswith(f"{recording.name} sha256:")
+
+
+@pytest.mark.parametrize("model", ["kr16", pytest.param("", marks=pytest.mark.long)])
+def test_demo_runs_through(child_environment, tmp_path, model):
+    """With a model that is there, and with the one that it identifies."""
     out = tmp_path / "out"
-    process = demo(child_environment, "--seconds=2", f"--bags={BAGS}", f"--out={out}")
+    words = ["--seconds=2", f"--bags={BAGS}", f"--out={out}", f"--model={model}"]
+    process = demo(child_environment, *words)
     try:
         output, _ = process.communicate(timeout=LIMIT)
     finally:
         process.kill()
     assert process.returncode == 0, output
     assert "Wh measured" in output
-    assert "Identify: robot-energy identify all" in output
-    assert load(out / "identified.yaml").joints[0].friction.coulomb.tag == "identified"
+    assert ("Identify: robot-energy identify all" in output) == (not model)
+    assert (out / "identified.yaml").exists() == (not model)
     for name in ("drawn_test_cold", "drawn_test_warm"):
         assert name in output
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")

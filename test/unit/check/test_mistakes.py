@@ -19,7 +19,7 @@ from robot_energy_identify.check.finding import MODEL, PARAMETERS
 from sound_recordings import mended, plain, read_with
 
 SOUND = ROOT / "bags/kr16_cold"
-SECONDS = 15.0
+SECONDS = 10.0
 JOINT, OTHER = 2, 4
 NOISIER = "standstill_velocity"  # is advised, as velocities of positions have more noise
 MOTOR_TORQUE = EffortMeaning.MOTOR_TORQUE
@@ -132,7 +132,7 @@ def test_a_small_payload_is_said_to_be_out_of_reach():
     assert 0.5 < note.evidence < 4.0
 
 
-@pytest.mark.parametrize("stated", ["joint_torque", "motor_current"])
+@pytest.mark.parametrize("stated", ["joint_torque", pytest.param("motor_current", marks=LONG)])
 def test_motor_torque_stated_as_something_else_is_named(stated, tmp_path):
     def constants(data):
         for entry in data["joints"]:
