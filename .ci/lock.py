@@ -1,7 +1,7 @@
 """Write the hash of every pinned distribution into the requirements files.
 
-Change a version in `.ci/requirements*.txt`, then run `python .ci/lock.py`; it needs `uv`
-(`pip install uv`). The hashes are those that the package index states for the files that fit:
+Change a version in `.ci/requirements*.txt`, then run `python .ci/lock.py` in the environment of the
+set-up, which has `uv`. The hashes are those that the package index states for the files that fit:
 wheels for Python 3.11 and 3.12 on Linux (x86_64, aarch64), or the source where there is none.
 """
 

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 
+from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
 from robot_energy_report.page.energy_flow import rounded_parts
 
 NOTHING = "-"
@@ -156,6 +157,12 @@ def energy_text(energy: float) -> str:
         if abs(energy) >= factor:
             return f"{energy / factor:.4g} {unit}"
     return f"{energy:.4g} J"
+
+
+def watt_hours(energy: float) -> str:
+    """Return one energy as meters and the live page show it; argument as in `energy_text`."""
+    unit, factor = ("kWh", JOULE_PER_KWH) if abs(energy) >= JOULE_PER_KWH else ("Wh", JOULE_PER_WH)
+    return f"{energy / factor:.4g} {unit}"
 
 
 def percent(ratio: float | None, sign: bool = False, digits: int = 1) -> str:

@@ -9,7 +9,13 @@ from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_report.document import Tiles
 from robot_energy_report.energy import scale_of
-from robot_energy_report.formats import counted, energy_text, percent, signed_percent
+from robot_energy_report.formats import (
+    counted,
+    energy_text,
+    percent,
+    signed_percent,
+    watt_hours,
+)
 from robot_energy_report.page.settings import PageSettings
 
 AGREES = 5e-4  # of the energy; less is 0.0 % as it is shown [-]
@@ -86,7 +92,8 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         (
             "Energy from the grid",
             scale.text(net),
-            f"predicted, {counted(len(reports), 'recording')} of {duration(observed)} in all{sure}",
+            f"or {watt_hours(net)}; predicted, {counted(len(reports), 'recording')} of "
+            f"{duration(observed)} in all{sure}",
         ),
         ("Mean power", f"{net / observed:.0f} W" if observed else "-", "predicted"),
         (

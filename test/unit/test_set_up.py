@@ -1,6 +1,7 @@
 """The set-up installs nothing that is not pinned by hash, and no system package unasked."""
 
 import contextlib
+import importlib.util
 import os
 import pty
 import re
@@ -24,6 +25,52 @@ def test_every_pinned_distribution_carries_a_hash(path):
     assert len(re.findall(r"\\\n    --hash=sha256:[0-9a-f]{64}$", path.read_text(), re.M)) >= len(
         pins
     )
+
+
+def script(name):
+    """Load a module of `.ci`."""
+    spec = importlib.util.spec_from_file_location(name, CI / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+IDL = """
+module p { module msg {
+  struct A { @verbatim (language="comment", text="%s") double x; };
+}; };
+"""
+
+
+# lark, which that parser is made with
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
+def test_a_definition_is_parsed_once_and_again_when_it_changes(tmp_path, monkeypatch):
+    from rosidl_parser import parser
+    from rosidl_parser.definition import IdlLocator
+
+    parsed = []
+    parse = parser.parse_idl_string
+    monkeypatch.setattr(parser, "parse_idl_string", lambda text: parsed.append(text) or parse(text))
+    for comment in ("W", "W", "J"):
+        (tmp_path / "A.idl").write_text(IDL % comment)
+        found = script("parsed_once").parse_idl_file(IdlLocator(tmp_path, "A.idl"))
+        (own,) = parse(IDL % comment).elements
+        (kept,) = found.content.elements
+        (member,) = kept.structure.members
+        assert member.type == own.structure.members[0].type
+        assert member.get_annotation_value("verbatim")["text"] == comment
+    assert parsed == [IDL % "W", IDL % "J"]
+
+
+@pytest.mark.parametrize(
+    ("name", "by_pip"), [("PIP_INDEX_URL", True), ("PIP_PROXY", True), ("PIP_TIMEOUT", False)]
+)
+def test_pip_installs_where_its_settings_say_where_from(name, by_pip):
+    command = [sys.executable, "-m", "pip", "config", "list"]
+    settings = {"PIP_CONFIG_FILE": os.devnull, name: "7"}
+    said = subprocess.run(command, env=settings, capture_output=True, text=True, check=True).stdout
+    assert "7" in said
+    assert bool(script("workspace").PIP_ALONE.search(said)) is by_pip
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from robot_energy_report.formats import (
     summing,
     typeset,
     uncertain,
+    watt_hours,
 )
 from robot_energy_report.printing import print_document
 from robot_energy_report.replay import replay_document
@@ -83,6 +84,15 @@ def test_two_replays_stand_side_by_side(tmp_path: Path) -> None:
 )
 def test_energies_in_words(joule: float, text: str) -> None:
     assert energy_text(joule) == text
+
+
+def test_a_meter_counts_in_watt_hours() -> None:
+    # 250 W for a minute are 15 kJ
+    assert (watt_hours(15e3), watt_hours(-15e3), watt_hours(5.4e6)) == (
+        "4.167 Wh",
+        "-4.167 Wh",
+        "1.5 kWh",
+    )
 
 
 def test_one_unit_and_precision_for_a_whole_report() -> None:
