@@ -23,8 +23,6 @@ from robot_energy.foundation.files.regular_file import open_regular
 if TYPE_CHECKING:
     from robot_energy.bag.cdr.lazy_store import LazyStore
 
-__all__ = ["BagReader", "TopicInfo"]
-
 MAX_PROBLEMS = 100
 """Sentences about what is wrong that are kept."""
 _COMPARED = 2**16
