@@ -74,7 +74,7 @@ MODULES = {
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
         equations friction hold_torque limit_utilisation motor_heat
-        plausibility rigid_body shared_bus torque torque_limits transmission
+        pinocchio_model plausibility rigid_body shared_bus torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
@@ -138,8 +138,8 @@ MODULES = {
         bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
-        total_power total_sums
+        all_drives delays drive_data drive_power drives efficiency likely_losses loss_map losses
+        total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out

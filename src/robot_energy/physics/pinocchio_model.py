@@ -1,4 +1,4 @@
-"""Models of Pinocchio: from a URDF, reduced, with payload, and as a table for the kernel."""
+"""Models of Pinocchio for paper A, eq. 2: of a URDF, reduced, with payload, for the kernel."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def full_model(urdf_xml: str) -> pin.Model:
 
 
 def frame_of(link: str) -> str:
-    """Name of the frame of a link, which no joint can have: XML holds no such character."""
+    """Return the name of the frame of a link, which no joint can have: XML holds no such character."""
     return f"\x1f{link}"
 
 
@@ -91,7 +91,11 @@ def _onto_z(axis: Float) -> Float:
 
 
 def check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[float]) -> None:
-    """Refuse a model that lost or found mass on the way; the URDF parser says nothing."""
+    """Refuse a model that lost or found mass on the way; the URDF parser says nothing.
+
+    Args:
+        mass: That each joint moves, as the URDF has it, shape (n,). [kg]
+    """
     for name, expected in zip(joint_names, mass, strict=True):
         found = float(model.inertias[model.getJointId(name)].mass)
         if not math.isclose(found, expected, rel_tol=1e-9, abs_tol=1e-12):

@@ -45,11 +45,19 @@ class SupplyStage:
         self._fallback_degc = model.temperature.fallback_degc
 
     def standing(self, motor_velocity: Float) -> NDArray[np.bool_]:
-        """Return where motors stand, shape of the argument."""
+        """Return where motors stand, same shape.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+        """
         return np.asarray(np.abs(motor_velocity) <= self._standstill)
 
     def winding(self, motor_temperature_degc: Float) -> Float:
-        """Return the temperature of windings; where none is known, that of the model. [degC]"""
+        """Return the temperature of windings; where none is known, that of the model. [degC]
+
+        Args:
+            motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
+        """
         unknown = np.isnan(motor_temperature_degc)
         return np.where(unknown, self._fallback_degc, motor_temperature_degc)
 

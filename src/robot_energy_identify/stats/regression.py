@@ -125,7 +125,8 @@ def fit(
         method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
             with Huber weights against outliers as well.
         used: Rows of each target that count; None for all, shape of the target.
-        base: QR decomposition of the columns, where all rows count and it is known.
+        base: QR decomposition of the columns, shapes (N, P) and (P, P) [target/parameter], where
+            all rows count and it is known.
         settled: Relative change at which the weights of ``irls`` have settled. [-]
     """
     values, weight = estimate(columns, target, method, used, base, settled)
@@ -316,7 +317,13 @@ def jackknife(block: Int) -> Covariance:
 
 
 def undeviated(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
-    """Give no covariance: a fit that only predicts what was held out needs none; all NaN."""
+    """Return NaN for each: a fit that only predicts what was held out needs no covariance.
+
+    Args:
+        columns: Shape (N, P) or (N, n, P). [target/parameter]
+        residual: Shape (N,) or (N, n). [any unit]
+        weight: Same shape. [-]
+    """
     size = columns.shape[-1]
     return np.full((size, size), np.nan), np.full(1, np.nan), float("nan")
 
