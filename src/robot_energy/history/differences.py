@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
 from robot_energy.history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
+from robot_energy.timeline.stamps import MAX_STAMP_NS
 
 SLOT_NS = 15 * MINUTE_NS
 BEHIND_NS = MINUTE_NS  # registers that stay behind what was recorded for longer have gone back [ns]
@@ -104,16 +105,18 @@ class EpochStep:
     events: tuple[Event, ...] = ()
 
 
-def check_power(span: CountedSpan) -> None:
-    """Refuse energies that no robot uses, as of a register with a flipped bit.
+def refuse_nonsense(span: CountedSpan) -> None:
+    """Refuse times and energies that no robot has, as of a register with a flipped bit.
 
     Raises:
-        OverflowError: If a mean power is over `MAX_POWER`.
+        OverflowError: If a mean power is over `MAX_POWER`, or the time longer than stamps reach.
     """
     time = span.values[OBSERVED] + span.values[GAP] + SECOND_NS
     limit = MAX_POWER * time // 1000  # W ns = 1e-3 uJ
     joints = (value for own in span.joints.values() for value in own)
-    if any(abs(value) > limit for value in (*_energies(span.values), *joints)):
+    if time > MAX_STAMP_NS or any(
+        abs(value) > limit for value in (*_energies(span.values), *joints)
+    ):
         raise OverflowError(f"over {limit} uJ in {time} ns")
 
 

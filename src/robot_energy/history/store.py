@@ -25,10 +25,10 @@ from robot_energy.history.differences import (
     Epoch,
     Event,
     begun,
-    check_power,
     finished,
     gone_back,
     is_behind,
+    refuse_nonsense,
     step,
     supersedes,
     thinned,
@@ -360,7 +360,7 @@ class HistoryStore:
         )
         if taken.span is not None:
             span = taken.span
-            check_power(span)
+            refuse_nonsense(span)
             if robot.has_bags and span.values[OBSERVED]:
                 give_way(connection, rolled, robot.number, span.begin_ns, span.end_ns)
             put_span(connection, rolled, robot.number, number, taken.span)
