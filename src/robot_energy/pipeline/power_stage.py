@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.certainty.deviation import (
