@@ -7,6 +7,8 @@ import pytest
 
 from places import ROOT
 from robot_energy.model import load
+from robot_energy.model.drive_models import LossDrive
+from robot_energy.model.figure import PositiveFigure
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.timeline.blocks import EffortMeaning
@@ -85,12 +87,11 @@ def test_another_model_sees_a_recording_as_if_the_bag_were_read_again():
 
 
 def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are():
-    joints = []
-    for joint in MODEL.joints:
-        assert joint.losses is not None
-        copper = joint.losses.copper.model_copy(update={"value": 1.7 * joint.losses.copper.value})
-        losses = joint.losses.model_copy(update={"copper": copper})
-        joints.append(joint.model_copy(update={"losses": losses}))
+    figures = {"constant": 3.0, "copper": 0.7, "linear": 0.02, "quadratic": 1e-4}
+    losses = LossDrive(
+        **{name: PositiveFigure(value=value, tag="assumed") for name, value in figures.items()}
+    )
+    joints = [joint.model_copy(update={"losses": losses}) for joint in MODEL.joints]
     loss = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
     cabinet = MODEL.cabinet.model_copy(update={"loss_dc": loss})
     other = MODEL.changed(joints=joints, cabinet=cabinet, drive="loss_model")
@@ -99,6 +100,8 @@ def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are(
     assert found.power.friction_power is recording.power.friction_power
     assert not np.array_equal(found.power.grid_power, recording.power.grid_power)
     for one in fields(expected.power):
+        if one.name == "deviation":
+            continue
         np.testing.assert_array_equal(
             np.asarray(getattr(found.power, one.name)),
             np.asarray(getattr(expected.power, one.name)),
