@@ -9,9 +9,10 @@ from places import ROOT
 from robot_energy.model import load
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.joint import JointGear
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, Quality
 from robot_energy_identify.data.bags import Bag, Kept, folds_of
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.data.thinned import LONGEST_STEP, Thinned
@@ -107,6 +108,30 @@ def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are(
             np.asarray(getattr(expected.power, one.name)),
             err_msg=one.name,
         )
+
+
+def test_temperatures_that_follow_losses_or_the_meter_are_computed_again():
+    cold = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
+    figures = {"capacity": 4000.0, "motor_conductance": 3.0, "ambient_conductance": 3.0}
+    gear = JointGear(
+        **{name: PositiveFigure(value=value, tag="assumed") for name, value in figures.items()}
+    )
+
+    def cabinet(model):
+        return model.changed(cabinet=model.cabinet.model_copy(update={"loss_dc": cold}))
+
+    recording = read_recording(BAG, MODEL, TORQUE)
+    assert recording.differs_in_supply(cabinet(MODEL))
+    power = recording.power
+    guessed = replace(power, quality=power.quality | np.uint32(Quality.TEMPERATURE_ESTIMATED))
+    assert not replace(recording, power=guessed).differs_in_supply(cabinet(MODEL))
+    joints = [joint.model_copy(update={"gear": gear}) for joint in MODEL.joints]
+    geared = MODEL.changed(joints=joints)
+    assert not recording.differs_in_supply(geared)
+    assert replace(recording, model=geared).differs_in_supply(cabinet(geared))
+    blind = np.full_like(recording.torque.motor_torque_measured, np.nan)
+    unread = replace(recording.torque, motor_torque_measured=blind)
+    assert not replace(recording, model=geared, torque=unread).differs_in_supply(cabinet(geared))
 
 
 def test_a_kept_bag_goes_back_to_any_model():
