@@ -149,8 +149,8 @@ def fit_losses(
     """Return coefficients that are not negative, with deviations from blocks.
 
     Args:
-        columns: As of `loss_values`, and what is raised.
-        target: Likewise.
+        columns: As of `loss_values`, and what is raised, shape (N, P). [W/coefficient]
+        target: Shape (N,). [W]
         block: Contiguous block of each sample, shape (N,).
         changes: What constant errors do to the target, of the coefficients by name.
     """

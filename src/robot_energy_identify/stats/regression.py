@@ -338,7 +338,15 @@ def regress(
 
 
 def require_excitation(columns: Float, names: Sequence[str], what: str) -> None:
-    """Refuse columns that are zero, or that the others explain but for rounding."""
+    """Refuse columns that are zero, or that the others explain but for rounding.
+
+    Args:
+        columns: Shape (N, P), finite. [target/parameter]
+        names: Name of each parameter, for messages.
+
+    Raises:
+        NotIdentifiableError: Names those that the data do not distinguish.
+    """
     length = np.linalg.norm(columns, axis=0)
     weak = [name for name, size in zip(names, length, strict=True) if not size > 0.0]
     if len(columns) < columns.shape[1]:
