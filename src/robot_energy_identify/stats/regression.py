@@ -163,7 +163,8 @@ def _huber(columns: Float, target: Float, used: NDArray[np.bool_]) -> tuple[Floa
     """Solve with weights of one over the noise times the root of the Huber weight."""
     rows, measured = columns[used], target[used]
     joint = np.nonzero(used)[1]
-    groups = [joint == number for number in np.unique(joint)]
+    every = np.unique(joint)
+    groups = [joint == number for number in every] if len(every) > 1 else [slice(None)]
     base, triangle = np.linalg.qr(rows)  # orthonormal, so that squares lose nothing
     inner, weight = base.T @ measured, np.ones(len(rows))
     for _ in range(MAX_ROUNDS):
