@@ -181,7 +181,8 @@ def _huber(
     """Solve with weights of one over the noise times the root of the Huber weight."""
     measured = target[used]
     joint = np.nonzero(used)[1]
-    groups = [joint == number for number in np.unique(joint)]
+    every = np.unique(joint)
+    groups = [joint == number for number in every] if len(every) > 1 else [slice(None)]
     # orthonormal, so that squares lose nothing
     base, triangle = np.linalg.qr(columns[used]) if known is None else known
     inner, weight = base.T @ measured, np.ones(len(measured))
