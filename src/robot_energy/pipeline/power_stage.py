@@ -220,7 +220,7 @@ class PowerStage:
         self._cabinet.offset_dc, self._cabinet.offset_grid = self.condition.offsets
         if self.condition.in_use:
             quality |= np.uint32(Quality.LEARNED)
-        balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
+        balance = self._cabinet.step(block.stamp_ns, block.segment, bus, degc)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)
         phase = np.full(len(block), Phase.MOTION, dtype=np.uint8)

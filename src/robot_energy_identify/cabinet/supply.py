@@ -99,10 +99,15 @@ def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit |
 def _rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
     """A recording as if its model had another cabinet; what was compared stays out."""
     power = recording.power
-    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
+    flows = CabinetStage(cabinet).step(
+        power.stamp_ns, power.segment, power.bus_power, power.motor_temperature_degc
+    )
     return replace(
         recording,
         model=recording.model.model_copy(update={"cabinet": cabinet}),
-        power=replace(power, **flows.__dict__),
+        power=replace(
+            power,
+            **{name: value for name, value in flows.__dict__.items() if name != "unsure_power"},
+        ),
         compared=(),
     )
