@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.units import HOUR_NS, SECOND_NS
-from robot_energy.history.files import open_reader
+from robot_energy.history.files import reader
 from robot_energy.history.readings import COLUMNS
 from robot_energy.history.rollup import Rolled
 from robot_energy.history.rows import reading_from
@@ -36,8 +35,7 @@ def history_tables(folder: str | Path) -> FleetTables:
     outside of the phase ``hold``.
     """
     rows: Rows = {"runs": [], "jobs": [], "hours": [], "joints": []}
-    with closing(open_reader(folder)) as connection:
-        connection.execute("BEGIN")
+    with reader(folder) as connection:
         robots = dict(connection.execute("SELECT id, name FROM robot").fetchall())
         keys: dict[int, dict[str, Any]] = {}
         ends: dict[int, list[tuple[int, int, dict[str, Any]]]] = {}

@@ -18,16 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy.foundation.units import SECOND_NS
-from robot_energy.model.schema import Cabinet
-from robot_energy.physics.shared_bus import exchange
 from robot_energy.replay.api import run_replay
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.advice.claims import (
     REGENERATION,
     Claim,
     regenerative,
-    shared_bus,
     standby,
     waiting_pose,
 )
@@ -36,7 +32,6 @@ from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_plan.optimization.rest_states import ASSUMED, rest_cost
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
-from robot_energy_rig.output import Truth
 from robot_energy_rig.record import record
 from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig, Recorded
 from robot_energy_studies.judged_savings import JudgedClaim
@@ -46,7 +41,6 @@ SPEEDUP = 120.0  # of warming
 LONG = 75.0  # s of rest in each period
 MOVES = 6
 PERIODS = 2
-STARTS = 40  # of a second robot on the bus
 NEAR = 0.02  # rad or m
 
 
@@ -119,8 +113,6 @@ class AdvisedPlant:
                 continue
             if claim.name == "regenerative":
                 saved = returned * float(truth.brake_power.sum()) * rig.period
-            elif claim.name == "shared_bus":
-                saved = self._on_one_bus(truth, rig.period)
             elif claim.joint_position is not None and claim.places is not None:
                 short = [
                     (rows, time)
@@ -159,29 +151,6 @@ class AdvisedPlant:
             )
         return found
 
-    def _on_one_bus(self, truth: Truth, period: float) -> float:
-        """Half of what two such robots save with the capacitors of both, mean over starts. [J]"""
-        losses = truth.iron_loss + truth.copper_loss + truth.inverter_loss
-        power = (truth.rigid_power + truth.friction_power + losses).sum(axis=1) + truth.loss_dc
-        link = self._profile.supply
-        capacitor = {
-            "capacitance": link.capacitance,
-            "nominal_voltage": link.rectified_voltage,
-            "chopper_voltage": 0.5 * (link.chopper_on_voltage + link.chopper_off_voltage),
-        }
-        figures = {name: {"value": value, "tag": "assumed"} for name, value in capacitor.items()}
-        nothing = {"value": 0.0, "tag": "assumed"}
-        cabinet = Cabinet.model_validate(
-            {"loss_dc": nothing, "loss_grid": nothing, "capacitor": figures}
-        )
-        stamp = np.arange(len(power)) * round(period * SECOND_NS)
-        shifts = self._random.integers(len(power), size=STARTS).tolist()
-        saved = [
-            exchange(stamp, np.stack([power, np.roll(power, shift)]), [cabinet] * 2).saved
-            for shift in shifts
-        ]
-        return 0.5 * float(np.mean(saved))
-
 
 def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[JudgedAdvice]:
     """What was advised on one plant, and what it saves on the rig."""
@@ -197,7 +166,6 @@ def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list
     metered = (
         standby(evidence, model, ASSUMED, True),
         regenerative(evidence, model),
-        shared_bus(evidence, model),
         waiting_pose(evidence, model),
     )
     without = standby(alone, model, ASSUMED, True), waiting_pose(alone, model)

@@ -215,7 +215,7 @@ MODULES = {
         virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage certainty certainty_page ecbot ecbot_page fleet_study
+        advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
         generated_fleet independent independent_page interval_coverage judged_savings
         learning_study savings savings_page savings_study thermal_study wear_cycle wear_rows
         wear_shift wear_study

@@ -238,6 +238,7 @@ class EnergyRecorder(ManagedNode):
             "readings_waiting": store.waiting,
             "readings_ignored": store.ignored,
             "readings_dropped": store.dropped,
+            "refused": store.refused,
             "messages_of_recordings": sum(robot.played for robot in robots),
             "messages_malformed": self._malformed + sum(robot.malformed for robot in robots),
             "messages_lost": sum(robot.lost for robot in robots),

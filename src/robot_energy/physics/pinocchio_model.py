@@ -29,7 +29,7 @@ def full_model(urdf_xml: str) -> pin.Model:
 
 
 def frame_of(link: str) -> str:
-    """Return the name of the frame of a link, which no joint has: XML knows no such character."""
+    """Return the name of the frame of a link: no joint has it, as XML lacks the character."""
     return f"\x1f{link}"
 
 

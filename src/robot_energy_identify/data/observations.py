@@ -75,6 +75,11 @@ class Observations:
         """Time that the rows cover. [s]"""
         return len(self.segment) / self.rate
 
+    @property
+    def equation(self) -> tuple[Float, Float]:
+        """Regressor and torque."""
+        return self.regressor, self.joint_torque
+
     def advanced(self, delay: float) -> Observations:
         """Return the observations with a delay of the torque undone.
 

@@ -52,8 +52,7 @@ MINUTE = 60_000_000_000  # ns
 SPREAD = 600.0  # s of motion for what does not change over a recording: delays, the DC link
 OF_MOTION = (
     "urdf", "urdf_xml", "gravity", "massless_links", "coupling", "payload", "temperature", "hold",
-)  # fmt: skip
-"""What of a model, besides the joints, decides torque, friction and temperature."""
+)  # fmt: skip  # of a model, besides the joints, decides torque, friction and temperature
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
@@ -62,8 +61,7 @@ class Recording:
     """One recording, run through the stages with one model.
 
     Attributes:
-        torque: Position, velocity, acceleration, rigid-body torque and measured torque of
-            every sample.
+        torque: Motion, rigid-body torque and measured torque of every sample.
         power: Temperature, bus power and phase of the same samples, row by row.
         meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
@@ -127,8 +125,7 @@ class Recording:
             start_ns: First stamp. [ns]
             end_ns: Behind the last one. [ns]
         """
-        stamp = self.torque.stamp_ns
-        rows: slice | NDArray[np.bool_] = _inside(stamp, start_ns, end_ns)
+        stamp, rows = self.torque.stamp_ns, _inside(self.torque.stamp_ns, start_ns, end_ns)
         if self.in_order:  # then nothing is copied
             rows = slice(*np.searchsorted(stamp, (start_ns, end_ns)).tolist())
         meter = self.meter
@@ -192,13 +189,9 @@ class Recording:
         block, limits = self.torque, self.limits
         effort = EffortMeaning.NONE if self.replay is None else self.replay.effort
         settings = Settings(
-            effort=effort,
-            learning=Learning.OFF,
-            meter_max_gap=limits.max_gap,
-            meter_max_power=limits.max_power,
-            meter_wraps_at=limits.wraps_at,
-            deviations=False,
-        )
+            effort=effort, learning=Learning.OFF, deviations=False, meter_max_gap=limits.max_gap,
+            meter_max_power=limits.max_power, meter_wraps_at=limits.wraps_at,
+        )  # fmt: skip
         if self.differs_in_supply(model):
             return replace(seen, power=SupplyStage(model, settings).again(self.power))
         stage = TorqueStage(model)
@@ -222,27 +215,24 @@ class Recording:
         return replace(seen, torque=torque, power=powers)
 
     def differs_in_supply(self, model: RobotModel) -> bool:
-        """Whether only drives and cabinet are others, and neither moves a temperature.
+        """Return whether a model has but other drives and cabinet, which move no temperature.
 
-        A temperature that is estimated follows the losses of the drives; that of a gear follows
-        the meter where no torque is measured.
+        One that is estimated follows the losses; a gear follows the meter if torque is unknown.
 
         Args:
             model: Of the same joints.
         """
-        before = self.model
-        if any(getattr(before, name) != getattr(model, name) for name in OF_MOTION):
+        before, drives = self.model, {kind.key: None for kind in DRIVE_MODELS.values() if kind.key}
+        if any(getattr(before, name) != getattr(model, name) for name in OF_MOTION) or any(
+            old.model_copy(update=drives) != new.model_copy(update=drives)
+            for old, new in zip(before.joints, model.joints, strict=True)
+        ):
             return False
-        drives = {kind.key: None for kind in DRIVE_MODELS.values() if kind.key}
-        for old, new in zip(before.joints, model.joints, strict=True):
-            if old.model_copy(update=drives) != new.model_copy(update=drives):
-                return False
-        guessed = Quality.TEMPERATURE_ESTIMATED | Quality.TEMPERATURE_STUCK
-        if (self.power.quality & np.uint32(guessed)).any():
-            return False
+        guessed = np.uint32(Quality.TEMPERATURE_ESTIMATED | Quality.TEMPERATURE_STUCK)
         geared = [joint for joint in model.joints if joint.gear is not None]
-        measured = np.isfinite(self.torque.motor_torque_measured).any(axis=1)
-        return not geared or bool(measured.all() and all(joint.thermal is None for joint in geared))
+        measured = np.isfinite(self.torque.motor_torque_measured).any(axis=1).all()
+        follows = geared and not (measured and all(joint.thermal is None for joint in geared))
+        return not (follows or (self.power.quality & guessed).any())
 
 
 def _powers(

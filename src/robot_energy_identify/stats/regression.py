@@ -30,6 +30,7 @@ SETTLED = 1e-6  # relative change of what is fitted at which the weights have se
 ROUGHLY = 1e-4  # the same for a held-out prediction, whose error is a hundred times that
 MIN_NOISE = 1e-12  # below which residuals are rounding
 MIN_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
+CHUNK = 4_000  # rows of all targets compressed at once, so that no copy of all of them is made
 CONFIDENCE = 0.95  # of the intervals at which Student's t and a normal distribution agree
 SCATTER = "scatter"  # the part of a deviation that recordings show themselves
 
@@ -180,7 +181,8 @@ def _huber(
     """Solve with weights of one over the noise times the root of the Huber weight."""
     measured = target[used]
     joint = np.nonzero(used)[1]
-    groups = [joint == number for number in np.unique(joint)]
+    every = np.unique(joint)
+    groups = [joint == number for number in every] if len(every) > 1 else [slice(None)]
     # orthonormal, so that squares lose nothing
     base, triangle = np.linalg.qr(columns[used]) if known is None else known
     inner, weight = base.T @ measured, np.ones(len(measured))
@@ -267,9 +269,14 @@ def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
         R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
         squares of x but for a constant; K is P, or less where rows are few.
     """
-    rows = weight != 0.0
-    both = np.concatenate([columns[rows], target[rows][:, None]], axis=1) * weight[rows][:, None]
-    triangle, size = qr_r(both), columns.shape[2]
+    size = columns.shape[2]
+    triangle = np.zeros((0, size + 1))
+    for first in range(0, len(columns), CHUNK):
+        part = slice(first, first + CHUNK)
+        rows = weight[part] != 0.0
+        both = np.column_stack([columns[part][rows], target[part][rows]])
+        both *= weight[part][rows][:, None]
+        triangle = qr_r(both if not len(triangle) else np.concatenate([triangle, both]))
     return triangle[:size, :size], triangle[:size, size]
 
 

@@ -6,7 +6,6 @@ import csv
 import io
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.history.api import History, history, history_events, job_sums
 from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.files import open_reader
+from robot_energy.history.files import open_reader, reader
 from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.spans import robots_of
 from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
@@ -101,7 +100,7 @@ class HistoryView:
         Returns:
             Energies in J, times in s since 1970; None where nothing was recorded.
         """
-        with closing(open_reader(self.folder)) as connection:
+        with reader(self.folder) as connection:
             known = list(robots_of(connection))
             robots_of(connection, wish.robots)
         tariffs = stored_tariffs(self.folder)
@@ -237,7 +236,7 @@ class HistoryView:
         )  # fmt: skip
         if period.resolution == "minute" or any(inside):
             return self._sums(wish, period.start_ns, period.stop_ns)
-        return summed(rows_of(table))
+        return summed(table)
 
     def _sums(self, wish: Wish, start_ns: int, stop_ns: int) -> list[Row]:
         zone = wish.period.zone.key

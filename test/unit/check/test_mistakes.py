@@ -19,7 +19,7 @@ from robot_energy_identify.check.finding import MODEL, PARAMETERS
 from sound_recordings import mended, plain, read_with
 
 SOUND = ROOT / "bags/kr16_cold"
-SECONDS = 10.0
+SECONDS = 15.0
 JOINT, OTHER = 2, 4
 NOISIER = "standstill_velocity"  # is advised, as velocities of positions have more noise
 MOTOR_TORQUE = EffortMeaning.MOTOR_TORQUE

@@ -81,7 +81,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("rig")
     profile = two_link_profile(where)
     for number, degc in enumerate((25.0, 40.0, 55.0)):
-        rig = VirtualRig(profile, PROGRAM, RigConfig(), number, degc, rate_hz=100.0)
+        rig = VirtualRig(profile, PROGRAM, RigConfig(), number, degc)
         record(rig, 15.0, where / f"at_{degc:.0f}")
     return where
 

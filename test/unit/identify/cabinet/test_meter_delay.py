@@ -132,6 +132,18 @@ def test_a_low_pass_is_found_and_undone(in_time, filtered, sharpened):
     assert sharpened.fit.losses.rms < 0.5 * blurred.losses.rms
 
 
+def test_a_low_pass_does_not_take_up_a_delay(filtered):
+    """A meter with both: the constant is that without the delay, and the rest is the delay."""
+    own = estimate_time_constant(data_of(filtered)).applied
+    late = filtered.with_meter_earlier(-0.12)
+    found = estimate_time_constant(data_of(late)).applied
+    assert found == pytest.approx(own, abs=0.01)
+    back = late.with_meter_earlier(0.0, found)
+    before = filtered.with_meter_earlier(0.0, own)
+    moved = estimate_meter_delay(data_of(back)).value - estimate_meter_delay(data_of(before)).value
+    assert moved == pytest.approx(0.12, abs=0.01)
+
+
 def test_a_meter_without_low_pass_and_a_late_one_are_left_as_they_are(recording):
     for meter in (recording, recording.with_meter_earlier(-0.137)):
         found = estimate_time_constant(data_of(meter))
