@@ -245,8 +245,8 @@ def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, ahead_ns: int |
         return ""
     way = "after" if ahead_ns > 0 else "before"
     return (
-        f"the newest temperature is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint states "
-        "that arrived with it: synchronise the clocks"
+        f"the newest temperature is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint "
+        "states that arrived with it: synchronise the clocks"
     )
 
 
