@@ -255,7 +255,7 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         f"robots at such work on one DC bus {percent(part)} of it would move the other, with "
         f"{MOST_ROBOTS} robots {percent(most / evidence.brake_energy)}, where starts fall anywhere",
         "one DC bus for robots that stand together; `robot-energy shared-bus` computes it for "
-        "recordings made at one time, and `optimize --level --one-bus` shifts starts",
+        "recordings made at one time, and finds the best starts of programs",
     )
 
 
