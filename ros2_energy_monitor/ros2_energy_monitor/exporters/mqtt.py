@@ -256,15 +256,15 @@ class MqttExporter(Exporter):
         if (names, loads) == self._parts:
             return
         self._parts = names, loads
-        for at, name in enumerate(loads):
-            self._announce_load(at, re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
-        for at, name in enumerate(names):
+        for name in loads:
+            self._announce_load(re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
+        for name in names:
             known = re.sub(r"[^A-Za-z0-9_-]", "_", name)
             self._discover(
                 f"motor_temperature_{known}",
                 {
                     "name": f"Motor temperature {name}",
-                    "value_template": f"{{{{ value_json.joints[{at}].motor_temperature_degc }}}}",
+                    "value_template": _of_part("joints", name, "motor_temperature_degc"),
                     "unit_of_measurement": "°C",
                     "device_class": "temperature",
                     "state_class": "measurement",
@@ -272,7 +272,7 @@ class MqttExporter(Exporter):
                 },
             )
 
-    def _announce_load(self, at: int, known: str, name: str) -> None:
+    def _announce_load(self, known: str, name: str) -> None:
         for topic, key, unit, kind in (
             (Topic.POWER, "power", "W", "measurement"),
             (Topic.REGISTERS, "energy_kwh", "kWh", "total"),
@@ -281,7 +281,7 @@ class MqttExporter(Exporter):
                 f"auxiliary_{known}_{key}",
                 {
                     "name": f"{'Power' if topic is Topic.POWER else 'Energy'} of {name}",
-                    "value_template": f"{{{{ value_json.auxiliary[{at}].{key} }}}}",
+                    "value_template": _of_part("auxiliary", name, key),
                     "unit_of_measurement": unit,
                     "device_class": DEVICE_CLASS[unit],
                     "state_class": kind,
@@ -322,6 +322,12 @@ class MqttExporter(Exporter):
         }
         topic = f"{self._given.discovery}/sensor/{node}/{name}/config"
         self._send(topic, json.dumps(config), retain=True)
+
+
+def _of_part(parts: str, name: str, key: str) -> str:
+    """Return the template of a value; a part that a message lacks is unknown, not an error."""
+    of = f"selectattr('name', 'eq', {json.dumps(name)}) | map(attribute='{key}') | first"
+    return f"{{{{ value_json.{parts} | {of} | default(none) }}}}"
 
 
 def _check(given: MqttParameters, robot: str) -> None:
