@@ -234,6 +234,7 @@ def run_pytest(
         COVERAGE_FILE=str(BUILD / "test" / "coverage"),
         **({"COVERAGE_CORE": "sysmon"} if CHEAP else {}),
         OPENBLAS_NUM_THREADS="1",  # the lanes share the processors
+        HYPOTHESIS_NO_PLUGINS="1",  # that of trio imports it, and no test needs it
         ROS_DOMAIN_ID=str(domain),
         ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
     )

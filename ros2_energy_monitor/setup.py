@@ -12,7 +12,7 @@ setup(
     name=NAME,
     version="0.3.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["meters/profiles/*.yaml"]},
+    package_data={NAME: ["base/*.xml", "meters/profiles/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

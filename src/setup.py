@@ -74,7 +74,7 @@ setup(
             "bag/cdr/msg/*.msg",
         ],
         f"{NAME}_papers": ["templates/*.j2"],
-        f"{NAME}_report": ["page/static/*"],
+        f"{NAME}_report": ["page/static/*", "page/grafana/*"],
         f"{NAME}_rig": ["profiles/*.yaml"],
     },
     ext_modules=[KERNELS],

@@ -70,7 +70,7 @@ class Browser:
         limit = time.monotonic() + patience
         while not (found := self.run(f"return {script}")):
             assert time.monotonic() < limit, f"waited {patience} s in vain for {what}"
-            time.sleep(0.02)
+            time.sleep(0.1)  # each question takes three processes
         return found
 
     def complaints(self) -> list[str]:

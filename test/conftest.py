@@ -1,5 +1,7 @@
 """Options of the tests."""
 
+import gc
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -21,3 +23,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="write the golden results again instead of comparing with them",
     )
+
+
+def pytest_collection_finish() -> None:
+    """Keep the collector from what stays: going through it again took a tenth of the time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 20, 20)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.power import POWER_STATE
-from robot_energy.messages.registers import ENERGY_REGISTERS
 from robot_energy.model import load
 from robot_energy.replay.api import run_replay
 from robot_energy_report.page.recording import RecordedPage

@@ -19,14 +19,7 @@ LEVELS = ["debug", "info", "warn", "error", "fatal"]
 
 
 def is_true(value: str) -> bool:
-    """Return whether an argument says true.
-
-    Args:
-        value: One of `BOOLEANS`.
-
-    Returns:
-        Whether it is.
-    """
+    """Return whether an argument says true."""
     return value.lower() in ("true", "1")
 
 
@@ -38,9 +31,6 @@ def parameter_files(given: str) -> list[str]:
     Args:
         given: Path of a file; ``~`` stands for the home folder, which a shell does not put in
             after ``:=``. Empty for none.
-
-    Raises:
-        RuntimeError: If there is no such file.
     """
     if not given:
         return []
@@ -57,12 +47,6 @@ def check_arguments(command_line: Sequence[str], file: str, known: Iterable[str]
     """Refuse arguments of the command line that a launch file does not have.
 
     Only where the file itself was launched: one that includes it has arguments of its own.
-
-    Args:
-        command_line: That of the process.
-
-    Raises:
-        RuntimeError: If one is unknown.
     """
     if not any(Path(word).name == Path(file).name for word in command_line):
         return

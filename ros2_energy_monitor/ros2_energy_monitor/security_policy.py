@@ -56,12 +56,7 @@ PATIENCE = 60.0  # until a node sees itself in the graph [s]
 
 @dataclass(frozen=True)
 class NodeRights:
-    """Full names of what a node uses.
-
-    Attributes:
-        reply: Services that it offers.
-        request: Services that it calls.
-    """
+    """Full names of what a node uses."""
 
     node: str
     publish: frozenset[str] = field(default_factory=frozenset[str])
@@ -71,11 +66,7 @@ class NodeRights:
 
 
 def rights_of(node: Node) -> NodeRights:
-    """Return what the graph says that a node uses.
-
-    Args:
-        node: A node that the graph shows in full.
-    """
+    """Return what the graph says that a node uses."""
     own = node.get_name(), node.get_namespace()
 
     def names(listed: Iterable[tuple[str, Any]]) -> frozenset[str]:
@@ -125,20 +116,13 @@ def policy_xml(rights: Iterable[NodeRights]) -> bytes:
 
 
 def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[NodeRights]:
-    """Start the nodes one after the other and read what each uses.
+    """Return the rights of nodes in the order of their names, by starting one after the other.
 
     Each begins in a graph of its own, where no node of that name was before.
 
     Args:
         args: Command line of the nodes, from ``--ros-args`` on.
-        names: Executables, of `NODES`.
         has_file: Whether a parameter file is given, which then names the profile of the meter.
-
-    Returns:
-        The rights, in the order of the names.
-
-    Raises:
-        RobotEnergyError: If a node cannot be started, or is not seen in the graph.
     """
     found: list[NodeRights] = []
     for name in names:
@@ -198,9 +182,6 @@ def _running(
 def main(args: Sequence[str] | None = None) -> int:
     """Write the policy.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0; 2 if it cannot be made.
     """
@@ -232,7 +213,3 @@ def main(args: Sequence[str] | None = None) -> int:
             flush=True,
         )
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

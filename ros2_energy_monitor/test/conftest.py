@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import socket
 import time
@@ -40,6 +41,7 @@ from ros2_energy_monitor.base.node_parameters import RobotParameters
 from ros2_energy_monitor.base.publishers import best_effort, reliable
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.nodes.virtual_robot import make_rig
+from ros2_energy_monitor.services.prediction_process import PredictionProcess
 
 LOOPBACK = {  # UDP without shared memory, which what is killed would leave half made
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
@@ -160,6 +162,11 @@ class Bench:
         self.context.try_shutdown()
 
 
+def pytest_collection_finish() -> None:
+    """As in `test/conftest.py`; not frozen, as trio asks the collector who knows its numbers."""
+    gc.set_threshold(10_000, 20, 20)
+
+
 @pytest.fixture(autouse=True)
 def own_state_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Every test begins with empty registers and leaves none behind."""
@@ -208,6 +215,35 @@ def loopback_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
+
+
+@pytest.fixture(scope="session")
+def one_prediction_process() -> Iterator[PredictionProcess]:
+    process = PredictionProcess()
+    process.start()  # here, as services of a node would start it at the same time
+    yield process
+    process.end()
+
+
+@pytest.fixture
+def kept_process(
+    one_prediction_process: PredictionProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nodes ask the process of those before them: it keeps nothing of a request, and starts long.
+
+    Not for tests of its end, nor for those that leave an answer unread.
+    """
+    start = PredictionProcess.start
+
+    def started(process: PredictionProcess) -> Any:
+        process._process = start(one_prediction_process)
+        return process._process
+
+    def left(process: PredictionProcess) -> None:
+        process._process = None
+
+    monkeypatch.setattr(PredictionProcess, "start", started)
+    monkeypatch.setattr(PredictionProcess, "end", left)
 
 
 @pytest.fixture(scope="session")

@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from robot_energy.model import load
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
+pytestmark = pytest.mark.usefixtures("kept_process")
 JOINTS = list(load("kr16").joint_names)
 WARM = {"joint_names": JOINTS, "motor_temperature_degc": [40.0] * 6}
 

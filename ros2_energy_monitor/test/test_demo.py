@@ -21,6 +21,7 @@ from pathlib import Path
 import pytest
 
 from robot_energy.model import load
+from ros2_energy_monitor.demo import demo_identification
 
 BAGS = Path(__file__).parents[2] / "bags"
 LIMIT = 900.0  # s, on a machine that does much else
@@ -49,17 +50,27 @@ def processes_of_session(session: int) -> list[str]:
     return found
 
 
-def test_demo_runs_through(child_environment, tmp_path):
+def test_the_demo_identifies_the_model_of_its_bags(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(demo_identification, "BAGS", (recording.name,))
+    file = demo_identification.identify_plant(recording.parent, tmp_path)
+    assert f"Identify: robot-energy identify all {recording} --model" in capsys.readouterr().out
+    assert load(file).provenance.bags[0].startswith(f"{recording.name} sha256:")
+
+
+@pytest.mark.parametrize("model", ["kr16", pytest.param("", marks=pytest.mark.long)])
+def test_demo_runs_through(child_environment, tmp_path, model):
+    """With a model that is there, and with the one that it identifies."""
     out = tmp_path / "out"
-    process = demo(child_environment, "--seconds=2", f"--bags={BAGS}", f"--out={out}")
+    words = ["--seconds=2", f"--bags={BAGS}", f"--out={out}", f"--model={model}"]
+    process = demo(child_environment, *words)
     try:
         output, _ = process.communicate(timeout=LIMIT)
     finally:
         process.kill()
     assert process.returncode == 0, output
     assert "Wh measured" in output
-    assert "Identify: robot-energy identify all" in output
-    assert load(out / "identified.yaml").joints[0].friction.coulomb.tag == "identified"
+    assert ("Identify: robot-energy identify all" in output) == (not model)
+    assert (out / "identified.yaml").exists() == (not model)
     for name in ("drawn_test_cold", "drawn_test_warm"):
         assert name in output
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -90,17 +101,33 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, tmp_path):
     assert not processes_of_session(process.pid)
 
 
+OF_NODES = """
+import os, pathlib, signal, sys
+from ros2_energy_monitor.demo.processes import NodeProcesses
+with NodeProcesses(pathlib.Path(sys.argv[1]), dict(os.environ)) as nodes:
+    nodes.start("console")
+    print("started", flush=True)
+    signal.pause()
+"""
+
+
 def test_killed_demo_takes_its_nodes_along(child_environment, tmp_path):
-    process = demo(child_environment, "--seconds=60", "--model=kr16", f"--out={tmp_path}")
+    """As all its nodes: one, without the demonstration around it."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", OF_NODES, str(tmp_path)],
+        env=child_environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("from the grid"):
-            break
+    assert process.stdout.readline() == "started\n"
+    assert len(processes_of_session(process.pid)) == 2
     process.kill()
     process.communicate(timeout=LIMIT)
     limit = time.monotonic() + LIMIT
     while processes_of_session(process.pid):
-        assert time.monotonic() < limit, "nodes outlived the demonstration"
+        assert time.monotonic() < limit, "the node outlived what started it"
         time.sleep(0.05)
 
 

@@ -31,7 +31,6 @@ from ros2_energy_monitor.base.node_parameters import (
     EnergyParameters,
     FrictionParameters,
     PowerParameters,
-    RecorderParameters,
     RobotParameters,
     TorqueParameters,
 )
@@ -39,6 +38,7 @@ from ros2_energy_monitor.base.parameter_files import files_without_section, sect
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.exporters.parameters import exporter_parameters
 from ros2_energy_monitor.meters.parameters import MeterDriverParameters
+from ros2_energy_monitor.recorder.parameters import RecorderParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {

@@ -13,10 +13,12 @@ from __future__ import annotations
 import json
 import os
 import pty
+import signal
 import subprocess
 import sys
 import termios
 import time
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -41,6 +43,7 @@ from robot_energy.replay.bag_replay import replay
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.playback_clock import PlaybackClock
 from ros2_energy_monitor.demo import live_study
+from ros2_energy_monitor.executables import EXECUTABLES
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.player import Player
 
@@ -334,15 +337,22 @@ def run(environment, module: str, *words: str) -> subprocess.CompletedProcess[st
     )  # fmt: skip
 
 
-def test_commands_refuse_in_one_sentence(child_environment, tmp_path):
-    done = run(child_environment, "player", str(tmp_path / "none"))
-    assert (done.returncode, len(done.stdout.splitlines())) == (2, 1), done
-    done = run(child_environment, "live_study", str(tmp_path))
-    assert done.returncode == 2
-    assert "robot-energy reproduce paper-a" in done.stdout
-    done = run(child_environment, "player", "bag", "--rate", "0")
-    assert done.returncode == 2
-    assert "--rate: is 0; expected a finite number > 0" in done.stderr
+def test_commands_refuse_in_one_sentence(monkeypatch, capfd, tmp_path):
+    """In this process, whose handlers of signals stay."""
+    monkeypatch.setattr(signal, "signal", lambda number, handler: None)
+
+    def said(name: str, *words: str) -> str:
+        monkeypatch.setattr(sys, "argv", [name, *words])
+        try:
+            code = import_module(EXECUTABLES[name]).main()
+        except SystemExit as stop:
+            code = stop.code
+        assert code == 2
+        return "".join(capfd.readouterr())
+
+    assert len(said("player", str(tmp_path / "none")).splitlines()) == 1
+    assert "robot-energy reproduce paper-a" in said("live_study", str(tmp_path))
+    assert "--rate: is 0; expected a finite number > 0" in said("player", "bag", "--rate", "0")
 
 
 def test_a_study_that_is_none_is_refused(tmp_path):

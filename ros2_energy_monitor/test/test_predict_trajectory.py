@@ -132,6 +132,7 @@ def compare(answer, run) -> None:
     assert answer.extrapolated == bool(run["friction"]["extrapolated_joints"])
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_the_service_equals_the_command(client, tmp_path):
     """Temperatures follow the names, and the fallback fills those that are missing."""
     trajectory = swing()
@@ -146,6 +147,7 @@ def test_the_service_equals_the_command(client, tmp_path):
     compare(client.ask(trajectory=trajectory, motor_temperature_degc=given), run)
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_what_the_meter_has_shown_sets_the_band(node, client):
     """Windows without error, in which every figure moved 10 kJ: all figures are known then."""
     bare = client.ask(trajectory=swing())
@@ -164,6 +166,7 @@ def test_what_the_meter_has_shown_sets_the_band(node, client):
     assert 0.0 < answer.predicted_energy_band < 0.5 * bare.predicted_energy_band
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_the_payload_that_is_carried_counts(bench, client, tmp_path):
     request = bench.payload("tool0", 8.0)
     setter = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
@@ -194,6 +197,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_what_cannot_be_predicted_is_refused(client):
     for request in REFUSED:
         answer = client.ask(**request)
@@ -227,6 +231,7 @@ def held(monkeypatch) -> Held:
     return Held(monkeypatch)
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, held, monkeypatch):
     first = client.send(trajectory=swing())
     bench.spin_until(held.asked.is_set, "the prediction to begin")
@@ -272,6 +277,7 @@ def test_a_process_that_ends_is_an_error_and_the_next_request_has_another(
     assert client.ask(trajectory=swing()).success
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_what_is_too_long_is_refused_before_anything_is_converted(client, held, monkeypatch):
     """Some 1,600 samples of 8 s, and 5 points."""
     monkeypatch.setattr(trajectory_services, "MAX_SAMPLES", 4817)
@@ -298,6 +304,7 @@ def test_memory_of_a_long_trajectory_is_given_back(bench, client, held, monkeypa
     assert held.processes[2] is not first
 
 
+@pytest.mark.usefixtures("kept_process")
 def test_a_service_is_renewed_after_a_long_request_when_no_client_is_left(
     bench, node, client, monkeypatch
 ):

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import pytest
 
+from ros2_energy_monitor.base.run_node import STOP_SIGNALS
 from ros2_energy_monitor.executables import EXECUTABLES
 
 LIMIT = 120.0  # s; then the process is killed and the test fails
@@ -63,8 +64,10 @@ def read_until(process: subprocess.Popen[str], words: str) -> None:
     pytest.fail(f"the process ended without saying '{words}'")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("name", MONITORS)
+@pytest.mark.parametrize(
+    ("name", "number"),
+    list(zip(MONITORS, [*STOP_SIGNALS, signal.SIGINT], strict=True)),
+)
 def test_a_signal_ends_a_monitor_cleanly(start, name, number):
     process = start(name, "model:=kr16")
     read_until(process, "is monitored")
@@ -133,10 +136,13 @@ def test_many_signals_end_a_node_as_cleanly_as_one(start, name):
         (("model:=kr16", "tick_rate:=-1.0"), "parameter 'tick_rate' of torque_monitor is -1.0"),
     ],
 )
-def test_a_wrong_start_says_so_in_one_line(start, parameters, words):
-    process = start("torque_monitor", *parameters)
-    output, _ = process.communicate(timeout=LIMIT)
-    assert process.returncode == 2, output
+def test_a_wrong_start_says_so_in_one_line(parameters, words, monkeypatch, capfd):
+    """In this process, whose handlers of signals stay."""
+    monkeypatch.setattr(signal, "signal", lambda number, handler: None)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    monkeypatch.setattr(sys, "argv", command("torque_monitor", *parameters)[2:])
+    assert importlib.import_module(EXECUTABLES["torque_monitor"]).main() == 2
+    output = "".join(capfd.readouterr())
     assert words in output
     assert len(output.splitlines()) == 1, output
 
@@ -186,7 +192,8 @@ def test_wrong_ros_arguments_are_refused(child_environment):
         [
             sys.executable,
             "-m",
-            "ros2_energy_monitor.nodes.torque_monitor",
+            "ros2_energy_monitor",
+            "torque_monitor",
             "--ros-args",
             "-p",
             "model",

@@ -39,10 +39,11 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import load
-from robot_energy.store import load_account, slot_store
+from robot_energy.store import slot_store
+from robot_energy.store.account_store import load_account
 from robot_energy.store.envelope import unwrap
 from ros2_energy_monitor.base import checkpoints
-from ros2_energy_monitor.base.checkpoints import folder_of
+from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
 

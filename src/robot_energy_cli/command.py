@@ -44,11 +44,7 @@ class Command:
     epilog: str = ""
 
     def add_parser(self, commands: Any) -> None:
-        """Add it, with the option that all commands have.
-
-        Args:
-            commands: Sub-commands that it joins, as `ArgumentParser.add_subparsers` returned them.
-        """
+        """Add it, with the option that all commands have."""
         commands.add_parser(
             self.name,
             help=self.text,
@@ -84,11 +80,7 @@ class Group:
     default: tuple[str, str, Run] | None = None
 
     def add_parser(self, commands: Any) -> None:
-        """Add it with its sub-commands.
-
-        Args:
-            commands: Sub-commands that it joins.
-        """
+        """Add it with its sub-commands."""
         commands.add_parser(
             self.name, help=self.text, description=self.description, options=self._add_parts
         )
@@ -124,7 +116,6 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
         spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
             unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
             ``bags BAG`` are arguments.
-        **words: Further ones of `ArgumentParser.add_argument`.
     """
     name, _, metavar = spelled.partition(" ")
     if name.startswith("--") and not metavar and not words:
@@ -137,9 +128,5 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
 
 
 def name_of(spelled: str) -> str:
-    """Return the name under which the value of an option is found.
-
-    Args:
-        spelled: As in `add_option`.
-    """
+    """Return the name under which the value of an option is found."""
     return spelled.split()[0].removeprefix("--").replace("-", "_")

@@ -134,7 +134,6 @@ def _bags(args: Namespace, models: FleetModels) -> list[FleetBag]:
 
 
 def _rounds(args: Namespace, models: FleetModels) -> Iterator[list[FleetBag]]:
-    """The complete bags, again and again."""
     while True:
         yield _bags(args, models)
         time.sleep(args.watch)

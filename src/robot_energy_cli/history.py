@@ -91,7 +91,6 @@ def _show(args: Namespace) -> int:
 
 
 def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
-    """Add what robots, phases and jobs used in a time."""
     from robot_energy.history.api import history, history_events, history_jobs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import counted, fixed
@@ -172,7 +171,6 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
 
 
 def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
-    """Add what was learned of the friction of each joint, by month."""
     from robot_energy.history.api import history_friction
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
@@ -194,7 +192,6 @@ def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: l
 
 
 def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
-    """Add what standby cost while nobody worked, where there was any."""
     from robot_energy.history.use import RESTS
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
@@ -215,7 +212,6 @@ def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
 def _shifts(
     args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
 ) -> None:
-    """Add what each shift used, where a tariff has shifts."""
     from robot_energy.history.api import history
     from robot_energy.history.tariffs import stored_tariffs
     from robot_energy_report.document import Column
@@ -239,7 +235,6 @@ def _kwh(microjoule: float) -> str:
 
 
 def _savings(args: Namespace) -> int:
-    """Print what a robot saved against a baseline."""
     from robot_energy.history.savings import history_savings
     from robot_energy_report.document import Column, Document
     from robot_energy_report.formats import fixed
@@ -292,7 +287,6 @@ def _span(text: str) -> tuple[str, str]:
 
 
 def _further(path: str | None) -> dict[str, dict[date, float]]:
-    """Columns of a CSV table by day."""
     found: dict[str, dict[date, float]] = {}
     if path is None:
         return found

@@ -73,16 +73,8 @@ REPORT: Options = {
 def report(args: Namespace, folder: Path) -> int:
     """Write the report of a month.
 
-    Args:
-        args: With `REPORT`.
-        folder: Of the history.
-
     Returns:
         The exit code.
-
-    Raises:
-        HistoryError: If there is no history, or nothing was recorded in the month.
-        ReportError: If the file cannot be written.
     """
     from robot_energy_report.history_month import month_document
     from robot_energy_report.html import write_page
@@ -98,10 +90,6 @@ def report(args: Namespace, folder: Path) -> int:
 
 def export(args: Namespace, folder: Path) -> int:
     """Write the rows of a time for another program.
-
-    Args:
-        args: With `EXPORT`.
-        folder: Of the history.
 
     Returns:
         The exit code.

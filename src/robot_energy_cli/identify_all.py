@@ -88,7 +88,6 @@ def _run(args: Namespace) -> int:
 
 
 def _check(args: Namespace) -> None:
-    """Refuse options that do not fit together, and one recording twice."""
     from robot_energy_identify.provenance import require_distinct
 
     IdentifyInputs(args).drive_power()

@@ -110,7 +110,6 @@ def _run(args: Namespace) -> int:
 
 
 def _check(args: Namespace) -> None:
-    """Refuse options that do not fit together."""
     IdentifyInputs(args).check_source()
     if args.log and args.mapping is None:
         raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
@@ -128,7 +127,6 @@ def _check(args: Namespace) -> None:
 
 
 def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
-    """Samples, the model, and where the torque comes from."""
     from robot_energy_identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:

@@ -87,7 +87,7 @@ def _run(args: Namespace) -> int:
 
     IdentifyInputs(args).check_results()
     IdentifyInputs(args).check_source(needs_effort=True)
-    for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "scipy.stats"):
+    for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal"):
         import_module(name)  # here, so that the time below is of the work alone
     begin = time.perf_counter()
     model, recordings, sources, reference = _log(args) if args.log else _bags(args)
@@ -143,7 +143,6 @@ def _log(args: Namespace) -> Read:
 
 
 def _bags(args: Namespace) -> Read:
-    """Run bags through the stages of the monitor."""
     from robot_energy.model import load
 
     model = load(args.model)

@@ -74,13 +74,7 @@ def bag_options(
     effort: str = "what the effort in the joint states means",
     robot: bool = False,
 ) -> Options:
-    """Return recordings, model and what their topics mean.
-
-    Args:
-        required: Whether there is no other input, such as a log.
-        effort: Help of ``--effort``; empty for a command that needs none.
-        robot: Whether a known robot can bring model and inputs.
-    """
+    """Return recordings, model and what their topics mean."""
     model: Options = {"--model FILE|NAME": ("model file to begin with", {"required": required})}
     meaning = (f"%(choices)s: {effort}", {"choices": EFFORTS})
     return {
@@ -92,11 +86,7 @@ def bag_options(
 
 
 def result_options(what: str, plot: str = "") -> Options:
-    """Return what can be written.
-
-    Args:
-        plot: Help of ``--plot``; empty for a command without a figure.
-    """
+    """Return what can be written."""
     figure = {"--plot FILE": plot} if plot else {}
     return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS, **figure}
 
@@ -126,11 +116,7 @@ class IdentifyInputs:
         return drive_topics(self.args.drive_power, self.args.drive_joints, self.args.dq_scaling)
 
     def sensor_limits(self) -> SensorLimits:
-        """Return the limits of the constant errors of the sensors.
-
-        Raises:
-            ModelFileError: If one is negative.
-        """
+        """Return the limits of the constant errors of the sensors."""
         from robot_energy_identify.stats.systematic import SensorLimits
 
         given: dict[str, float] = {}
@@ -160,11 +146,7 @@ class IdentifyInputs:
         return low, high
 
     def check_results(self) -> None:
-        """Refuse files that cannot be written, before the work.
-
-        Raises:
-            ReportError: If one of them cannot be.
-        """
+        """Refuse files that cannot be written, before the work."""
         inputs: list[Any] = []
         for name in ("bags", "test", "log", "model", "inputs", "mapping"):
             value = getattr(self.args, name, None)
@@ -180,7 +162,6 @@ class IdentifyInputs:
 
         Raises:
             ModelFileError: Saying which options belong together.
-            BagError: If two bags or logs are the same.
         """
         from robot_energy_identify.provenance import require_distinct
 
@@ -226,11 +207,7 @@ class IdentifyInputs:
         return blocks, mapping.joints.names
 
     def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
-        """Return the recordings, and how they are read.
-
-        Args:
-            bags: Instead of those that the command names.
-        """
+        """Return the recordings, and how they are read."""
         from robot_energy_identify.api.bag_source import BagSource
 
         effort, robot = getattr(self.args, "effort", None), getattr(self.args, "robot", None)

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 
 def _command(kind: LogFormat) -> Command:
-    """The import of one format."""
-
     def options(parser: ArgumentParser) -> None:
         kind.add_arguments(parser)
         add_option(parser, "--out BAG", "folder of the new bag", required=True)
@@ -59,7 +57,7 @@ def _print(report: ImportReport) -> None:
 
 COMMAND = Group(
     "import",
-    "turn logs (UR RTDE, KUKA traces, CSV, Parquet) into bags",
+    "turn logs (UR RTDE, CSV, Parquet) into bags",
     "Convert logs of robots to bags that replay like others. Rows that "
     "cannot be used are counted by reason and reported.",
     "kinds of logs",

@@ -57,7 +57,6 @@ def _use(msgtype: str) -> str:
 def _read(
     bag: BagReader, counts: dict[str, int | None]
 ) -> tuple[dict[str, int | None], int | None, int | None]:
-    """Count by reading, where the bag does not say."""
     readable = [name for name, info in bag.topics.items() if info.encoding == "cdr"]
     found: dict[str, int | None] = {**counts, **dict.fromkeys(readable, 0)}
     start = end = None

@@ -88,7 +88,6 @@ class Parser(ArgumentParser):
 
         Args:
             args: Words of the command line; None for those of the process.
-            namespace: Where the values go; None for a new one.
 
         Returns:
             The values, and no words that are left.
@@ -125,7 +124,6 @@ class Parser(ArgumentParser):
 
 
 def _near(word: str, names: Sequence[str]) -> str:
-    """Return the name that was probably meant; empty where nothing is near."""
     return next(iter(get_close_matches(word, names, n=1, cutoff=LIKELY)), "")
 
 
@@ -158,8 +156,8 @@ def _parser() -> Parser:
     parser = Parser(
         prog="robot-energy",
         description="Compute where each watt of a robot goes, from recorded bags, and compare the "
-        "prediction with the meter. `import` turns other recordings into bags: UR RTDE (CSV), "
-        "traces of KUKA controllers, and any table as CSV, gzip, Parquet or DIAdem.",
+        "prediction with the meter. `import` turns other recordings into bags: UR RTDE (CSV) "
+        "and any table as CSV, gzip or Parquet.",
         epilog=EPILOG,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
@@ -173,7 +171,6 @@ def _parser() -> Parser:
 
 
 def _run_help(args: Namespace) -> int:
-    """Show the help of a command, or of the whole."""
     try:
         _parser().parse_args([*getattr(args, "words", ()), "--help"])
     except SystemExit as exit_:
@@ -250,6 +247,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fail(text: str, code: int) -> int:
-    """Print one sentence."""
     print(f"robot-energy: {shown_lines(' '.join(text.split()))}", file=sys.stderr)
     return code

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
 from robot_energy.foundation.errors import PageError
 from robot_energy.foundation.files.output_files import (
+    COMMENT,
     JSON,
     TEXT,
     check_file,
-    json_bytes,
     write_file,
 )
 from robot_energy.foundation.files.placement import all_or_none
@@ -29,43 +30,48 @@ examples:
 """
 
 
+AS_THEY_ARE = ("alert_rules.yaml", "grafana.json", "grafana_history.json")
 OPTIONS: Options = {
     "--out FOLDER": ("folder for the four files", REQUIRED),
-    "--target HOST:PORT": "the energy page",
+    "--target HOST:PORT": ("the energy page", {"default": "127.0.0.1:8421"}),
     "--token-file FILE": ("file with its token, for Prometheus", {"default": ""}),
 }
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_report.page.monitoring import (
-        DEFAULT_TARGET,
-        alert_rules,
-        grafana_dashboard,
-        history_dashboard,
-        scrape_config,
-    )
+    from importlib.resources import files as resources
 
     folder = Path(args.out)
     if folder.exists() and not folder.is_dir():
         raise PageError(f"'{shown(args.out)}' is not a folder", "a folder, which may be new")
     folder.mkdir(exist_ok=True)
-    texts = {
-        "prometheus.yaml": scrape_config(args.target or DEFAULT_TARGET, args.token_file),
-        "alert_rules.yaml": alert_rules(),
-    }
-    dashboards = {
-        "grafana.json": grafana_dashboard(),
-        "grafana_history.json": history_dashboard(),
+    ready = resources("robot_energy_report.page") / "grafana"
+    files = {
+        "prometheus.yaml": _scrape_config(args.target, args.token_file).encode(),
+        **{name: (ready / name).read_bytes() for name in AS_THEY_ARE},
     }
     with all_or_none():
-        for name, text in texts.items():
-            check_file(folder / name, TEXT, name)
-            write_file(folder / name, text.encode(), TEXT, name)
-        for name, dashboard in dashboards.items():
-            check_file(folder / name, JSON, name)
-            write_file(folder / name, json_bytes(dashboard), JSON, name)
-    print(f"written to {shown(args.out)}: {', '.join([*texts, *dashboards])}")
+        for name, content in files.items():
+            kind = JSON if name.endswith(".json") else TEXT
+            check_file(folder / name, kind, name)
+            write_file(folder / name, content, kind, name)
+    print(f"written to {shown(args.out)}: {', '.join(files)}")
     return 0
+
+
+def _scrape_config(target: str, token_file: str) -> str:
+    """The token lies in a file on the computer of Prometheus."""
+    import yaml
+
+    job: dict[str, Any] = {"job_name": "robot_energy", "static_configs": [{"targets": [target]}]}
+    if token_file:
+        job["authorization"] = {"credentials_file": token_file}
+    config = {
+        "global": {"scrape_interval": "5s", "evaluation_interval": "5s"},
+        "rule_files": ["alert_rules.yaml"],
+        "scrape_configs": [job],
+    }
+    return COMMENT + yaml.safe_dump(config, sort_keys=False, width=1000)
 
 
 COMMAND = Command(

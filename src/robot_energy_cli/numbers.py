@@ -17,7 +17,6 @@ def number_type(
     Args:
         low: Least value. [its unit]
         high: Greatest value. [its unit]
-        open_low: Whether the least value itself is refused.
         words: That stand for a number and are returned as they are.
     """
 

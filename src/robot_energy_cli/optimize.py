@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from robot_energy_cli.command import REQUIRED, SEVERAL, Command, add_option, add_options
+from robot_energy_cli.command import REQUIRED, Command, add_option, add_options
 from robot_energy_cli.replay_options import PART
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import add_tool, tool_options
@@ -15,7 +15,7 @@ Look for the speeds, accelerations, pauses and states at rest with which a progr
 energy, at the motor temperatures that you give. What each measure saves has a 90 % band, in which
 errors that both programs share cancel; a saving smaller than its band is not claimed. Faster can be
 cheaper, and a cold robot can need other speeds than a warm one. Nothing is measured here.
-Collisions are not checked; paths stay as they are but for --place and --any-order.
+Paths stay as they are, so collisions stay as they were.
 """
 EPILOG = """\
 examples:
@@ -36,17 +36,6 @@ OPTIONS = {
     "--regenerative": "evaluate a regenerative supply as well",
     "--peak-limit W": "greatest power from the grid",
     "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
-    "--level PROGRAM": (
-        "program of another robot of this model on the same supply; starts within the cycle "
-        "time are shifted so that the peak is least; repeat the option for several robots",
-        SEVERAL,
-    ),
-    "--one-bus": "the robots of --level share one DC bus: starts are shifted so that least "
-    "energy is needed, as one accelerates while another brakes",
-    "--any-order": "the configurations of point-to-point moves are independent: their order may "
-    "change",
-    "--place X,Y,Z": "the workpiece may be shifted by up to this to either side, in the base "
-    "frame [m]; for point-to-point moves",
     "--free-rests": "the work needs none of the rests of the program: moves may fill them (cycle "
     "time: as long as now, unless given)",
     "--topic NAME": "of the JointTrajectory, or of the joint states, in a bag",
@@ -61,7 +50,7 @@ def _options(parser: ArgumentParser) -> None:
         "of recorded joint states",
     )
     add_options(parser, OPTIONS)
-    tool = parser.add_argument_group("G-code; --tool also holds the work that --place shifts")
+    tool = parser.add_argument_group("G-code")
     add_tool(tool)
     text = "greatest factor on all feeds (default 1: never faster than the program)"
     add_option(tool, "--max-feed F", text, default=1.0)
@@ -74,12 +63,11 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     from robot_energy.foundation.files.placement import all_or_none
     from robot_energy_plan.api.optimize import optimize
-    from robot_energy_plan.motion.load_motion import joint_list
     from robot_energy_plan.optimization.rest_states import read_rest_states
     from robot_energy_report.document import Document
     from robot_energy_report.optimization import measures_and_front, optimization_document
 
-    check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
+    check_outputs(args, [args.program, args.model, args.rest_states])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
     with progress(f"{args.program}: every move in every way") as show:
         found = optimize(
@@ -90,12 +78,7 @@ def _run(args: Namespace) -> int:
             standby=states,
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
-            level=args.level,
-            one_bus=args.one_bus,
-            any_order=args.any_order,
             time_law=args.time_law,
-            place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),
-            link=args.tool,
             topic=args.topic,
             start=args.start,
             end=args.end,

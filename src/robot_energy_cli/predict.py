@@ -112,7 +112,6 @@ def _run(args: Namespace) -> int:
 
 
 def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
-    """All programs by all robots at all temperatures."""
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
     from robot_energy_plan.motion.load_motion import joint_list, load_motion
@@ -161,7 +160,6 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
 
 
 def _load_state(text: str) -> tuple[str, str]:
-    """Name and state of ``LOAD=STATE``."""
     name, sign, state = text.partition("=")
     if not sign:
         raise MotionError(f"--auxiliary is '{text}'", "LOAD=STATE, such as pump=on")
@@ -169,7 +167,6 @@ def _load_state(text: str) -> tuple[str, str]:
 
 
 def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
-    """Say how long a prediction is before it begins, and refuse one that is too long."""
     from robot_energy_plan.prediction import planned_samples
 
     samples = sum(planned_samples(plan.motion, repeat) for plan, repeat in plans)

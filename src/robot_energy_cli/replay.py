@@ -196,7 +196,6 @@ def _shafts_differ(report: ReplayReport) -> bool:
 
 
 def _page_settings(args: Namespace) -> PageSettings:
-    """Prices and emissions of what is shown."""
     from robot_energy_report.page.settings import load_settings
 
     if args.page_settings is not None and not args.serve and args.report is None:
@@ -218,7 +217,6 @@ def _recorded_page(
 
 
 def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> None:
-    """Serve the page, if there is one, until the command is stopped."""
     if page is None:
         return
     page.finish(result)

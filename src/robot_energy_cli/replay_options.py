@@ -26,7 +26,6 @@ def model_named(args: Namespace) -> str:
 
     Raises:
         ModelFileError: If neither names one.
-        KindError: If the robot is unknown.
     """
     from robot_energy.presets import ROBOTS
 
@@ -129,14 +128,7 @@ PAGE: Options = {
 def add_replay(
     parser: ArgumentParser, period: str = "", compare: str = "", fixed: bool = True
 ) -> None:
-    """Add the options; the bags are added by the command itself.
-
-    Args:
-        parser: Of a command that replays bags.
-        period: Help of ``--power-period``; empty for a command without it.
-        compare: Help of ``--compare``; empty for a command without it.
-        fixed: Whether friction can be kept fixed instead.
-    """
+    """Add the options; the bags are added by the command itself."""
     add_options(parser, ROBOT)
     friction = parser.add_argument_group("friction") if fixed or compare else None
     either = friction.add_mutually_exclusive_group() if friction else None
@@ -156,9 +148,6 @@ def add_replay(
 
 def add_reading(parser: ArgumentParser) -> Any:
     """Add how bags are read, without their robot.
-
-    Args:
-        parser: Of a command that replays bags.
 
     Returns:
         The group of the settings.

@@ -102,8 +102,6 @@ def check_outputs(
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-        inputs: Files and folders that it reads.
-        model: Model file that it writes.
 
     Raises:
         ReportError: If one cannot be written, must not be replaced, or is named twice.
@@ -128,15 +126,7 @@ def check_outputs(
 
 
 def check_report(path: str, inputs: Iterable[str] = ()) -> None:
-    """Refuse the file of a report before the work that it is for.
-
-    Args:
-        inputs: Files and folders that the command reads.
-
-    Raises:
-        ReportError: If it cannot be written, or must not be replaced.
-        PageError: If it is to be a PDF and there is no browser that prints it.
-    """
+    """Refuse the file of a report before the work that it is for."""
     is_pdf = Path(path).suffix.lower() == ".pdf"
     check_file(path, PDF if is_pdf else HTML, "the report", inputs)
     if is_pdf:
@@ -149,11 +139,6 @@ def check_bag(
     path: str, overwrite: bool, inputs: Iterable[str | None] = (), files: Iterable[str | None] = ()
 ) -> None:
     """Refuse the folder of a new bag before the work that it is for.
-
-    Args:
-        overwrite: Whether a bag of this tool may be replaced.
-        inputs: Files and folders that the command reads.
-        files: Files that it writes as well.
 
     Raises:
         BagError: If it must not be replaced, or one of the files lies in it.
@@ -174,9 +159,6 @@ def write_json(path: str, summary: Mapping[str, Any]) -> None:
 
     Args:
         summary: Its content, as `Result.to_dict` gives it: no number is infinite or NaN.
-
-    Raises:
-        ReportError: If the file cannot be written.
     """
     write_file(path, json_bytes(summary), JSON, "the JSON report")
 
@@ -193,10 +175,6 @@ def present(
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-        page: The same for terminal and page.
-        made: What ``--out`` names.
-        plot: Draws the figure of ``--plot``.
-        model: Identified model for the file of ``--out``.
     """
     from robot_energy.model import save
     from robot_energy_report.html import write_page
@@ -233,12 +211,7 @@ def present(
 
 
 def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
-    """Say what was written, the path as it is.
-
-    Args:
-        out: Where to.
-        done: Whether it was written.
-    """
+    """Say what was written, the path as it is."""
     from rich.text import Text
 
     verb = "wrote" if done else "did not write"
@@ -250,7 +223,6 @@ def sign(args: Namespace, page: Document) -> None:
 
     Args:
         args: Of the command line, with its words as `main` keeps them.
-        page: The page; the terminal does not show what is added.
     """
     with page.only("page"):
         page.paragraph("This report was made by")

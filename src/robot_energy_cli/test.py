@@ -93,7 +93,6 @@ def _evaluated(
 
 
 def _of_logs(args: Namespace, model: str) -> EvaluationReport:
-    """Import every log as a recording of its own, and compare."""
     from robot_energy.foundation.files.temporary_folder import TemporaryFolder
     from robot_energy_identify.data.bags import Bag
     from robot_energy_logs.log_import import import_log

@@ -33,11 +33,7 @@ TOOL: Options = {
 
 
 def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> None:
-    """Add the options.
-
-    Args:
-        several: Whether a command takes several robots.
-    """
+    """Add the options."""
     action = "append" if several else "store"
     each = "; once for all robots, or once per model" if several else ""
     add_option(
@@ -59,11 +55,7 @@ def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> N
 
 
 def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
-    """Return what was given.
-
-    Raises:
-        MotionError: If a figure makes no sense.
-    """
+    """Return what was given."""
     from robot_energy_plan.motion.load_motion import ToolOptions, joint_list
     from robot_energy_plan.motion.tool_motion import ToolPlacement
     from robot_energy_plan.motion.tool_timing import ToolLimits

@@ -68,11 +68,7 @@ class BagJoints:
 
 
 def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
-    """Return the bags of robots with one model.
-
-    Args:
-        robots: Names, in the order of their numbers.
-    """
+    """Return the bags of robots with one model."""
     rows = (
         tables.joints.lazy()
         .join(tables.runs.lazy().select("key", "start_ns"), on="key", maintain_order="left")
@@ -115,9 +111,6 @@ def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
 
 def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Float, Int]:
     """Return the sums of products of one joint, and the samples behind them.
-
-    Args:
-        bags: Which bags.
 
     Returns:
         Shape (B, COLUMNS, COLUMNS) and (B,); 0 where a bag has none.
@@ -184,9 +177,6 @@ def bag_figures(gram: Float, rows: Int) -> BagFigures:
     Args:
         gram: Sums of products, shape (B, n, COLUMNS, COLUMNS). [units of both columns]
         rows: Samples behind them, shape (B, n).
-
-    Returns:
-        One row for each bag.
     """
     enough = rows >= MIN_ROWS
     fitted = _solved(gram, [MODEL, PAYLOAD, INERTIA, OFFSET])

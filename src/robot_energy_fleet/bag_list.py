@@ -41,9 +41,7 @@ class FleetBag:
     """A bag to replay, with all that a worker needs but the model.
 
     Attributes:
-        place: Where it is.
         programme: What the robot did; may be empty.
-        shift: When; may be empty.
         options: Of the replay, plain values under the names of `ReplayOptions`.
         texts: Text of files among the options, by option: workers need not have the files.
         named: Addresses under which a table names it.
@@ -98,11 +96,7 @@ class FleetBag:
 
 
 class FleetModels:
-    """The models of a fleet, each read once.
-
-    Attributes:
-        models: By their hashes.
-    """
+    """The models of a fleet, each read once."""
 
     def __init__(self) -> None:
         self.models: dict[str, RobotModel] = {}
@@ -113,9 +107,6 @@ class FleetModels:
 
         Returns:
             The hash, by which `models` has the model.
-
-        Raises:
-            ModelFileError: If it cannot be used.
         """
         if name not in self._digests:
             self.add(load(name), name)
@@ -150,15 +141,11 @@ def list_bags(
     """Return the bags of a fleet.
 
     Args:
-        models: Where models are kept.
         model: File or name of the model of bags for which a table names none.
         robot: Name of the robot of all bags; None: that of the folder in which a recording lies.
-        split: As of `find_bags`.
-        complete: As of `find_bags`.
 
     Raises:
         DatasetError: If place or table cannot be used.
-        RobotEnergyError: If a model or a file of the options cannot be used.
     """
     if robot and robot != shown(robot):
         raise DatasetError(f"the name of the robot is '{shown(robot)}'", "one of letters, digits")
@@ -206,7 +193,6 @@ def _of_robot(bag: FleetBag) -> FleetBag:
 
 
 def _digest_of(bag: FleetBag, models: FleetModels) -> str:
-    """Hash of the model of a bag."""
     if not bag.model:
         raise DatasetError(
             f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
@@ -270,7 +256,6 @@ def _table(where: str, base: FleetBag, split: bool, complete: bool) -> Iterator[
 def _row(
     where: str, line: int, row: dict[str, str], base: FleetBag, split: bool, complete: bool
 ) -> Iterator[FleetBag]:
-    """The bags of one row."""
     folder = Path(where).parent
     if row.get("") or not row["bag"]:
         raise DatasetError(

@@ -7,17 +7,13 @@ from typing import Any
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.history.readings import Reading, ReadingDecoder
-from robot_energy.messages import RegistersWriter
-from robot_energy.messages.registers import ENERGY_REGISTERS
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.registers import RegistersWriter
 from robot_energy.model import RobotModel
 
 
 class BagMinutes:
-    """Collects the registers of a replay, in the messages that a monitor would publish.
-
-    Args:
-        model: Of the replay.
-    """
+    """Collects the registers of a replay, in the messages that a monitor would publish."""
 
     def __init__(self, model: RobotModel) -> None:
         self._writer = RegistersWriter(

@@ -69,11 +69,7 @@ class BagPlace:
 
 
 def unusable(address: str, problem: Exception) -> BagPlace:
-    """Return the place of a bag that cannot be used.
-
-    Args:
-        problem: Why not.
-    """
+    """Return the place of a bag that cannot be used."""
     return BagPlace(shown(address), (), (), UNREAD, False, True, problem)
 
 
@@ -113,11 +109,7 @@ def _unreadable(address: str, error: Exception) -> DatasetError:
 
 
 def read_whole(address: str) -> bytes:
-    """Return the content of a small file.
-
-    Raises:
-        DatasetError: If it cannot be read.
-    """
+    """Return the content of a small file."""
     system, path = file_system(address)
     try:
         if is_local(system) and os.path.exists(path) and not os.path.isfile(path):
@@ -141,11 +133,7 @@ class Folders:
         self._links: list[str] = []  # to files
 
     def add(self, roots: list[str]) -> None:
-        """Add the files at and below places.
-
-        Args:
-            roots: The places; links among them come last.
-        """
+        """Add the files at and below places."""
         waiting = sorted(roots, key=os.path.islink)
         while waiting:
             root = waiting.pop(0)
@@ -222,16 +210,12 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
     where files are named themselves, each MCAP file is.
 
     Args:
-        where: Folder, pattern with ``*``, or one bag.
         split: Whether each MCAP file is a bag of its own in folders of rosbag2 too.
         complete: Whether to leave out what is still being written: folders without metadata,
             MCAP files without their end.
 
     Yields:
         In order of their addresses; first what cannot be read, with its problem.
-
-    Raises:
-        DatasetError: If the place cannot be read.
     """
     system, root = file_system(where)
     infos: Infos = {}

@@ -66,7 +66,6 @@ def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) ->
     """Return the row of a bag that could not be used.
 
     Args:
-        error: Why not.
         bag_hash: Hash of its content; None if it could not be read, so that the next run tries
             again.
     """
@@ -121,7 +120,6 @@ def _load_kinds() -> None:
 
 
 def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:
-    """The bag on this host: where it is, or a copy."""
     if place.is_local:
         return Path(place.address)
     if place.size > max_scratch:
@@ -212,7 +210,6 @@ def _common(bag: FleetBag, bag_hash: str | None) -> Row:
 
 
 def _counted(result: Replay, report: ReplayReport, totals: Totals) -> Row:
-    """Registers, phases, comparison and quality of the whole bag."""
     account, compared = result.account, totals.compared_ns > 0
     phases: Row = {}
     for phase in Phase:

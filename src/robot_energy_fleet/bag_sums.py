@@ -29,9 +29,6 @@ class HourSums:
     robot rests while its motors are slower than motion that says something of friction, so that
     noise of a reported velocity is not motion.
 
-    Args:
-        model: With which the bag is replayed.
-
     Attributes:
         hours: Sums by the stamp at which the hour begins: observed time [s], time not at rest [s],
             energy [J], standby [s], energy in standby [J].
@@ -45,11 +42,7 @@ class HourSums:
         self._rested = 0.0
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: In time order.
-        """
+        """Take what a step of the pipeline gave."""
         if output.power is None:
             return
         block, time = self._blocks.joined(output.power)
@@ -97,11 +90,7 @@ class MeterErrors:
         self._second = -1
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: In time order.
-        """
+        """Take what a step of the pipeline gave."""
         if (block := output.power) is None or not len(block):
             return
         second = block.stamp_ns // SECOND_NS
@@ -112,11 +101,7 @@ class MeterErrors:
             self._degc.append(block.motor_temperature_degc[new].mean(axis=1))
 
     def table(self, compared: Sequence[Compared]) -> list[dict[str, Any]]:
-        """Return one row for each bin with errors, of plain values.
-
-        Args:
-            compared: All that was compared, in the order of time.
-        """
+        """Return one row for each bin with errors, of plain values."""
         if not self._stamps or not compared:
             return []
         pieces = Compared.concatenate(list(compared))

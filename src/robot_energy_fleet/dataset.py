@@ -85,9 +85,6 @@ def _parquet(rows: pl.DataFrame) -> bytes:
 class Dataset:
     """The files of a dataset.
 
-    Args:
-        folder: Where they lie; made when the first row comes.
-
     Raises:
         DatasetError: If something else lies there.
     """
@@ -149,14 +146,8 @@ class Dataset:
 
         A bag that cannot be read takes no row away: where it was read before, that row stays.
 
-        Args:
-            data: The row, from `row_bytes`.
-
         Returns:
             The file.
-
-        Raises:
-            DatasetError: If it cannot be written.
         """
         robot = f"robot={quote(key.robot, safe=' ')}"
         path = self.folder / robot / f"date={date}" / f"{key.name}.parquet"
@@ -167,11 +158,7 @@ class Dataset:
         return path
 
     def remove(self, bags: Iterable[Bag], unread: bool = False) -> None:
-        """Remove the rows of bags.
-
-        Args:
-            unread: Whether only where the bag could not be read.
-        """
+        """Remove the rows of bags."""
         rows = self._rows()
         for bag in bags:
             for name in sorted(self._same.get(bag, ())):
@@ -179,14 +166,7 @@ class Dataset:
                     self._drop(name)
 
     def pack(self, least: int = 2) -> None:
-        """Merge the files of each robot and day, which are quicker to read as one.
-
-        Args:
-            least: Files of single rows from which on it is done.
-
-        Raises:
-            DatasetError: If one cannot be written.
-        """
+        """Merge the files of each robot and day, which are quicker to read as one."""
         parts: dict[Path, list[Path]] = {}
         for path in self.files():
             parts.setdefault(path.parent, []).append(path)
@@ -202,7 +182,6 @@ class Dataset:
         return self._known
 
     def _found(self, files: list[Path]) -> None:
-        """Note the rows of files."""
         if not files:
             return
         columns = collected(_scan(files, "file").select(*RowKey._fields, "file"), self.folder)
@@ -240,7 +219,6 @@ class Dataset:
                 path.unlink(missing_ok=True)
 
     def _merge(self, paths: list[Path], without: str = "") -> None:
-        """Replace files of one folder by one that holds their rows."""
         rows = _scan(paths).filter(pl.col("name") != without).unique("name").sort("name")
         rows = collected(rows, self.folder)
         names = cast("list[str]", rows["name"].to_list())
@@ -302,9 +280,6 @@ def scan(folder: str | Path) -> pl.LazyFrame:
 def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
     """Return rows of a dataset.
 
-    Args:
-        rows: What is wanted of them, from `scan`.
-
     Raises:
         DatasetError: If a file cannot be read, which it names.
     """
@@ -353,11 +328,7 @@ def _why_wrong(rows: pl.DataFrame) -> str:
 
 
 def read_tables(folder: str | Path) -> FleetTables:
-    """Return the rows of a dataset, or of a history, as the tables that reports are made from.
-
-    Raises:
-        DatasetError: If there is none, or a file cannot be read.
-    """
+    """Return the rows of a dataset, or of a history, as the tables that reports are made from."""
     if is_history(folder):
         return history_tables(folder)
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",

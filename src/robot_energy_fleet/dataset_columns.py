@@ -20,11 +20,7 @@ JOINT_REGISTERS = (
 
 
 class TableColumn(NamedTuple):
-    """One column.
-
-    Attributes:
-        unit: Empty where there is none.
-    """
+    """One column."""
 
     kind: pl.DataType
     unit: str

@@ -55,7 +55,6 @@ def compare(
 
     Args:
         duty: Share of motion in the time of the bags of each robot. [-]
-        models: In the whole report, whose robots are compared each.
 
     Returns:
         What was found, and the levels behind it.
@@ -111,7 +110,6 @@ def compare(
 
 
 def _recent(stamp_ns: Int, robot: Int) -> NDArray[np.bool_]:
-    """Which bags lie in the last quarter of the time, or are the newest of their robot."""
     found = np.zeros(len(stamp_ns), dtype=np.bool_)
     if len(stamp_ns):
         found = stamp_ns >= stamp_ns.max() - RECENT * (stamp_ns.max() - stamp_ns.min())

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.units import HOUR_NS, SECOND_NS
-from robot_energy.history.files import open_reader
+from robot_energy.history.files import reader
 from robot_energy.history.readings import COLUMNS
 from robot_energy.history.rollup import Rolled
 from robot_energy.history.rows import reading_from
@@ -34,13 +33,9 @@ def history_tables(folder: str | Path) -> FleetTables:
     Spans that no hour holds are in the runs, and in no hour. Sums of friction are not kept in a
     history, so nothing is said of wear and no friction can be identified. Time in motion is that
     outside of the phase ``hold``.
-
-    Raises:
-        HistoryError: If there is none, or it cannot be read.
     """
     rows: Rows = {"runs": [], "jobs": [], "hours": [], "joints": []}
-    with closing(open_reader(folder)) as connection:
-        connection.execute("BEGIN")
+    with reader(folder) as connection:
         robots = dict(connection.execute("SELECT id, name FROM robot").fetchall())
         keys: dict[int, dict[str, Any]] = {}
         ends: dict[int, list[tuple[int, int, dict[str, Any]]]] = {}

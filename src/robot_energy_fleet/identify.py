@@ -33,15 +33,11 @@ def identify_fleet(
     Robots whose friction or payload differs from that of their sisters, or has changed, are left
     out. A test on the newest bags comes first; the model is then that of all bags.
 
-    Args:
-        model: The model with which its bags were run.
-
     Returns:
         What was found, and the model with it.
 
     Raises:
         NotIdentifiableError: If no bag was run with this model, or no joint moves enough.
-        ImplausibleIdentificationError: If what was found contradicts physics.
     """
     read = tables.runs.filter(pl.col("reason") == "")
     own = tables.of_model(model.model_id)

@@ -51,9 +51,6 @@ class JointSums:
     Samples are those that the learner of friction takes: in motion, with measured torque, without
     doubt. Of 40 ms one is taken, at its own stamp, so nothing depends on how the bag is cut.
 
-    Args:
-        model: With which the bag is replayed.
-
     Attributes:
         grams: Sums of the products of two columns, shape (n, COLUMNS, COLUMNS).
         rows: Samples behind them, shape (n,).
@@ -101,11 +98,7 @@ class JointSums:
         self._add(torque, power, np.maximum(period, 0) * NANOSECOND)
 
     def table(self, wear: WearMonitor) -> list[dict[str, Any]]:
-        """Return one row for each joint, of plain values.
-
-        Args:
-            wear: Of the pipeline's learner, after its last step.
-        """
+        """Return one row for each joint, of plain values."""
         with np.errstate(invalid="ignore", divide="ignore"):
             degc = self.heat / self.rows
         return [

@@ -54,16 +54,8 @@ def fit_merged(
 ) -> FrictionFit:
     """Identify the friction of one joint.
 
-    Args:
-        bags: Its sums, without nuisances.
-        own_bodies: Whether the bodies of the model come from measured torque.
-        source: Where the data come from, for the model file.
-
     Returns:
         The same as `identify friction` gives.
-
-    Raises:
-        NotIdentifiableError: If the joint hardly moves, or at one speed.
     """
     _require(bags)
     warnings: list[str] = []
@@ -122,7 +114,6 @@ def score(bags: JointBags, law: LawEntry | None, coulomb: float) -> TorqueScore:
     """Return the error of a friction model on bags.
 
     Args:
-        bags: Without nuisances.
         law: Of the viscous friction; None for the model of the replay.
         coulomb: Its Coulomb torque. [N m]
     """

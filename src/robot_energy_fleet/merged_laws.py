@@ -98,7 +98,6 @@ class MergedSums:
         whole: Their sums of products, shape (COLUMNS, COLUMNS).
         group: Of bags that are left out together, shape (B,).
         own_bodies: Whether the bodies of the model come from measured torque.
-        source: Where the data come from.
     """
 
     bags: JointBags

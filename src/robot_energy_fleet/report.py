@@ -184,7 +184,6 @@ def _parts_of_hour(
 
 
 def _sum_known(name: str) -> pl.Expr:
-    """Sum of a column; null where every value is."""
     return pl.when(pl.col(name).is_not_null().any()).then(pl.col(name).sum()).alias(name)
 
 

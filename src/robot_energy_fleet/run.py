@@ -27,14 +27,8 @@ MIN_MEMORY = 500_000_000  # of a worker [bytes]
 def open_history(folder: str | Path | None) -> Generator[HistoryStore | None]:
     """Open the history that a run writes to, and close it at the end.
 
-    Args:
-        folder: Of the history; None for none.
-
     Yields:
         Its store; None without one.
-
-    Raises:
-        HistoryError: If a recorder or another command writes to it, or it cannot be used.
     """
     if folder is None:
         yield None
@@ -53,7 +47,6 @@ class FleetRun:
     """What a run has done.
 
     Attributes:
-        bags: That were asked for.
         there: Of them, that the dataset held already, unchanged.
         refused: Those that could not be used, by robot and address.
         damaged: Those replayed that were read in part, by robot and address.
@@ -79,11 +72,7 @@ class FleetRun:
     begun: float = field(default_factory=time.monotonic)
 
     def report(self, dataset: Dataset) -> FleetRunReport:
-        """Return what was done until now.
-
-        Args:
-            dataset: Where the rows went.
-        """
+        """Return what was done until now."""
         elapsed = time.monotonic() - self.begun
         return FleetRunReport(
             str(dataset.folder), self.bags, self.there, self.read, tuple(self.refused.values()),
@@ -104,18 +93,11 @@ def run_fleet(
     """Replay what the dataset does not hold yet.
 
     Args:
-        models: By their hashes.
-        dataset: Where the rows go.
-        replays: From `in_turn` or `on_dask`.
-        progress: Called after each bag.
         history: An open history, into which what each robot used is put as well; bags that it
             lacks are replayed.
 
     Returns:
         What was done.
-
-    Raises:
-        DatasetError: If a row cannot be written, or the scheduler is lost.
     """
     done = done or FleetRun()
     unusable: list[FleetBag] = []
@@ -146,7 +128,6 @@ def run_fleet(
 
 
 def _keep(bag: FleetBag, row: BagRow, dataset: Dataset, done: FleetRun) -> None:
-    """Put a row into the dataset, and count it."""
     dataset.add(row.key, row.date, row.data)
     if not row.key.is_unread:
         dataset.remove(bag.parts)
@@ -191,11 +172,8 @@ def where_asked(
     """Return where bags are replayed, as asked for.
 
     Args:
-        scheduler: As of `on_dask`.
         workers: Processes to start; None: one for each core; 0 without a scheduler: in this
             process, one bag after the other.
-        memory: As of `on_dask`.
-        max_scratch: As of `on_dask`.
 
     Raises:
         ParameterError: If the number of workers, or their memory, makes no sense.

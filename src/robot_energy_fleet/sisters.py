@@ -81,7 +81,6 @@ def levels(
         robot: Number of each bag's robot, shape (B,).
         work: What bags differ in, shape (B, K). [-]
         counted: Which bags count for the level, such as the newest, shape (B,).
-        least: Bags of a robot that has a level.
 
     Returns:
         One level for each robot number up to the largest.
@@ -128,7 +127,6 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
     Args:
         level: NaN for a robot that is not compared, shape (R,). [any unit]
         std: Standard errors, shape (R,). [as the level]
-        comparisons: Kinds of figures that the report compares robots by.
 
     Returns:
         The farthest first; empty where there are too few robots.

@@ -93,11 +93,7 @@ def tables_of(bags: Iterable[Rows]) -> FleetTables:
 
 
 def counted_twice(runs: pl.DataFrame) -> list[str]:
-    """Return a note on each robot of which bags overlap in time.
-
-    Args:
-        runs: Of the bags that count.
-    """
+    """Return a note on each robot of which bags overlap in time."""
     bags = runs.sort("robot", "start_ns", "end_ns", "bag").partition_by("robot")
     return [
         f"{one['robot'][0]}: {note}"

@@ -46,11 +46,7 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
 
 
 def is_enough(test: DriftTest) -> bool:
-    """Return whether a change could be seen.
-
-    Args:
-        test: After all records.
-    """
+    """Return whether a change could be seen."""
     return len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS
 
 

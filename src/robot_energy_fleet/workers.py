@@ -53,8 +53,6 @@ def on_dask(
     of this host among them, is refused by scheduler and workers.
 
     Args:
-        scheduler: Its address, such as ``tcp://10.0.0.5:8786``; None to start one.
-        workers: Processes to start, one bag at a time in each.
         memory: Of each at most; one that needs more is started again.
         max_scratch: Size up to which a worker copies a remote bag. [bytes]
 

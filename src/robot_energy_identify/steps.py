@@ -66,7 +66,7 @@ class DynamicsFound:
 
     Attributes:
         given: The same with the bodies as given; rotors and friction refitted.
-        seconds: Taken from the start of each recording; infinite for all. [s]
+        seconds: Taken of each recording, in pieces of it; infinite for all. [s]
     """
 
     result: Dynamics
@@ -251,16 +251,15 @@ def _warm(recordings: Sequence[Recording]) -> bool:
 def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     """Bodies are taken if they predict torque better than those of the model."""
     recordings = _measured(bags, model)
-    seconds = motion_time(recordings)
+    stated = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
+    seconds = motion_time(recordings, len(stated))
     check_signs(recordings, bags[0].effort)
-    starts = [
-        part
-        for bag in bags
-        if bag.effort is not EffortMeaning.NONE
-        for part in bag.starts(model, seconds)
-    ]
-    level, notes = _at_one_temperature(recordings, starts)
-    result = identify_dynamics(channels_of(level), model, DynamicsSettings(sensors=bags[0].sensors))
+    pieces = [part for bag in stated for part in bag.motion(model, seconds)]
+    level, notes = _at_one_temperature(recordings, pieces)
+    kept = stated[0].kept if len(stated) == 1 and np.isfinite(seconds) else None
+    seen = None if kept is None else kept.rows  # the same pieces in every fold
+    settings = DynamicsSettings(sensors=bags[0].sensors, seen=seen)
+    result = identify_dynamics(channels_of(level), model, settings)
     found = DynamicsFound(
         result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
     )
@@ -280,9 +279,9 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
 
 
 def _at_one_temperature(
-    recordings: Sequence[Recording], starts: Sequence[Recording]
+    recordings: Sequence[Recording], pieces: Sequence[Recording]
 ) -> tuple[list[Recording], tuple[str, ...]]:
-    """Measured torque of the starts as if every motor always had its median temperature.
+    """Measured torque of the pieces as if every motor always had its median temperature.
 
     The dynamics know one viscous friction fv per joint. Where friction follows the temperature
     T, ``(fv(T) - fv(T_median)) w`` is taken off, by laws fitted with the bodies as given. Their
@@ -292,27 +291,27 @@ def _at_one_temperature(
     try:
         fits, _ = fit_axes(axes)
     except NotIdentifiableError:
-        return list(starts), ()
+        return list(pieces), ()
     warm = {
         fit.name: viscous_law(fit.law)
         for fit in fits
         if FRICTION_LAWS[fit.chosen].follows_temperature
     }
     if not warm:
-        return list(starts), ()
-    torques = [part.torque.motor_torque_measured.copy() for part in starts]
+        return list(pieces), ()
+    torques = [part.torque.motor_torque_measured.copy() for part in pieces]
     for joint, name in enumerate(recordings[0].model.joint_names):
         if name not in warm:
             continue
         degc = [part.power.motor_temperature_degc[:, joint] for part in recordings]
         usual = float(warm[name].viscous(float(np.nanmedian(np.concatenate(degc)))))
-        for part, torque in zip(starts, torques, strict=True):
+        for part, torque in zip(pieces, torques, strict=True):
             own = part.power.motor_temperature_degc[:, joint]
             known = np.where(np.isfinite(own), warm[name].viscous(own), usual)
             torque[:, joint] -= (known - usual) * part.torque.motor_velocity[:, joint]
     level = [
         replace(part, torque=replace(part.torque, motor_torque_measured=torque))
-        for part, torque in zip(starts, torques, strict=True)
+        for part, torque in zip(pieces, torques, strict=True)
     ]
     return level, (
         f"the effect of temperature on the friction of {', '.join(warm)} was removed first, so the "

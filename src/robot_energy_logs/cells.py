@@ -98,8 +98,6 @@ def as_numbers(
         line: Where each row stands, shape (N,).
         cells: Columns asked for, named; text or of a type of numbers.
         width: Cells of each row, shape (N,).
-        columns: Cells that a row should have.
-        repeated: Lines that repeat the header.
     """
     values = np.full((len(line), numbers), np.nan)
     numeric = np.ones(len(line), dtype=np.bool_)

@@ -58,7 +58,6 @@ class Columns(MappingEntry, Generic[Unit]):
     """Columns of one quantity of every joint.
 
     Attributes:
-        unit: Of the columns.
         column: Pattern in which ``{joint}`` stands for the joint's key.
         columns: One column per joint, in their order.
         file: Another file with as many rows, in the folder of the log; ``{recording}`` stands
@@ -180,13 +179,9 @@ class Joints(MappingEntry):
         keys: What stands for ``{joint}`` in patterns; default the names.
         position: May be left out for ``identify drives``, as of a test bench. ``identify
             thermal`` needs neither positions nor velocities.
-        temperature: Of the motors.
         drive_power: Electrical power that each drive takes, positive into the drive.
         current_d: Of each drive, along the flux of the rotor; with the three below instead of
             ``drive_power``, which is computed from them (paper B eq. 1).
-        current_q: Across the flux.
-        voltage_d: Along the flux.
-        voltage_q: Across the flux.
         dq_scaling: What these amplitudes are: ``peak`` of a phase, ``rms`` of a phase, or those
             of the power-invariant transformation.
     """
@@ -254,7 +249,6 @@ class Power(MappingEntry):
 
     Attributes:
         location: Where the meter sits: ``grid`` or ``dc_bus``.
-        meaning: ``instantaneous``, ``mean_over_interval`` or ``cumulative`` (energy).
         interval: Length of the interval that ends at each row, for a mean. [s]
         sign: Of the reading while the robot draws power, as of a meter's topic.
         scale: Factor on the reading, as of a current transformer.

@@ -37,9 +37,6 @@ class Instants:
 
     A date that has no zone is of the zone of the mapping. At the end of summer time an hour
     stands twice: its rows are the first until the times step back.
-
-    Attributes:
-        notes: What was assumed, one sentence each.
     """
 
     def __init__(self, time: Time) -> None:
@@ -64,7 +61,6 @@ class Instants:
 
         Args:
             column: Numbers or text, or dates, which have a unit of their own.
-            lines: Where each stands, for the notes.
         """
         if isinstance(column.dtype, pl.Datetime | pl.Duration):
             # Whole numbers of Python: a date of another century does not fit into 64 bits of ns.
@@ -227,5 +223,4 @@ def _elapsed(time: timedelta) -> int:
 
 
 def _shown(local: int) -> str:
-    """A local time, in whole seconds."""
     return (EPOCH + timedelta(seconds=local // SECOND)).isoformat(" ")

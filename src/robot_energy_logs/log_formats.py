@@ -80,9 +80,9 @@ def _run_table(args: Namespace) -> ImportReport:
 _TABLE = LogFormat(
     name="table",
     label="tables",
-    line="any table (CSV, gzip, Parquet, DIAdem), by a mapping of its columns",
+    line="any table (CSV, gzip, Parquet), by a mapping of its columns",
     description="""\
-Turn any table (CSV, plain or .gz, Parquet, or DIAdem) into a bag, by a small YAML file that says
+Turn any table (CSV, plain or .gz, or Parquet) into a bag, by a small YAML file that says
 which column means what, in which unit. Several files become one recording, in the order of
 their time. If the mapping names the files, LOG is their folder. Commented examples:
 src/examples/mappings.
@@ -117,23 +117,6 @@ example:
         add_arguments=_ur_arguments,
         run=_run_ur,
         recording=_ur_recording,
-    ),
-    replace(
-        _TABLE,
-        name="kuka-trace",
-        label="KUKA's trace",
-        line="traces of KUKA controllers (.dat with .r64), by a mapping",
-        description="""\
-Turn a trace of a KUKA controller into a bag. LOG is the folder with the files of all axes:
-NAME_NextGenDrive#1.dat with NAME_NextGenDrive#1.r64, and so on. The names of the channels depend on
-the language and the units on the trace, so a mapping states both; commented example:
-src/examples/mappings/kuka_trace.yaml. Where a file itself says another unit, it is refused.
-Made from public descriptions of the form; not tried on a file of a controller.
-""",
-        epilog="""\
-example:
-  robot-energy import kuka-trace FOLDER --recordings NAME --mapping kuka_trace.yaml --out kr_bag
-""",
     ),
     _TABLE,
     replace(_TABLE, name="csv", label="CSV", line="the same as `table`"),

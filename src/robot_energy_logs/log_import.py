@@ -30,7 +30,6 @@ def open_logs(
 
     Args:
         paths: Tables: CSV, plain or gzip, or Parquet. One folder, if the mapping names files.
-        drivetrain: Gears of the robot; None: as the mapping says.
         optional: Whether files may lack columns other than those of time and position.
 
     Returns:
@@ -68,7 +67,6 @@ def import_log(
     Args:
         paths: Tables of one log: CSV, plain or gzip, or Parquet. One folder, if the mapping
             names the files.
-        overwrite: Whether an existing bag may be replaced.
         optional: Whether files may lack columns other than those of time and position.
         start_ns: Added to every time; None: as the mapping says. [ns]
 
@@ -77,7 +75,6 @@ def import_log(
 
     Raises:
         LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
-        BagError: If the bag cannot be written.
     """
     files = [paths] if isinstance(paths, str | Path) else paths
     if mapping.joints.position is None:
@@ -111,12 +108,7 @@ def import_log(
 
 
 def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingContents:
-    """Return what the logs of one recording hold: all that at least one of them has.
-
-    Args:
-        logs: From `open_logs`.
-        mapping: That they were opened with.
-    """
+    """Return what the logs of one recording hold: all that at least one of them has."""
 
     def have(quantity: str) -> bool:
         return any(quantity in log for log in logs)

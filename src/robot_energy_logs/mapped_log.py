@@ -34,9 +34,6 @@ class MappedLog:
     """One recording of a log: a table, or several side by side.
 
     Args:
-        path: The table; a folder if the mapping names the files.
-        recording: Name of the recording, where the mapping names several.
-        drivetrain: Gears of the robot; None: as the mapping says.
         optional: Whether the file may lack columns other than those of time and position.
 
     Raises:
@@ -156,9 +153,6 @@ class MappedLog:
 
         Yields:
             Rows in SI units, joint side, in the order of the files.
-
-        Raises:
-            LogFormatError: If a file cannot be read to its end.
         """
         time = self._mapping.time
         clock = Clock(time) if clock is None else clock

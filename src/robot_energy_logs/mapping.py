@@ -1,6 +1,6 @@
 """Mapping of a log: which column means what, in which unit. Validated by pydantic.
 
-One form serves every table: CSV, gzip, Parquet and DIAdem, whether it becomes a bag or is
+One form serves every table: CSV, gzip and Parquet, whether it becomes a bag or is
 identified from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``.
 """
 
@@ -21,7 +21,6 @@ from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.time_zone import MAX_NAME, time_zone
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy_logs.columns import (
-    CORRECTED,
     Joints,
     MappingEntry,
     Names,
@@ -43,7 +42,6 @@ class Time(MappingEntry):
     """When each row was measured: a column, or a rate where there is none.
 
     Attributes:
-        column: Column of the time.
         unit: Its unit; a column of dates needs none. ``excel_day``: days as Excel counts them.
         format: Of dates that are not ISO 8601, in the words of ``strptime``, such as
             ``%d.%m.%Y %H:%M:%S.%f``; without a day it is the time since midnight.
@@ -89,11 +87,7 @@ class Time(MappingEntry):
 
 
 def since_1970(instant: datetime) -> int:
-    """Return the nanoseconds from 1970 to an instant.
-
-    Args:
-        instant: Without zone it is UTC.
-    """
+    """Return the nanoseconds from 1970 to an instant."""
     instant = instant if instant.tzinfo else instant.replace(tzinfo=UTC)
     elapsed = instant - datetime(1970, 1, 1, tzinfo=UTC)
     return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
@@ -138,7 +132,6 @@ class ReferenceFriction(MappingEntry):
     Attributes:
         viscous: Torque of each joint per its own velocity. [N m s/rad]
         coulomb: [N m]
-        source: Where it comes from.
     """
 
     viscous: list[Number]
@@ -151,7 +144,6 @@ class LogMapping(MappingEntry):
 
     Attributes:
         delimiter: Between cells of a text; None: taken from its first line.
-        decimal: Decimal sign of a text.
         encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
         comment: What lines begin with that are left out; None: ``#``.
         skip_rows: Lines before the header, or before the rows, that are left out.
@@ -226,7 +218,6 @@ class LogMapping(MappingEntry):
 
         Raises:
             LogFormatError: If there is no such entry.
-            ModelFileError: If motors cannot move the joints independently.
         """
         if self.robot is None:
             raise LogFormatError(
@@ -247,44 +238,10 @@ def _check_encoding(name: str) -> None:
 
 
 def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
-    """Return the validated mapping of a log.
-
-    Args:
-        recordings: Names of the recordings, instead of those in the file.
-
-    Raises:
-        LogFormatError: Naming the bad key, what was found and what was expected.
-    """
+    """Return the validated mapping of a log."""
     remedy = "see src/examples/mappings and src/examples/identify"
     text = read_text(path, LogFormatError, "mapping", remedy=remedy)
-    data = _in_present_form(parse_yaml(text, str(path), LogFormatError))
+    data = parse_yaml(text, str(path), LogFormatError)
     if recordings and isinstance(data, dict):
         data = {**cast("dict[str, Any]", data), "recordings": list(recordings)}
     return validated(data, LogMapping, str(path), LogFormatError)
-
-
-def _in_present_form(data: Any) -> Any:
-    """Move the keys of former mappings to their present places."""
-    if not isinstance(data, dict):
-        return cast("object", data)
-    joints: Any = cast("dict[str, Any]", data).get("joints")
-    if isinstance(joints, dict) and "signs" in joints:
-        of_joints = cast("dict[str, Any]", joints)
-        groups = [of_joints[key] for key in CORRECTED if isinstance(of_joints.get(key), dict)]
-        if not any("sign" in group for group in groups):
-            signs = of_joints.pop("signs")
-            for group in groups:
-                group["sign"] = signs
-    if not {"position", "torque"} & data.keys():
-        return cast("object", data)
-    former = dict(cast("dict[str, Any]", data))
-    places = {
-        "time": {"rate": "rate"},
-        "joints": {"joints": "names", "position": "position", "torque": "effort"},
-        "robot": {"urdf": "urdf", "gear_ratio": "gear_ratio", "coupling": "coupling"},
-    }
-    moved = {
-        part: {new: former.pop(old) for old, new in keys.items() if old in former}
-        for part, keys in places.items()
-    }
-    return {**former, **{part: entries for part, entries in moved.items() if entries}}

@@ -76,11 +76,7 @@ class RecordingContents:
 
     Attributes:
         joint_names: Joints, in the order of the arrays.
-        velocity: Whether the log has velocities.
-        effort: Whether it has efforts.
-        temperatures: Whether it has motor temperatures.
         meaning: What a meter reading stands for; UNKNOWN: there is no meter.
-        location: Where the meter sits.
         interval: Length of a mean's interval; NaN for other meanings. [s]
         drive_power: Whether it has the electrical power of each drive.
         payload_link: Link that carries the payload; empty where the log says nothing of it.
@@ -277,7 +273,6 @@ def _streams(contents: RecordingContents) -> list[_Stream]:
 
 
 def _any(values: Float) -> NDArray[np.bool_]:
-    """Rows in which at least one value is known."""
     return np.asarray(np.isfinite(values).any(axis=1))
 
 
@@ -292,9 +287,6 @@ def write_bag(
     """Write blocks of a log into a new bag; nothing is left behind if that fails.
 
     Args:
-        blocks: Its rows in time order.
-        files: The accounts that ``blocks`` fills while it is read.
-        overwrite: Whether an existing bag may be replaced.
         origin: Where the recording comes from, in words, noted with the bag.
 
     Returns:
@@ -302,7 +294,6 @@ def write_bag(
 
     Raises:
         LogFormatError: If no row can be used, or a row cannot be read.
-        BagError: If the bag cannot be written.
     """
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)

@@ -182,7 +182,6 @@ def usable_rows(
         known: From `Clock.instants`, shape (N,).
         required: Which of the numbers must be there, shape (K,).
         last_ns: Time of the last row used, None before the first. [ns]
-        account: Where to count.
         start_ns: What instants are added to to become stamps. [ns]
     """
     finite = np.isfinite(rows.values[:, required]).all(axis=1)
@@ -208,7 +207,6 @@ def usable_rows(
 
 
 def _reject(rows: TableRows, reason: str, bad: Mask, required: Mask, account: FileAccount) -> None:
-    """Count rows, and keep what the first of each reason holds."""
     cell = "", ""
     if bad.any() and reason not in account.first_line:
         row = int(np.argmax(bad))

@@ -1,4 +1,4 @@
-"""One table (CSV, Parquet, DIAdem) -> numbers of the columns asked for, row by row."""
+"""One table (CSV, Parquet) -> numbers of the columns asked for, row by row."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from robot_energy.foundation.files.first_bytes import FIRST_BYTES, MAX_MAGIC, na
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy_logs.cells import TableRows, as_numbers
-from robot_energy_logs.diadem import MAGIC as DIADEM
-from robot_energy_logs.diadem import read_diadem
 from robot_energy_logs.text_table import (
     BLOCK_ROWS,
     EXPECTED,
@@ -34,7 +32,7 @@ MAX_NUMBERS = 24_000_000
 """Numbers that are kept of one table: an hour of six joints at 1 kHz."""
 SHOWN_COLUMNS = 12
 PARQUET = b"PAR1"
-TABLES = (PARQUET, GZIP, DIADEM)
+TABLES = (PARQUET, GZIP)
 WORDS = (pl.Categorical, pl.Enum)
 UNIT = re.compile(r"[\[(]([^\[\]()]{2,})[\])]$")  # one letter may be a counter: q(a)
 # A damaged Parquet file can end the process that reads it, so another one does.
@@ -49,12 +47,11 @@ polars.scan_parquet(path, glob=False).sink_ipc(out, compression="uncompressed")
 
 
 class LogTable:
-    """One file: CSV, plain or gzip, Parquet, or a header of DIAdem; which one, its first bytes say.
+    """One file: CSV, plain or gzip, or Parquet; which one, its first bytes say.
 
     Args:
         delimiter: Between cells of a text; None: the likeliest in its first line, spaces only
             where there is no other.
-        column_names: Names of all columns of a text without a header.
         encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
         comment: What lines of a text begin with that are left out; None: ``#``.
         skip_rows: Lines of a text before its header, or its rows, that are left out.
@@ -96,7 +93,6 @@ class LogTable:
         comment: str | None,
         skip_rows: int,
     ) -> Sequence[str]:
-        """Names of the columns, by the kind of the file."""
         with open_regular(self.path) as file:
             head = file.read(MAX_MAGIC)
             self._size = file.seek(0, io.SEEK_END)
@@ -105,8 +101,6 @@ class LogTable:
             raise LogFormatError(found, EXPECTED, remedy)
         if head.startswith(PARQUET):
             return self._unpack().columns
-        if head.startswith(DIADEM):
-            return self._diadem()
         headed = column_names is None
         text = TextTable(self.path, delimiter, self._decimal, encoding, comment, skip_rows, headed)
         self._text, self.notes = text, text.notes
@@ -114,14 +108,6 @@ class LogTable:
         stated = {name: UNIT.search(name) for name in names}
         self.units = {name: unit[1].strip() for name, unit in stated.items() if unit}
         return names
-
-    def _diadem(self) -> list[str]:
-        """Names of the channels; their values become the frame."""
-        channels = read_diadem(self.path)
-        self.units = {channel.name: channel.unit for channel in channels if channel.unit}
-        columns = {str(place): channel.values for place, channel in enumerate(channels)}
-        self._frame = pl.DataFrame(columns).fill_nan(None)
-        return [channel.name for channel in channels]
 
     def _unpack(self) -> pl.DataFrame:
         """Content of a Parquet file, in a file that only takes up address space."""
@@ -178,11 +164,7 @@ class LogTable:
         )
 
     def first(self, names: Sequence[str]) -> list[pl.Series]:
-        """Return columns of the first row; nothing where there is none.
-
-        Raises:
-            LogFormatError: If the file cannot be read.
-        """
+        """Return columns of the first row; nothing where there is none."""
         rows = next(self.rows((), names), None)
         return [] if rows is None else [column[:1] for column in rows.texts]
 

@@ -37,7 +37,7 @@ HEAD_LINES = 200  # in which the line of a header is looked for
 DELIMITERS = (",", ";", "\t", " ")
 GZIP = b"\x1f\x8b"
 COMMENT = "#"
-EXPECTED = "a table: CSV, plain or gzip, Parquet, or the header of a DIAdem recording (.dat)"
+EXPECTED = "a table: CSV, plain or gzip, or Parquet"
 MARKS = {  # byte order marks, the longer ones first
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -58,9 +58,7 @@ class TextTable:
         delimiter: Between cells; None: the likeliest in its first line, spaces only where
             there is no other.
         encoding: Of the text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
-        comment: What lines begin with that are left out; None: ``#``.
         skip_rows: Lines before the header, or the rows, that are left out.
-        headed: Whether there is a header.
 
     Attributes:
         notes: What was found about the text, one sentence each.
@@ -93,7 +91,6 @@ class TextTable:
             raise self.unreadable(error) from error
 
     def _head(self) -> bytes:
-        """The first bytes, as far as they can be unpacked."""
         head = b""
         with self._bytes() as file, suppress(EOFError, zlib.error, gzip.BadGzipFile):
             while len(head) < HEAD and (part := file.read(PART)):
@@ -101,7 +98,6 @@ class TextTable:
         return head
 
     def _header(self) -> int:
-        """Find the header; return the number of lines before the first row."""
         commented, mark, first, number = "", self.comment or COMMENT, "", 0
         with self._open() as file:
             for number, line in enumerate(self._lines(file), 1):
@@ -147,11 +143,7 @@ class TextTable:
         return 0
 
     def rows(self, pick: Sequence[int], width: int) -> Iterator[Cells]:
-        """Yield all rows that are neither blank nor comments.
-
-        Raises:
-            LogFormatError: If the file cannot be read to its end.
-        """
+        """Yield all rows that are neither blank nor comments."""
         done, repeated = self._begin, list[int]()
         try:
             with self._open() as file:
@@ -226,7 +218,6 @@ class TextTable:
             yield text
 
     def _lines(self, file: TextIO) -> Iterator[str]:
-        """Yield the lines of the file; an overlong one, or too many, are an error."""
         length = 0
         while line := file.readline(MAX_LINE):
             length += len(line)
@@ -239,11 +230,7 @@ class TextTable:
             yield line
 
     def unreadable(self, error: Exception, line: int = 0) -> LogFormatError:
-        """Return why the file cannot be read.
-
-        Args:
-            line: The last one that was read.
-        """
+        """Return why the file cannot be read."""
         where = f" after line {line}" if line else ""
         what = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         remedy = ""
@@ -255,7 +242,6 @@ class TextTable:
 
 
 def _found_encoding(head: bytes) -> str:
-    """The encoding of a text by its first bytes."""
     for mark, name in MARKS.items():
         if head.startswith(mark):
             return name

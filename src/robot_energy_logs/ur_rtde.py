@@ -62,7 +62,6 @@ def import_ur_rtde(
 
     Args:
         logs: Files of one recording, joined in the order of their time.
-        overwrite: Whether an existing bag may be replaced.
         link: Link of the URDF that is the tool flange, whose payload becomes
             ``/energy/payload`` at each change.
 
@@ -71,7 +70,6 @@ def import_ur_rtde(
 
     Raises:
         LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
-        BagError: If the bag cannot be written.
     """
     names = list(joint_names)
     decimal = _decimal(logs)

@@ -45,7 +45,6 @@ def energy(power: Float, duration: Float, definition: Definition) -> Float:
     Args:
         power: Shape (N, ...). [W]
         duration: That each sample stands for, shape (N,). [s]
-        definition: What is integrated; ``pointwise`` is taken as ``absolute``.
     """
     if definition == "positive":
         power = np.maximum(power, 0.0)

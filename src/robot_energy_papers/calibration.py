@@ -157,7 +157,6 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
 
     Args:
         programs: How many programs of the kind of the experiment; >= 1.
-        moves: Motions in each.
 
     Raises:
         RigError: If no program is asked for.

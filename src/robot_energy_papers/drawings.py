@@ -67,13 +67,8 @@ def energy_over_temperature(
 ) -> None:
     """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b).
 
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-        deviation: Whether to draw the deviation below the energy.
-
     Raises:
         ShapeError: If there is no set.
-        ReportError: If the file cannot be written.
     """
     if not len(study.robot_degc):
         raise ShapeError("no set to draw", "at least one temperature")
@@ -100,11 +95,9 @@ def shaft_power_over_temperature(
     Args:
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
-        path: File to write: PNG, SVG or PDF by its suffix.
 
     Raises:
         ShapeError: If there is no curve.
-        ReportError: If the file cannot be written.
     """
     if not curves:
         raise ShapeError("no curve to draw", "at least one temperature")
@@ -201,14 +194,7 @@ def over_time(
     """Draw curves over time in panels.
 
     Args:
-        curves: By the name of their panel.
-        columns: Panels side by side.
         limits: Limits of the vertical axes, in the unit of the values [-]; None fits the curves.
-        cut: Whether the highest peaks may lie outside.
-        along: Over what they are drawn.
-
-    Raises:
-        ReportError: If the file cannot be written.
     """
     labels = (along, unit)
     with panels(path, [*curves], (0.0, 2.5), (WIDE, 0.5), labels, columns, title) as (figure, grid):
@@ -234,9 +220,6 @@ def reliability(curves: Mapping[str, tuple[Float, Float]], path: Target) -> None
 
     Args:
         curves: Nominal share and observed share, shape (N,) each, by the name of their panel. [-]
-
-    Raises:
-        ReportError: If the file cannot be written.
     """
     labels = "stated [%]", "holds the truth [%]"
     with panels(path, [*curves], (0.0, 3.0), (WIDE, 0.5), labels, 2) as (figure, grid):
@@ -264,9 +247,6 @@ def bars(
     Args:
         series: Values by name, one per group, in the unit of the axis. [-]
         reference: Figure of paper B per group in the same unit [-], None where there is none.
-
-    Raises:
-        ReportError: If the file cannot be written.
     """
     place = np.arange(len(groups), dtype=np.float64)
     width = 0.8 / len(series)
@@ -304,9 +284,6 @@ def stacked(
     Args:
         parts: Values by name, one per group, >= 0, in the unit of the axis. [-]
         marks: Values by name, one per group, in the same unit. [-]
-
-    Raises:
-        ReportError: If the file cannot be written.
     """
     place = np.arange(len(groups), dtype=np.float64)[::-1]
     with canvas(path, (WIDE, 0.62 * len(groups) + 1.5), title) as figure:
@@ -329,7 +306,6 @@ def stacked(
 
 
 def _legend(figure: Any, axes: Iterable[Axes]) -> None:
-    """One legend below all panels."""
     handles: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):

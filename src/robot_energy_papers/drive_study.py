@@ -97,7 +97,6 @@ class StudiedDrives:
     """What was identified of the drives from excitation runs.
 
     Attributes:
-        fit: Losses and our maps.
         written: Maps as the paper writes them, one per joint.
         loss_maps: One per joint.
     """
@@ -160,11 +159,7 @@ def maps_as_written(runs: Sequence[PrintRun], cutoff: float) -> tuple[Efficiency
 
 
 def tested(runs: Mapping[str, PrintRun], drives: StudiedDrives) -> dict[str, DriveTest]:
-    """Return the electrical power, by the names of runs that the fit has not seen.
-
-    Args:
-        runs: By name, read with the identified model.
-    """
+    """Return the electrical power, by the names of runs that the fit has not seen."""
     fit = drives.fit
     models: dict[Way, Drive] = {
         "written": EfficiencyMaps(list(drives.written)),

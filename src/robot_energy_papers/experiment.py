@@ -95,7 +95,6 @@ class Plan:
     """An experiment by motion.
 
     Attributes:
-        cycles: Sets with a warm-up after each.
         record_at: Mean motor temperatures, rising, from which on a set is recorded. [degC]
         cool_cycles: Sets after that, each behind a rest.
         cool_at: Mean motor temperatures, falling, at which such a set is recorded. [degC]
@@ -155,10 +154,7 @@ def by_motion(
     a set is recorded is decided by the thermometers' readings, as at a real robot.
 
     Args:
-        motion_set: The motions that are measured.
         warm_up: Looped for a minute, and a little more, between two sets.
-        hold: Recorded at the very beginning, if any.
-        config: Effects of the rig; all by default.
     """
     heat = warm_up.period * np.ceil(WARM_UP / warm_up.period)
     parts: list[tuple[JointMotion, float]] = [] if hold is None else [(hold, hold.period)]
@@ -211,10 +207,8 @@ def soaked(
     """Return the set recorded from several temperatures, each with all parts and the hall at it.
 
     Args:
-        motion_set: The motions that are measured.
         start_degc: [degC]
         seed: Seed of every rig: they have the same meter and the same noise.
-        config: Effects of the rig; all by default.
         rate: Of the joint states. [Hz]
     """
     sets: list[MotionSet] = []

@@ -21,7 +21,6 @@ class SetRow:
     """One set.
 
     Attributes:
-        way: ``heating``, ``cooling`` or ``soaked``.
         robot_degc: Mean over the motors of their mean temperature in the set. [degC]
         coldest_degc: The coldest motor. [degC]
         warmest_degc: The warmest motor. [degC]
@@ -61,16 +60,7 @@ class SetRow:
 def held_out(
     sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
 ) -> list[SetRow]:
-    """Return one row per set, replayed with every model.
-
-    Args:
-        sets: Recordings that were not used in any fit.
-        models: By name.
-
-    Raises:
-        RigError: If the meter covers nothing of a set.
-        RobotEnergyError: If a recording or model cannot be used.
-    """
+    """Return one row per set, replayed with every model."""
     return [_row(entry, models, reference) for entry in sets]
 
 
@@ -115,7 +105,6 @@ def normalised(rows: Sequence[SetRow], degc: float) -> float:
     """Return the measured mean power at one temperature, straight between the sets. [W]
 
     Args:
-        rows: Sets of the same motions.
         degc: Mean motor temperature; held at the ends. [degC]
     """
     order = sorted(rows, key=lambda row: row.robot_degc)

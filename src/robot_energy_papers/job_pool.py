@@ -24,7 +24,6 @@ class StudyRun:
 
     Attributes:
         folder: For the bags that are kept; it exists.
-        seed: Seed of everything that is drawn.
         workers: Processes in addition to this one; 1 means to do all of it here.
         progress: Called with the share done, 0 to 1.
     """
@@ -63,9 +62,6 @@ def job_pool(
     workers: int, done: Callable[[Future[Any]], None]
 ) -> Generator[Callable[..., Future[Any]]]:
     """Yield a function that starts a job: in another process, or here and at once.
-
-    Args:
-        workers: Processes; 1 means to do every job here.
 
     Raises:
         RigError: If a process ended by itself.

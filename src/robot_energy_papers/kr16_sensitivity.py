@@ -108,11 +108,7 @@ def holding_table(seed: int) -> dict[str, SensitivityTable]:
 
 
 def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
-    """Return what the rise of the motor that warms most in a cold set owes to open figures.
-
-    Args:
-        quick: Only the figures with the largest effect.
-    """
+    """Return what the rise of the motor that warms most in a cold set owes to open figures."""
     plain = load_profile("kr16")
 
     def read(given: Values) -> dict[str, float]:

@@ -46,7 +46,6 @@ class Machine:
     """A machine and how it stands to the wall.
 
     Attributes:
-        start: Joint positions near the first ones.
         paper: Energy over that of the arm minus 1, from paper B; None for the arm. [-]
     """
 
@@ -91,10 +90,7 @@ def wall_motion(
     """Return the motion of a machine's joints that prints the wall.
 
     Args:
-        layers: Printed one after the other.
         height: Height of the first one above the bottom of the wall. [m]
-        infill: As of `Wall`.
-        limits: Of the tool; the default ones by default.
     """
     place = machine.placement
     robot = Robot.from_model(load(machine.model))
@@ -113,14 +109,7 @@ def wall_motion(
 
 @cache
 def layer(key: str) -> tuple[tuple[Float, Trajectory], ...]:
-    """Return the motion of one layer at the bottom of the wall, which is planned once.
-
-    Args:
-        key: Of `MACHINES`.
-
-    Returns:
-        Blocks as of `ToolMotion.blocks`.
-    """
+    """Return the motion of one layer at the bottom of the wall, which is planned once."""
     return tuple(wall_motion(MACHINES[key]).blocks())
 
 
@@ -135,7 +124,6 @@ class Energies:
         absolute: Magnitude of each joint's shaft power, shape (n,).
         electrical: Into each drive, braking negative, shape (n,).
         parts: By the keys of `PARTS`, all joints together; empty for a rig.
-        cabinet: Constant losses over the time.
     """
 
     duration: float

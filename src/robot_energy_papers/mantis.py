@@ -147,11 +147,7 @@ class Smooth:
 def excitation(
     model: RobotModel, profile: PlantProfile, seed: int, iterations: int = 40
 ) -> FourierMotion:
-    """Return an optimised excitation motion (paper B, 4.3.2).
-
-    Args:
-        profile: The plant; its accelerations are not exceeded.
-    """
+    """Return an optimised excitation motion (paper B, 4.3.2)."""
     limits = ExcitationLimits(model, profile.acceleration)
     settings = ExcitationSettings(
         harmonics=HARMONICS, period=PERIOD, starts=1, iterations=iterations, seed=seed
@@ -184,7 +180,6 @@ def recorded(
 
     Args:
         duration: Duration of the motion. [s]
-        config: Effects of the rig; the default ones by default.
         rate: Of the joint states. [Hz]
     """
     rig = VirtualRig(
@@ -195,11 +190,7 @@ def recorded(
 
 
 def read_run(path: Path, model: RobotModel) -> PrintRun:
-    """Return a recorded run, read back with a model.
-
-    Args:
-        model: With which its stages are computed.
-    """
+    """Return a recorded run, read back with a model."""
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
     power = DrivePowerTopics((DRIVE_POWER,)).read(path, model.joint_names)
     stamp = recording.torque.stamp_ns
@@ -210,11 +201,7 @@ def read_run(path: Path, model: RobotModel) -> PrintRun:
 def identify_mechanics(
     runs: Sequence[PrintRun], model: RobotModel, method: Literal["ols", "wls"]
 ) -> Dynamics:
-    """Return bodies and friction that are identified from excitation runs.
-
-    Args:
-        runs: Read with ``model``.
-    """
+    """Return bodies and friction that are identified from excitation runs."""
     channels: list[Channels] = []
     for run in runs:
         torque = run.recording.torque

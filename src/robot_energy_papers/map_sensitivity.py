@@ -66,7 +66,6 @@ def map_tables(
     Of the method as written and of our maps, from both excitation runs; print path of all joints.
 
     Args:
-        quick: Only the figures that need no other excitation.
         rate: Of the joint states. [Hz]
     """
     goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["written"])

@@ -61,7 +61,6 @@ class Identified:
         total: Drive losses behind the grid meter; None where the data do not determine them.
         models: By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.
         fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
-        sets: Friction from each set alone.
         notes: What was decided on the way, one sentence each.
     """
 
@@ -118,10 +117,6 @@ def identify(
         supply: Plant of whose name plate the capacitor is read; None: no such model is made.
         fixed_degc: Operating points of the models with fixed friction. [degC]
         beyond: Whether to go beyond the paper: friction of each set, tables, losses.
-
-    Raises:
-        NotIdentifiableError: If the recordings do not determine friction or constant losses.
-        RobotEnergyError: If a recording cannot be used.
     """
     blank = without_knowledge(start)
     source = f"{len(bags)} sets of motions on the virtual rig"
@@ -180,7 +175,6 @@ def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
 def _with_losses(
     models: dict[str, RobotModel], powered: Sequence[Recording], supply: SupplyProfile | None
 ) -> tuple[TotalFit | None, list[str]]:
-    """Add the models beyond the paper."""
     model = models[FOLLOWS]
     # The torque of the model under test is what it will have when it predicts.
     data = drive_data(powered, [None] * len(powered), measured_torque=False)

@@ -40,16 +40,7 @@ def document(
     pieces: Mapping[str, Piece],
     package: str = PAPERS,
 ) -> Document:
-    """Return a page.
-
-    Args:
-        template: Name of the template without its suffix.
-        pieces: Figures and parts by name.
-        package: That has the template.
-
-    Raises:
-        RobotEnergyError: If a figure cannot be drawn.
-    """
+    """Return a page."""
     title, lead, *blocks = _blocks(template, context, package)
     page = Document(_joined(title).removeprefix("# "), _joined(lead))
     for block in blocks:
@@ -67,24 +58,16 @@ def document(
 def print_template(
     template: str, context: Mapping[str, Any], page: Document, package: str = PAPERS
 ) -> None:
-    """Write text and tables of a template without figures.
-
-    Args:
-        template: Name of the template without its suffix.
-        page: Where to.
-        package: That has the template.
-    """
+    """Write text and tables of a template without figures."""
     for block in _blocks(template, context, package):
         _write(block, page)
 
 
 def _row(cells: Iterable[str]) -> str:
-    """One row of a Markdown table."""
     return "| " + " | ".join(cell.replace("|", ESCAPED) for cell in cells) + " |"
 
 
 def _whole(value: float, unit: str = "") -> str:
-    """A number without decimals, and its unit."""
     return f"{value:.0f}{unit}"
 
 
@@ -102,7 +85,6 @@ def _hundreds(shares: Iterable[float]) -> list[str]:
 
 
 def _kilo(value: float) -> str:
-    """Thousands of a unit."""
     return f"{value / 1e3:.1f}"
 
 
@@ -138,7 +120,6 @@ def _blocks(template: str, context: Mapping[str, Any], package: str) -> list[str
 
 
 def _write(block: str, page: Document) -> None:
-    """Write a heading, a note, a table or a paragraph."""
     if block.startswith("#"):
         marks, _, text = block.partition(" ")
         page.heading(text, len(marks))
@@ -162,5 +143,4 @@ def _table(block: str, page: Document) -> None:
 
 
 def _joined(block: str) -> str:
-    """One line of the lines of a paragraph."""
     return " ".join(block.split())

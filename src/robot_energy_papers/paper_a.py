@@ -242,7 +242,6 @@ def study(options: StudyRun, scale: PaperAStudySize) -> PaperA:
 def _record_training(
     folder: Path, seed: int, scale: PaperAStudySize
 ) -> tuple[list[MotionSet], RigRecording]:
-    """Record the sets for identification and the rest in several poses."""
     profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[0]
     if scale.train is None:

@@ -68,14 +68,7 @@ ROLES: dict[str, Role] = {
 
 
 def front_picture(result: PaperA, path: Path) -> None:
-    """Draw measured and predicted energy over temperature, small and alone.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-
-    Raises:
-        ReportError: If it cannot be written.
-    """
+    """Draw measured and predicted energy over temperature, small and alone."""
     energy_over_temperature(_energy_study(result), path, f"Held-out motions, {RIG}")
 
 
@@ -134,7 +127,6 @@ def _effects(rows: dict[str, EffectRow]) -> list[dict[str, Any]]:
 
 
 def _model_names(result: PaperA) -> dict[str, str]:
-    """What each model is called on the page, in its order."""
     at = result.identified.fixed_degc
     names = {name: f"fixed, identified at {at[name]:.0f} degC" for name in FIXED}
     names |= {
@@ -177,7 +169,6 @@ def pieces(result: PaperA) -> dict[str, Piece]:
 
 
 def _energy_study(result: PaperA) -> EnergyStudy:
-    """The curves of fig. 7."""
     reference, at = result.reference_power, result.identified.fixed_degc
     labels = {name: f"predicted, friction of {at[name]:.0f} degC" for name in FIXED}
     labels[FOLLOWS] = "predicted, friction follows temperature"

@@ -73,11 +73,7 @@ QUICK = PaperBStudySize(25, 1, 0, (0.0, 0.99), 200.0)
 
 @dataclass(frozen=True)
 class MechanicalTest:
-    """Mechanical energy of one run, predicted and measured.
-
-    Attributes:
-        accuracy: By definition.
-    """
+    """Mechanical energy of one run, predicted and measured."""
 
     run: PrintRun
     accuracy: dict[Definition, Accuracy]
@@ -89,7 +85,6 @@ class Trained:
 
     Attributes:
         model: The Mantis's model with bodies by ordinary least squares, as in the paper.
-        mechanical: By run.
         tests: Tests of the drives, one per run.
     """
 
@@ -132,7 +127,6 @@ class PaperB:
     Attributes:
         trained: By the excitation that was identified from, keys of `TRAININGS`.
         weighted: Accuracy on the validation run of the weighted fit, our default.
-        machines: By the keys of `MACHINES`.
         plants: The wall printed by plants drawn at random, by configuration (`WALL`,
             `WALL_HELD`) and seed of the plant: drives identified from both excitation runs of that
             plant.
@@ -163,11 +157,7 @@ class PaperB:
         return self.main.model
 
     def relative(self, stage: str) -> dict[str, dict[str, float]]:
-        """Return the energy of every machine over that of the arm, less one, by figure. [-]
-
-        Args:
-            stage: ``layer``, ``wall`` or ``rig``.
-        """
+        """Return the energy of every machine over that of the arm, less one, by figure. [-]"""
         energies: dict[str, Energies] = {
             key: getattr(found, stage) for key, found in self.machines.items()
         }

@@ -53,11 +53,7 @@ def figures(result: PaperB) -> dict[str, Any]:
 
 
 def moving(test: DriveTest) -> NDArray[np.bool_]:
-    """Return which drives move enough in a run for an accuracy of their own, shape (n,).
-
-    Args:
-        test: Of the run.
-    """
+    """Return which drives move enough in a run for an accuracy of their own, shape (n,)."""
     shaft = np.abs(test.joint_efficiency * test.energy)
     return np.asarray(shaft > MIN_SHAFT_SHARE * shaft.sum())
 
@@ -117,9 +113,6 @@ def _energies(found: Energies) -> dict[str, Any]:
 
 def distributions(plants: Mapping[int, DriveTest]) -> dict[Way, dict[str, list[float]]]:
     """Return least value, quartiles and greatest value over plants, by way.
-
-    Args:
-        plants: By seed.
 
     Returns:
         Of ``accuracy`` [-] and ``rms`` [W].

@@ -67,14 +67,7 @@ MARKS = {  # of the stacked bars: of the models' layer, or of the rigs'
 
 
 def front_picture(result: PaperB, path: Path) -> None:
-    """Draw where the electrical energy of one layer goes.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-
-    Raises:
-        ReportError: If it cannot be written.
-    """
+    """Draw where the electrical energy of one layer goes."""
     title = "One printed layer, models of machine classes"
     unit = "electrical energy of the drives [J]"
     stacked(_machine_names(), _parts(result), {}, unit, path, title)
@@ -140,7 +133,6 @@ def pieces(result: PaperB) -> dict[str, Piece]:
 
 
 def _drive_figures(result: PaperB) -> dict[str, Piece]:
-    """Figures of the Mantis: powers, accuracies, efficiencies and maps."""
     names = result.main.model.joint_names
     check = result.main.mechanical[VALIDATION].run
     test, held = result.main.tests[WALL], result.main.tests[WALL_HELD]
@@ -197,7 +189,6 @@ def _drive_figures(result: PaperB) -> dict[str, Piece]:
 
 
 def _machine_figures(result: PaperB) -> dict[str, Piece]:
-    """Figures of the three machines."""
     machines = result.machines
     marks = {
         text: [getattr(found, stage).figures[name] for found in machines.values()]

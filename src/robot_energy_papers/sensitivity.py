@@ -28,16 +28,7 @@ TOLERANCE = 1e-3  # of the way from nominal to an end, of the values that are so
 
 @dataclass(frozen=True)
 class OpenFigure:
-    """A figure that the paper does not publish.
-
-    Attributes:
-        key: By which `Evaluate` takes it.
-        unit: Empty for a factor.
-        low: Lower end of what is plausible.
-        nominal: As the study has it.
-        high: Upper end.
-        switch: Whether nothing lies between its values.
-    """
+    """A figure that the paper does not publish."""
 
     key: str
     name: str
@@ -66,9 +57,6 @@ class SensitivityRow(Result):
     """One open figure.
 
     Attributes:
-        figure: The figure.
-        at_low: Result at the lower end.
-        at_high: Result at the upper end.
         elasticity: Relative change of the result per relative change of the figure: mean slope
             over the range times nominal figure over nominal result; None where the nominal
             figure is 0. [-]
@@ -91,7 +79,6 @@ class Spread(Result):
 
     Attributes:
         draws: How many, without those in which no motion is possible.
-        seed: Of the draws.
         quantiles: Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest.
         reaching: Share of the draws whose result is at least as far from the nominal one as that
             of the paper, on its side. [-]
@@ -107,10 +94,6 @@ class SensitivityTable(Result):
     """What one quantity owes to the open figures.
 
     Attributes:
-        quantity: What it is.
-        published: As in the paper.
-        nominal: Of the study.
-        rows: One per figure.
         reach: With every figure at the end that helps; None where no motion is possible there.
         spread: With all figures drawn at once; None where none were drawn.
     """
@@ -143,9 +126,6 @@ def sensitivity(
     Args:
         published: Results of the paper by quantity. [any unit]
         tolerance: Of values that are sought, share of the way to an end. [-]
-        only: Keys of the figures that are changed; None for all.
-        draws: Of all figures at once; 0 for none.
-        seed: Of the draws.
         slow: Keys of figures that are drawn again every `TOGETHER` draws only: they take long.
     """
     nominal = {figure.key: figure.nominal for figure in figures}
@@ -182,7 +162,6 @@ def _possible(evaluate: Evaluate, values: Values) -> Mapping[str, float] | None:
 def _drawn(
     figures: Sequence[OpenFigure], draws: int, seed: int, slow: Sequence[str]
 ) -> Iterator[dict[str, float]]:
-    """Values of all figures, for every draw."""
     random = np.random.default_rng(seed)
     values: dict[str, float] = {}
     for number in range(draws):
@@ -212,8 +191,6 @@ def _spread(results: Float, nominal: float, goal: float, seed: int) -> Spread:
 
 @dataclass(frozen=True)
 class _Sought:
-    """The search for one published result."""
-
     evaluate: Evaluate
     figures: Sequence[OpenFigure]
     quantity: str

@@ -66,8 +66,6 @@ class Rigs:
     """Temperatures and length of the experiments on soaked rigs.
 
     Attributes:
-        train_degc: Temperatures of the sets for identification.
-        test_degc: Temperatures of the held-out sets.
         rate: Of the joint states. [Hz]
     """
 
@@ -147,11 +145,7 @@ class EffectRow:
 
 
 def configurations(names: Sequence[str] | None = None) -> dict[str, RigConfig]:
-    """Return the rigs by name.
-
-    Args:
-        names: Effects to look at; all by default.
-    """
+    """Return the rigs by name."""
     everything, bare = RigConfig(), RigConfig.plain().having(MODELLED)
     names = list(EFFECTS) if names is None else names
     # Alone, the loss of windings is that of cold ones, and its rise needs a loss that can rise.
@@ -197,10 +191,6 @@ class ErrorSpread:
 
     Attributes:
         median: Half of the errors are at most so large.
-        ninety: Nine of ten are.
-        worst: The greatest, with its sign.
-        least: The lowest error.
-        greatest: The highest.
     """
 
     median: float
@@ -220,11 +210,7 @@ def plant_row(plant_seed: int, rigs: Rigs, seed: int) -> PlantRow:
 
 
 def error_spreads(rows: Sequence[PlantRow]) -> dict[str, ErrorSpread]:
-    """Return the distribution of the errors of every model, of the plants that have it.
-
-    Args:
-        rows: One per plant.
-    """
+    """Return the distribution of the errors of every model, of the plants that have it."""
     by_model: dict[str, list[float]] = {}
     for row in rows:
         for name, errors in row.error.items():

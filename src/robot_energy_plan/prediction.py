@@ -46,7 +46,6 @@ class Prediction:
         extrapolated: Joints whose friction law does not reach that temperature.
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
-        pipeline: After its last step.
         work: Path of the tool and work on the bodies.
         notes: What a reader should know, one sentence each.
         payload: What was given: instead of what the model has on the same link, and besides what
@@ -197,7 +196,6 @@ def _besides(model: RobotModel, payload: Sequence[Payload]) -> list[str]:
 
 
 def _loads(model: RobotModel, states: Mapping[str, str]) -> list[AuxiliaryLoad]:
-    """The auxiliary loads with their states."""
     loads = {load.name: load for load in model.auxiliary or ()}
     for name, state in states.items():
         if name not in loads:
@@ -227,7 +225,6 @@ def _temperatures(given: float | Sequence[float] | Float, n_joints: int) -> Floa
 
 
 def _order(model: RobotModel, joint_names: Sequence[str]) -> list[int]:
-    """Columns of the motion in the order of the model."""
     missing = [name for name in model.joint_names if name not in joint_names]
     foreign = [name for name in joint_names if name not in model.joint_names]
     if missing or foreign:

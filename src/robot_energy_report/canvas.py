@@ -65,9 +65,6 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
 
     Yields:
         The figure, whose layout fits itself to what is drawn.
-
-    Raises:
-        ReportError: If the suffix is none of these, or the file cannot be written.
     """
     if not isinstance(path, BytesIO):
         check_format(Path(path))
@@ -102,11 +99,9 @@ def panels(
 
     Args:
         path: File to write: PNG, SVG or PDF by its suffix; or a buffer for SVG.
-        names: Of the panels, above each; at least one.
         panel: Width and height of each. [inch]
         edge: What the figure has beyond them, likewise. [inch]
         labels: Of the x axes at the bottom and of the y axes at the left.
-        columns: Panels side by side, at most.
 
     Yields:
         The figure, and the axes of each panel.
@@ -129,11 +124,7 @@ def panels(
 
 
 def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
-    """Name the places of an axis with texts from outside, made safe to show.
-
-    Args:
-        places: Where they stand, in data coordinates.
-    """
+    """Name the places of an axis with texts from outside, made safe to show."""
     axis.set_ticks(places, [typeset(shown(name, MAX_TICK)) for name in names])
 
 

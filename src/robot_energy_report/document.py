@@ -117,7 +117,6 @@ class FlowDiagram:
 
     Attributes:
         picture: Its flows. [J]
-        unit: In which they are shown.
         factor: What one of it is. [J]
     """
 
@@ -167,11 +166,7 @@ class Document:
         self.parts.append((self._where, part))
 
     def shown(self, where: Where) -> list[Part]:
-        """Return the parts that a page or a terminal shows.
-
-        Args:
-            where: ``page`` or ``terminal``.
-        """
+        """Return the parts that a page or a terminal shows."""
         return [part for place, part in self.parts if place in ("both", where)]
 
     def heading(self, text: str, depth: int = 2) -> None:
@@ -191,7 +186,6 @@ class Document:
         """Add text; pages set what stands between backticks as code, and leave out no text.
 
         Args:
-            text: One or more sentences.
             kind: How it is set: plain, strong, as a heading, a note, a problem or a command.
         """
         self.add(Text(text, kind))
@@ -201,11 +195,7 @@ class Document:
         self.paragraph(text, "note")
 
     def notes(self, texts: Sequence[str]) -> None:
-        """Add several of them.
-
-        Args:
-            texts: One sentence each.
-        """
+        """Add several of them."""
         for text in texts:
             self.note(text)
 
@@ -230,9 +220,6 @@ class Document:
     ) -> None:
         """Add a table: first column and sentences left, numbers right.
 
-        Args:
-            rows: Cells, as many as columns in each.
-
         Raises:
             ReportError: If a row has another number of cells.
         """
@@ -250,7 +237,6 @@ class Document:
 
         Args:
             columns: What it shows of each object.
-            total: Name of the row of sums; empty for none.
         """
         columns = [one for one in columns if not one.optional or one.has_something(rows)]
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None

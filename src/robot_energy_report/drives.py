@@ -41,7 +41,6 @@ TOTAL_NAMES = {
     "shaft": "shaft power and a constant",
     "given": "the model as given",
     "shared": "losses, shared by all axes",
-    "axis_copper": "losses, copper of each axis",
     "axis": "losses of each axis",
     "identified": "identified",
     "drives_measured": "measured drives and a constant",
@@ -51,11 +50,7 @@ UNITS = {"constant": "W", "copper": "W/(N m)^2", "linear": "W s/rad", "quadratic
 
 
 def drives_document(report: DrivesReport, page: Document) -> None:
-    """Add all that was found of the drives.
-
-    Args:
-        page: Where to.
-    """
+    """Add all that was found of the drives."""
     if report.drives is not None:
         _drives(report.drives, report.delay, page)
     if report.total is not None:
@@ -64,11 +59,7 @@ def drives_document(report: DrivesReport, page: Document) -> None:
 
 
 def mapped(fit: DrivesFit | None) -> list[AxisFit]:
-    """Return the axes with an efficiency map.
-
-    Args:
-        fit: Of the drives; None if there is none.
-    """
+    """Return the axes with an efficiency map."""
     return [] if fit is None else [axis for axis in fit.axes if axis.map is not None]
 
 
@@ -198,9 +189,6 @@ MIN_POINTS = 4  # of a surface
 
 def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> None:
     """Draw the map of every axis.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
 
     Raises:
         ShapeError: If there is no map.

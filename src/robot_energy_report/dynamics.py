@@ -52,10 +52,7 @@ def dynamics_document(
     """Add an identification.
 
     Args:
-        page: Where to; a page always shows the details.
-        effort: Time and memory that it took, as names and values.
         details: Also every group with value and standard deviation on the terminal.
-        friction_follows: Whether friction over temperature is identified afterwards.
     """
     result, delay = report.result, report.delay
     settings = result.settings
@@ -241,11 +238,7 @@ def _split(judgement: HoldOutResult) -> str:
 
 
 def excitation_document(report: ExcitationReport, page: Document) -> None:
-    """Add what an excitation motion determines and uses.
-
-    Args:
-        page: Where to.
-    """
+    """Add what an excitation motion determines and uses."""
     named = (
         ("condition number", "condition"),
         ("log determinant per parameter", "log_determinant"),

@@ -51,7 +51,6 @@ def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
 
 
 def _part_names(drive: str) -> dict[str, str]:
-    """Return the names of the parts of the energy from the grid, in their order."""
     unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
     return {
         "rigid": "lifting, accelerating (net)",
@@ -73,8 +72,6 @@ def add_flow(
     """Add the picture of where the energy goes, of one result or the sum of several.
 
     Args:
-        page: Where to.
-        reports: Results of robots with the same joints.
         auxiliary: Name and energy of each load outside of the cabinet. [J]
     """
 
@@ -122,11 +119,7 @@ def _share(part: float | None, whole: float) -> float | None:
 
 
 class EnergySections:
-    """Sections about the energy of one result, for replay and prediction.
-
-    Args:
-        page: Where to.
-    """
+    """Sections about the energy of one result, for replay and prediction."""
 
     def __init__(self, page: Document, report: EnergyReport) -> None:
         self._page, self._report = page, report
@@ -264,19 +257,13 @@ class EnergySections:
 
 
 def _band_text(sure: EnergyUncertainty) -> str:
-    """Return the 90 % band of an energy in words."""
     half = 0.5 * (sure.upper - sure.lower)
     relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
     return f"+- {energy_text(half)}{relative}, 90 % band {BANDS[sure.band]}"
 
 
 def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
-    """Add the loads, their states and the balance of the outlet.
-
-    Args:
-        page: Where to.
-        report: What to say; None says nothing.
-    """
+    """Add the loads, their states and the balance of the outlet."""
     if report is None:
         return
     scale = EnergyFormat(max(report.outlet_energy, *(one.known_energy for one in report.loads)))
@@ -325,11 +312,7 @@ def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
 
 
 def flow_labels(report: AuxiliaryReport | None) -> list[tuple[str, float]]:
-    """Return name and known energy of each load for the picture of the flows. [J]
-
-    Args:
-        report: The loads; None for none.
-    """
+    """Return name and known energy of each load for the picture of the flows. [J]"""
     return [
         (
             known_label(load.name, load.known_ns * NANOSECOND, load.missing_ns * NANOSECOND),

@@ -44,7 +44,6 @@ def error_bars(
 
     Args:
         bars: Of each prediction: label, role, and its relative errors. [-]
-        path: File to write: PNG, SVG or PDF by its suffix.
         beyond: Which names have hatched bars: recordings at temperatures that their fit has
             not seen.
 
@@ -86,11 +85,7 @@ SIDES = {
 
 
 def evaluation_document(report: EvaluationReport, page: Document) -> None:
-    """Add all errors, the whole first.
-
-    Args:
-        page: Where to.
-    """
+    """Add all errors, the whole first."""
     model = report.model
     page.paragraph(verdict(report), "strong")
     page.paragraph(_seen(report))
@@ -148,7 +143,6 @@ def _brief(score: ModelScore) -> str:
 
 
 def _seen(report: EvaluationReport) -> str:
-    """Say whether the figures are held out."""
     kinds = {one.seen for one in report.recordings}
     if kinds == {"held_out"}:
         return "held out: no figure of the model was identified from these recordings"

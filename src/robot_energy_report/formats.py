@@ -116,7 +116,6 @@ def number(value: float, digits: int) -> str:
 
     Args:
         value: Any figure. [-]
-        digits: After the point.
     """
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
@@ -131,7 +130,6 @@ def summing(
 
     Args:
         values: Parts of a whole, in one unit; None for a part that is not known: a dash. [-]
-        digits: After the point.
         total: What they sum to, as it is shown; None: the rounded sum of the values.
         unit: Of the numbers, in that of the values. [-]
     """
@@ -172,8 +170,6 @@ def percent(ratio: float | None, sign: bool = False, digits: int = 1) -> str:
 
     Args:
         ratio: None where it is not known. [-]
-        sign: Whether a positive one has its sign, too.
-        digits: After the point.
     """
     if ratio is None:
         return NOTHING
@@ -204,7 +200,6 @@ def utc(stamp_ns: int | None, form: str = "%F %R") -> str:
 
     Args:
         stamp_ns: None where there is none. [ns since 1970]
-        form: Of `strftime`.
     """
     if stamp_ns is None:
         return NOTHING
@@ -251,21 +246,12 @@ def _raised(digits: str) -> str:
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Return a count with its noun.
-
-    Args:
-        many: Its plural; empty for that with an s.
-    """
+    """Return a count with its noun."""
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def some_names(names: Iterable[str], limit: int = 5) -> str:
-    """Return names in one line, each once; how many more there are beyond a limit.
-
-    Args:
-        names: In their order.
-        limit: How many are named, >= 1.
-    """
+    """Return names in one line, each once; how many more there are beyond a limit."""
     once = list(dict.fromkeys(names))
     more = [f"{len(once) - limit} more"] if len(once) > limit else []
     return ", ".join([*once[:limit], *more])
@@ -294,9 +280,5 @@ def grouped(notes: Sequence[str]) -> list[str]:
 
 
 def tags_text(figures: dict[str, int]) -> str:
-    """Return how many figures of a model are known in which way.
-
-    Args:
-        figures: Count by tag.
-    """
+    """Return how many figures of a model are known in which way."""
     return ", ".join(f"{count} {tag}" for tag, count in figures.items() if count) or "none tagged"

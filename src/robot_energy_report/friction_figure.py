@@ -25,8 +25,6 @@ def friction_over_temperature(
     """Draw points and laws of every axis.
 
     Args:
-        fits: One per axis.
-        path: File to write: PNG, SVG or PDF by its suffix.
         unit: Of the torque: ``N m``, or that of a relative measurement.
 
     Raises:

@@ -68,11 +68,7 @@ def headline(report: ReplayReport) -> str:
 
 
 def beyond_constant(report: ReplayReport) -> str:
-    """Return in one line how well the part that is not constant is predicted.
-
-    Returns:
-        A sentence; empty where nothing was measured.
-    """
+    """Return in one line how well the part that is not constant is predicted."""
     compared = report.comparison
     predicted = compared.predicted_energy_beyond_constant
     measured, error = compared.measured_energy_beyond_constant, compared.beyond_constant_relative
@@ -141,9 +137,6 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
 
 def error_of(reports: Sequence[ReplayReport]) -> tuple[float | None, float]:
     """Return predicted minus measured energy over the measured one, and the compared time.
-
-    Args:
-        reports: Those without a meter count for nothing.
 
     Returns:
         Ratio, None where nothing was measured [-]; time [s].

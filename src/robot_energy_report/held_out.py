@@ -27,11 +27,7 @@ LABELS = {GIVEN: "as given"}
 
 
 def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
-    """Return the energy error of both models on held-out data, and whether the new one is better.
-
-    Args:
-        test: The test; None if there was none.
-    """
+    """Return the held-out energy error of both models, and whether the new one is better."""
     if test is None:
         return "the energy of the model was not tested, as asked (--no-test)", False
     if not test.metered:
@@ -62,9 +58,6 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
 
 def not_judged(test: HeldOutEnergy | None) -> str:
     """Return which recordings lie outside the temperatures of their fit, and how to test there.
-
-    Args:
-        test: The test; None if there was none.
 
     Returns:
         One sentence or two; empty if all lie within.
@@ -100,12 +93,7 @@ def _torque_verdict(test: HeldOutEnergy) -> tuple[str, bool]:
 
 
 def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
-    """Add the verdict; as a note where the new model is not better.
-
-    Args:
-        test: The test; None if there was none.
-        page: Where it is added.
-    """
+    """Add the verdict; as a note where the new model is not better."""
     text, better = verdict(test)
     page.paragraph(text, "strong" if better else "note")
     if outside := not_judged(test):
@@ -113,11 +101,7 @@ def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
 
 
 def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> None:
-    """Add the test of the whole.
-
-    Args:
-        page: Where to.
-    """
+    """Add the test of the whole."""
     page.paragraph(f"held out: {KINDS[test.kind]}")
     verdict_line(test, page)
     taken = {subject for entry in test.tested for subject in entry.taken}

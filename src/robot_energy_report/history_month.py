@@ -48,11 +48,9 @@ def month_document(
     """Return the report of a month.
 
     Args:
-        folder: Of the history.
         month: Such as 2026-10; empty for the last one that is over.
         now_ns: Time of this computer. [ns]
         timezone: Where days begin; empty for that of the newest tariff, else UTC.
-        robots: Names; empty for all.
 
     Raises:
         HistoryError: If there is no history, no such month or robot, or nothing was recorded.
@@ -250,12 +248,7 @@ def _tariffs(page: Document, answer: Figures) -> None:
 
 
 def draw_days(answer: Figures, target: BytesIO) -> None:
-    """Draw stacked bars, one of each day.
-
-    Args:
-        answer: Of `HistoryView.answer`.
-        target: Buffer for SVG.
-    """
+    """Draw stacked bars, one of each day."""
     places = range(1, len(answer["parts"]) + 1)
     with canvas(target, (9.0, 3.4)) as figure:
         axes = figure.subplots()

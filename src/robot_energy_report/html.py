@@ -47,10 +47,6 @@ def write_page(document: Document, path: str | Path) -> None:
 
     Args:
         path: File to write; a name that ends in .pdf makes a PDF.
-
-    Raises:
-        ReportError: If it cannot be written, or a figure cannot be drawn.
-        PageError: If it is to be a PDF and no browser prints it.
     """
     html = page_html(document).encode("utf-8", "backslashreplace")
     if Path(path).suffix.lower() == ".pdf":
@@ -109,7 +105,6 @@ def _card(anchor: str, parts: Sequence[Part]) -> str:
 
 
 def _terms(terms: Sequence[str]) -> str:
-    """What the words of the page mean."""
     if not terms:
         return ""
     table = _table(Table("", (), [(term, TERMS[term]) for term in terms]))

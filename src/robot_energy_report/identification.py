@@ -43,11 +43,7 @@ HELD_OUT = {
 
 
 def friction_document(report: FrictionReport, page: Document) -> None:
-    """Add the friction of every axis, with its figure.
-
-    Args:
-        page: Where to.
-    """
+    """Add the friction of every axis, with its figure."""
     friction_tables(report, page)
     page.figure(
         lambda path: friction_over_temperature(report.axes, path, report.torque_unit),
@@ -57,7 +53,7 @@ def friction_document(report: FrictionReport, page: Document) -> None:
 
 
 def friction_tables(report: FrictionReport, page: Document) -> None:
-    """Add the friction of every axis; arguments as in `friction_document`."""
+    """Add the friction of every axis."""
     unit = report.torque_unit
     falling = [fit for fit in report.axes if fit.stribeck is not None][:1]
     loaded = [fit for fit in report.axes if fit.load is not None][:1]
@@ -111,11 +107,7 @@ def hold_words(hold: HoldFit) -> str:
 
 
 def gear_tables(gears: GearsFound, page: Document) -> None:
-    """Add the temperatures of gears, and why others were not found.
-
-    Args:
-        page: Where to.
-    """
+    """Add the temperatures of gears, and why others were not found."""
     if gears.fits:
         page.rows(
             "Gears that warm by their own friction: friction follows their temperature, which "
@@ -174,11 +166,7 @@ def _law(fit: FrictionFit) -> str:
 
 
 def study_document(report: FrictionStudyReport, page: Document) -> None:
-    """Add tests on temperatures that were not seen.
-
-    Args:
-        page: Where to.
-    """
+    """Add tests on temperatures that were not seen."""
     for entry in report.studies:
         study = entry.study
         page.rows(
@@ -202,7 +190,7 @@ def study_document(report: FrictionStudyReport, page: Document) -> None:
 
 
 def cabinet_document(report: CabinetReport, page: Document) -> None:
-    """Add constant losses and DC link; arguments as in `friction_document`."""
+    """Add constant losses and DC link."""
     losses_section(report.losses, page)
     delay_lines("the meter", report.meter_delay, report.meter_time_constant, page)
     if report.link is not None:
@@ -214,11 +202,7 @@ def cabinet_document(report: CabinetReport, page: Document) -> None:
 
 
 def losses_section(fit: CabinetFit, page: Document) -> None:
-    """Add the constant losses.
-
-    Args:
-        page: Where to.
-    """
+    """Add the constant losses."""
 
     def row(name: str, found: Level | None) -> tuple[str, ...]:
         if found is None:
@@ -249,7 +233,6 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
 
 
 def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: Document) -> None:
-    """Add what standard deviations are made of."""
     causes = list(dict.fromkeys(cause for own in parts.values() for cause in own))
     if not causes:
         return
@@ -267,7 +250,7 @@ def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page:
 
 
 def link_section(fit: LinkFit, page: Document) -> None:
-    """Add the energy of the DC link; arguments as in `losses_section`."""
+    """Add the energy of the DC link."""
     page.paragraph(
         "energy of the DC link between rectified and chopper voltage: "
         f"{uncertain(fit.energy, fit.std)} J, 95 % interval {fit.interval[0]:.0f} to "
@@ -297,13 +280,7 @@ def link_section(fit: LinkFit, page: Document) -> None:
 
 
 def delay_lines(what: str, delay: Delay | None, low_pass: Delay | None, page: Document) -> None:
-    """Add a delay behind the joint states, and the time constant of a low pass, a line each.
-
-    Args:
-        delay: The estimate; None adds nothing.
-        low_pass: The estimate; likewise.
-        page: Where to.
-    """
+    """Add a delay behind the joint states, and the time constant of a low pass, a line each."""
     found = {f"delay of {what} behind the joint states": delay, f"low pass in {what}": low_pass}
     for name, one in found.items():
         if one is None:
@@ -318,18 +295,13 @@ def delay_lines(what: str, delay: Delay | None, low_pass: Delay | None, page: Do
 
 
 def delay_use(delay: Delay, done: str) -> str:
-    """Return what was done about a delay.
-
-    Args:
-        done: Word for a delay that was believed.
-    """
+    """Return what was done about a delay."""
     if delay.at_edge:
         return f"not applied, at the limit of the search of {1e3 * delay.span:g} ms"
     return done if delay.applied else "not applied"
 
 
 def _error_over_energy(fit: LinkFit, path: Target) -> None:
-    """Draw the error that every energy leaves."""
     shown = fit.tried <= 3.0 * fit.energy
     with canvas(path, (6.0, 2.8)) as figure:
         axes = figure.subplots()
@@ -342,7 +314,7 @@ def _error_over_energy(fit: LinkFit, path: Target) -> None:
 
 
 def thermal_document(report: ThermalReport, page: Document) -> None:
-    """Add the thermal networks of the motors; arguments as in `friction_document`."""
+    """Add the thermal networks of the motors."""
     unit = "J/K" if report.heat == "losses" else "A2 s/K"
     if report.axes:
         page.rows(
@@ -387,7 +359,7 @@ def _thermal_figure(fit: ThermalFit, key: str) -> str | None:
 
 
 def states_document(report: LoadStatesReport, page: Document) -> None:
-    """Add the identified powers of states; arguments as in `friction_document`."""
+    """Add the identified powers of states."""
     page.table(
         "Power of each state [W]",
         ("load", "state", "power", "given", "readings", "times", "by"),

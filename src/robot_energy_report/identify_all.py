@@ -56,12 +56,7 @@ def identification_lead(report: IdentificationReport) -> str:
 def identification_document(
     report: IdentificationReport, page: Document, details: bool = False
 ) -> None:
-    """Add everything.
-
-    Args:
-        page: Where to; a page always shows every step in detail.
-        details: Whether the terminal shows that as well.
-    """
+    """Add everything."""
     page.heading("In short")
     identification_overview(report, page)
     if report.energy is not None:
@@ -207,7 +202,7 @@ def _step(step: StepReport, report: IdentificationReport, page: Document) -> Non
             )
             source = step.step.found
             if isinstance(source, DynamicsFound) and source.seconds < float("inf"):
-                page.paragraph(f"of each recording the first {source.seconds:.0f} s were used")
+                page.paragraph(f"of each recording {source.seconds:.0f} s were used")
         case FrictionReport() as found:
             friction_document(found, page)
         case CabinetFit() as fit:

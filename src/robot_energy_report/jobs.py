@@ -17,11 +17,7 @@ HOLD, MOTION = "hold", "motion"
 
 
 def job_kinds(reports: Sequence[ReplayReport]) -> dict[str, list[JobFigures]]:
-    """Return the jobs of all recordings by name, the most frequent name first.
-
-    Args:
-        reports: In order of time.
-    """
+    """Return the jobs of all recordings by name, the most frequent name first."""
     found: dict[str, list[JobFigures]] = {}
     for job in (job for one in reports for job in one.jobs):
         found.setdefault(job.name, []).append(job)
@@ -29,20 +25,12 @@ def job_kinds(reports: Sequence[ReplayReport]) -> dict[str, list[JobFigures]]:
 
 
 def mean_energy(jobs: Sequence[JobFigures]) -> float:
-    """Return the mean predicted energy of jobs. [J]
-
-    Args:
-        jobs: One or more.
-    """
+    """Return the mean predicted energy of jobs. [J]"""
     return math.fsum(job.energy for job in jobs) / len(jobs)
 
 
 def job_section(page: Document, report: ReplayReport) -> None:
-    """Add the jobs of a recording: by name, and one by one.
-
-    Args:
-        page: Where to.
-    """
+    """Add the jobs of a recording: by name, and one by one."""
     if not report.jobs:
         return
     scale = scale_of([report.energy])
@@ -68,11 +56,7 @@ def job_section(page: Document, report: ReplayReport) -> None:
 
 
 def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFormat) -> None:
-    """Add energy and time of the jobs of each name.
-
-    Args:
-        page: Where to.
-    """
+    """Add energy and time of the jobs of each name."""
 
     def energies(kind: tuple[str, list[JobFigures]]) -> list[float]:
         return [job.energy for job in kind[1]]
@@ -93,10 +77,7 @@ def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFor
 
 
 def summary_section(page: Document, report: ReplayReport) -> None:
-    """Add conditions and results in the order in which energy tests of robots state them.
-
-    Arguments as in `job_section`.
-    """
+    """Add conditions and results in the order in which energy tests of robots state them."""
     model, time, scale = report.model, report.time, scale_of([report.energy])
     with page.only("page"):
         page.paragraph(

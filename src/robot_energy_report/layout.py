@@ -28,7 +28,6 @@ class _Column:
     """One column of a table.
 
     Attributes:
-        prose: Whether it reads from the left.
         wraps: Whether it may be narrower than its content.
     """
 
@@ -62,7 +61,6 @@ def fitted_table(
     """Lay out a table: first column left, prose left, the others right.
 
     Args:
-        rows: Cells, as many per row as there are headings.
         width: Of the terminal. [characters]
 
     Returns:
@@ -78,11 +76,7 @@ def fitted_table(
 
 
 def width_of(laid_out: Group) -> int:
-    """Return the width of the widest table of `fitted_table`. [characters]
-
-    Args:
-        laid_out: What `fitted_table` returned.
-    """
+    """Return the width of the widest table of `fitted_table`. [characters]"""
     tables = (part for part in laid_out.renderables if isinstance(part, Table))
     return max((table.width or 0 for table in tables), default=0)
 

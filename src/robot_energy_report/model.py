@@ -9,11 +9,7 @@ from robot_energy_report.formats import significant
 
 
 def model_document(report: ModelReport, page: Document) -> None:
-    """Add what a model file holds.
-
-    Args:
-        page: Where to.
-    """
+    """Add what a model file holds."""
     page.paragraph(
         f"{report.source}: a valid model of {report.robot}, {len(report.joints)} joints, id "
         f"{report.model_id}",

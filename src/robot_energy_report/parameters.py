@@ -74,11 +74,7 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
 
 
 def changes_document(before: RobotModel, after: RobotModel, page: Document) -> None:
-    """Add what is new in a model file; what is hardly known stands apart, by name.
-
-    Args:
-        page: Where to.
-    """
+    """Add what is new in a model file; what is hardly known stands apart, by name."""
     found = changes(before, after)
     columns = [
         Column("figure", "name"),

@@ -30,11 +30,7 @@ MINUTE = 60.0  # s
 
 
 def labels(runs: Sequence[PredictionReport]) -> list[str]:
-    """Return a name for each run: what distinguishes it from the others.
-
-    Args:
-        runs: Predictions that are shown together.
-    """
+    """Return a name for each run: what distinguishes it from the others."""
     programs = {run.program for run in runs}
     temperatures = {_temperatures(run) for run in runs}
     return [
@@ -60,7 +56,6 @@ def prediction_document(
     """Add all that predictions say.
 
     Args:
-        page: Where to.
         results: The predictions behind it, for the power over time; may be empty.
     """
     runs, names = report.runs, labels(report.runs)

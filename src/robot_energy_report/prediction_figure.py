@@ -27,24 +27,13 @@ THIN = 0.9  # line width where curves lie over each other
 
 
 def energy_bars(energies: Sequence[EnergyBreakdown], labels: Sequence[str], path: Target) -> None:
-    """Draw where the energy of each run goes.
-
-    Args:
-        energies: Of each run.
-        labels: One per run.
-        path: File to write: PNG, SVG or PDF by its suffix.
-    """
+    """Draw where the energy of each run goes."""
     with canvas(path, (8.0, 1.1 + BAR * len(energies))) as figure:
         _bars(figure.subplots(), energies, labels)
 
 
 def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Target) -> None:
-    """Draw the predicted power of each run over time.
-
-    Args:
-        labels: One per prediction.
-        path: File to write: PNG, SVG or PDF by its suffix.
-    """
+    """Draw the predicted power of each run over time."""
     high = 3.2 + 0.12 * len(results)
     with canvas(path, (8.0, high)) as figure:
         _curves(figure.subplots(), results, labels)
@@ -56,13 +45,7 @@ def energy_and_power(
     labels: Sequence[str],
     path: Target,
 ) -> None:
-    """Draw energies above powers.
-
-    Args:
-        energies: Of each prediction.
-        labels: One per prediction.
-        path: File to write: PNG, SVG or PDF by its suffix.
-    """
+    """Draw energies above powers."""
     bars = 0.9 + BAR * len(energies)
     with canvas(path, (8.0, bars + 3.2), "predicted energy and power from the grid") as figure:
         axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])

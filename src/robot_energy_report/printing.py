@@ -18,11 +18,7 @@ STYLES = {"strong": "bold", "problem": "bold red"}
 
 
 def print_document(document: Document, console: Console) -> None:
-    """Print what a terminal shows of a document: all but figures.
-
-    Args:
-        console: Where to.
-    """
+    """Print what a terminal shows of a document: all but figures."""
     for part in document.shown("terminal"):
         _print(part, console)
 
@@ -82,7 +78,6 @@ def _pairs(console: Console, rows: Sequence[Sequence[str]]) -> None:
 
 
 def _line(console: Console, text: str, style: str = "") -> None:
-    """One line as it is, without wrapping or markup."""
     console.print(Line(terminal_text(text, console), style=style), soft_wrap=True)
 
 
@@ -95,9 +90,6 @@ def terminal_text(text: str, console: Console) -> str:
 
     A terminal has true signs and units if its encoding has them; a pipe, whose reader may be
     a program, stays ASCII.
-
-    Args:
-        console: Where it goes.
     """
     true = console.is_terminal and console.encoding.lower().startswith("utf")
     return typeset(shown_lines(text)) if true else shown_lines(text)

@@ -45,7 +45,6 @@ def recordings_document(
 
     Args:
         recordings: Reports, with the curves for their figures over time or None.
-        page: Where to.
     """
     recordings, notes = _once(recordings)
     if len(recordings) == 1:
@@ -178,7 +177,6 @@ def _table(
 
 
 def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:
-    """Mean energy of the jobs of the most frequent name."""
     kinds = job_kinds(reports)
     return f"{scale.text(mean_energy(next(iter(kinds.values()))))}" if kinds else None
 
@@ -197,7 +195,6 @@ MARKERS = "osD^v"  # of the jobs of one robot
 
 
 def _trend(groups: Mapping[str, Sequence[ReplayReport]], path: Target) -> None:
-    """Draw the error of the prediction, and energy per job or mean power, by recording."""
     ordered = sorted(
         (one for group in groups.values() for one in group), key=lambda one: one.time.start_ns or 0
     )

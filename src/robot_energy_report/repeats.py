@@ -14,9 +14,6 @@ MAX_NAMES = 20  # of recordings that overlap
 def given_once(names: Sequence[str], contents: Sequence[Hashable]) -> tuple[list[int], list[str]]:
     """Return the recordings without those that are there already, and a note on each of these.
 
-    Args:
-        contents: Equal for what is the same recording.
-
     Returns:
         Numbers of those that count, and the notes.
     """

@@ -77,12 +77,7 @@ def replay_document(
     depth: int = 2,
     settings: PageSettings | None = None,
 ) -> None:
-    """Add all that a replay says.
-
-    Args:
-        page: Where to.
-        curves: For the figures over time; None: without them.
-    """
+    """Add all that a replay says."""
     other = report.compared_with
     page.paragraph(verdict(report), "strong")
     page.paragraph(headline(report))
@@ -302,7 +297,6 @@ def _temperatures(page: Document, report: ReplayReport, curves: ReplayCurves | N
 
 
 def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> None:
-    """What was learned of the robot: lasting changes, and figures against the model file."""
     report = whole.condition
     if report is None:
         return

@@ -31,9 +31,7 @@ def power_and_energy(
     end of its curve.
 
     Args:
-        series: Curves of one recording; at most one of them measured.
         path: File to write: PNG, SVG or PDF by its suffix. It is replaced whole.
-        place: Where the power flows, for the axis.
 
     Raises:
         ShapeError: If there are no curves, or several measured ones.
@@ -127,11 +125,7 @@ def _energy(axes: Axes, series: Sequence[Series], second: float, place: str) -> 
 
 
 class TemperatureHistory:
-    """Means of motor temperatures and friction power over a whole recording, in bounded memory.
-
-    Args:
-        joint_names: In model order.
-    """
+    """Means of motor temperatures and friction power over a whole recording, in bounded memory."""
 
     def __init__(self, joint_names: Sequence[str]) -> None:
         self.joint_names = tuple(joint_names)
@@ -159,11 +153,7 @@ class TemperatureHistory:
 
 
 def temperature_and_friction(history: TemperatureHistory, path: Target) -> None:
-    """Draw the temperature of every motor, and below it the friction power of all joints.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix.
-    """
+    """Draw the temperature of every motor, and below it the friction power of all joints."""
     time, means = history.means()
     degc, friction = means[:, :-1], means[:, -1]
     known = np.isfinite(degc).any(axis=0)

@@ -46,9 +46,6 @@ def compared_series(
 ) -> tuple[Series, Series] | None:
     """Return measured and predicted power at the meter, over what both cover.
 
-    Args:
-        result: A replay that kept its curves.
-
     Returns:
         Measured and predicted, or None where nothing was compared. Their last energies
         are those of the comparison.
@@ -63,7 +60,6 @@ def series_of(
     """Return measured and predicted power at the meter.
 
     Args:
-        compared: What was compared, in the order of time.
         start_ns: Where the axis of time begins. [ns]
 
     Returns:
@@ -103,11 +99,7 @@ def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[
     """Return the curves of one or two replays of a bag, the measured one first.
 
     Args:
-        results: Replays that kept their curves.
         changes: What was changed about the model of each; None for nothing.
-
-    Returns:
-        Empty where nothing is to be shown.
     """
     curves: list[Series] = []
     for result, change in zip(results, changes, strict=True):

@@ -46,7 +46,6 @@ class RigRecording:
     """What was written.
 
     Attributes:
-        messages: Number of messages by topic.
         energy: True energy drawn from the grid. [J]
         peak_power: Greatest true power from the grid. [W]
         motor_temperature_degc: True ones at the first and the last sample, shape (2, n). [degC]
@@ -67,9 +66,6 @@ class RigEncoder:
     """Serializes the output of a rig to ROS 2 messages.
 
     ``/joint_states`` has motor torque in ``effort``, as reported by the drives.
-
-    Args:
-        joint_names: Names in the order of the rig's arrays.
     """
 
     def __init__(self, joint_names: tuple[str, ...]) -> None:
@@ -192,7 +188,6 @@ def record(
 
     Args:
         duration: [s]
-        overwrite: Replace a bag that is there.
         drive_power: Record the electrical input of each drive as well, on ``/drive_power``
             (std_msgs/Float64MultiArray), at every sample of the joint states.
         auxiliary: Record a pump and an extruder as well (`rig.auxiliary`): meters on
@@ -201,7 +196,6 @@ def record(
 
     Raises:
         RigError: If the duration makes no sense.
-        BagError: If the bag cannot be written.
     """
     pieces = outputs(rig, duration)
     first = next(pieces, None)
@@ -250,9 +244,6 @@ def load_messages(
     encoder: RigEncoder, loads: Mapping[str, LoadRecord]
 ) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
     """Return the messages of auxiliary loads.
-
-    Args:
-        loads: What each did, by its name.
 
     Yields:
         Topic, log times [ns] and messages of the meter, then of the states, of each load.

@@ -107,7 +107,6 @@ class JointSensors:
         """Return what is reported of consecutive samples.
 
         Args:
-            motors: Motion that the encoders see, joint side.
             motor_torque: From currents and name plates, before noise, shape (N, n). [N m]
         """
         sensors, on = self._config.sensors, self._config

@@ -55,8 +55,6 @@ class Motion(NamedTuple):
     """What a program makes the robot do from one sample on.
 
     Attributes:
-        first: Number of the first sample.
-        links: Joint side.
         motors: Joint side; that of the links if gears are rigid.
         motor_velocity: Shape (N, n). [rad/s]
         rigid_torque: Of bodies and rotors, motor side, shape (N, n). [N m]
@@ -227,7 +225,6 @@ class VirtualRig:
         )
 
     def _due(self, waiting: Waiting | None) -> tuple[Waiting | None, Waiting | None]:
-        """Split readings into those up to the last sample and those that come later."""
         if waiting is None:
             return None, None
         due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
@@ -382,7 +379,6 @@ def _start(
 
 
 def _block_samples(profile: PlantProfile, config: RigConfig, period: float) -> int:
-    """How many samples to hold the temperatures for."""
     wanted = round(BLOCK / period)
     allowed = longest_step(profile) / (period * config.thermal_speedup)
     if config.warming and allowed < 1:

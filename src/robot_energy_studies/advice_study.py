@@ -2,9 +2,9 @@
 
 Plants are drawn at random, have every effect of the rig, and are identified elsewhere.
 A plant then runs from cold with waits and a long rest, sped up in heating. From that recording
-alone the tool advises; the rig applies the advice: it starts at the warm temperature, holds at the
-place advised, rests in a state whose power is drawn from its stated deviation, and a supply whose
-efficiency is drawn likewise returns what went into its own resistor. Simulated throughout.
+alone the tool advises; the rig applies the advice: it holds at the place advised, rests in a state
+whose power is drawn from its stated deviation, and a supply whose efficiency is drawn likewise
+returns what went into its own resistor. Simulated throughout.
 """
 
 from __future__ import annotations
@@ -18,26 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy.foundation.units import SECOND_NS
-from robot_energy.model.schema import Cabinet
-from robot_energy.physics.shared_bus import exchange
 from robot_energy.replay.api import run_replay
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.advice.claims import (
     REGENERATION,
     Claim,
     regenerative,
-    shared_bus,
     standby,
     waiting_pose,
-    warm_up,
 )
 from robot_energy_fleet.advice.evidence import EvidenceSums
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_plan.optimization.rest_states import ASSUMED, rest_cost
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
-from robot_energy_rig.output import Truth
 from robot_energy_rig.record import record
 from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig, Recorded
 from robot_energy_studies.judged_savings import JudgedClaim
@@ -47,7 +41,6 @@ SPEEDUP = 120.0  # of warming
 LONG = 75.0  # s of rest in each period
 MOVES = 6
 PERIODS = 2
-STARTS = 40  # of a second robot on the bus
 NEAR = 0.02  # rad or m
 
 
@@ -95,22 +88,17 @@ class AdvisedPlant:
         self._random = random
         self.length = PERIODS * self.program.period
 
-    def _rig(self, degc: float | Float, warming: bool) -> VirtualRig:
+    def _rig(self) -> VirtualRig:
         config = replace(RigConfig.hard(), thermal_speedup=SPEEDUP)
-        config = config if warming else config.without("warming")
-        return VirtualRig(self._profile, self.program, config, self._seed, degc, AMBIENT)
+        return VirtualRig(self._profile, self.program, config, self._seed, COLD, AMBIENT)
 
     def recorded(self) -> Path:
         """Return the recording."""
-        return record(self._rig(COLD, True), self.length, self._folder / "work").path
+        return record(self._rig(), self.length, self._folder / "work").path
 
     def judge(self, claims: Sequence[tuple[Claim | None, bool]]) -> list[JudgedAdvice]:
-        """Return what each advice saves on the rig.
-
-        Args:
-            claims: Of this plant, and whether the recording had a meter.
-        """
-        rig = self._rig(COLD, True)
+        """Return what each advice saves on the rig."""
+        rig = self._rig()
         count = round(self.length / rig.period)
         truth = rig.step(count).truth
         energy = float(truth.grid_power.sum()) * rig.period
@@ -125,11 +113,6 @@ class AdvisedPlant:
                 continue
             if claim.name == "regenerative":
                 saved = returned * float(truth.brake_power.sum()) * rig.period
-            elif claim.name == "shared_bus":
-                saved = self._on_one_bus(truth, rig.period)
-            elif claim.motor_temperature_degc is not None:
-                warm = self._rig(claim.motor_temperature_degc, False).step(count).truth
-                saved = energy - float(warm.grid_power.sum()) * rig.period
             elif claim.joint_position is not None and claim.places is not None:
                 short = [
                     (rows, time)
@@ -168,29 +151,6 @@ class AdvisedPlant:
             )
         return found
 
-    def _on_one_bus(self, truth: Truth, period: float) -> float:
-        """Half of what two such robots save with the capacitors of both, mean over starts. [J]"""
-        losses = truth.iron_loss + truth.copper_loss + truth.inverter_loss
-        power = (truth.rigid_power + truth.friction_power + losses).sum(axis=1) + truth.loss_dc
-        link = self._profile.supply
-        capacitor = {
-            "capacitance": link.capacitance,
-            "nominal_voltage": link.rectified_voltage,
-            "chopper_voltage": 0.5 * (link.chopper_on_voltage + link.chopper_off_voltage),
-        }
-        figures = {name: {"value": value, "tag": "assumed"} for name, value in capacitor.items()}
-        nothing = {"value": 0.0, "tag": "assumed"}
-        cabinet = Cabinet.model_validate(
-            {"loss_dc": nothing, "loss_grid": nothing, "capacitor": figures}
-        )
-        stamp = np.arange(len(power)) * round(period * SECOND_NS)
-        shifts = self._random.integers(len(power), size=STARTS).tolist()
-        saved = [
-            exchange(stamp, np.stack([power, np.roll(power, shift)]), [cabinet] * 2).saved
-            for shift in shifts
-        ]
-        return 0.5 * float(np.mean(saved))
-
 
 def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[JudgedAdvice]:
     """What was advised on one plant, and what it saves on the rig."""
@@ -200,15 +160,12 @@ def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list
     sums = EvidenceSums(model)
     result = run_replay(plant.recorded(), model, on_output=sums.take, keep_compared=True)
     evidence = sums.evidence(result.compared)
-    evidence.measured_temperature = True
     nothing = {"compared_time": 0.0, "measured": 0.0, "predicted": 0.0}
     rests = [replace(rest, **nothing) for rest in evidence.rests]
     alone = replace(evidence, rests=rests, metered=False)
     metered = (
         standby(evidence, model, ASSUMED, True),
         regenerative(evidence, model),
-        shared_bus(evidence, model),
-        warm_up(evidence, model),
         waiting_pose(evidence, model),
     )
     without = standby(alone, model, ASSUMED, True), waiting_pose(alone, model)

@@ -91,7 +91,6 @@ class BandRuns:
     Attributes:
         warm_up: For the gears; None: friction follows the motors.
         metered: With a meter, which calibrates the bands.
-        held_out: Runs that neither has seen.
     """
 
     training: tuple[Recorded, ...] = TRAINING
@@ -105,7 +104,6 @@ class Covered:
     """One run, with and without the ten minutes at the meter.
 
     Attributes:
-        plant: Which.
         error: Predicted over measured energy, less 1. [-]
         half: Half width of the band of the energy after ten minutes with a meter, over the
             measured energy. [-]
@@ -156,9 +154,7 @@ def band_coverage(
 
     Args:
         plants: Seeds of drawn plants; None: the standard plant of the KR 16 class.
-        runs: What the rig does; None for the full runs.
         hard: Whether the rig has effects that no model has a term for.
-        bare: Whether models have neither gears nor torques at rest.
     """
     runs = runs or BandRuns()
     for plant in plants:

@@ -78,12 +78,7 @@ QUICK = CertaintyStudySize(("ur5e",), 1, 0, SHORT, 1, 0, 0, ("kr16",), 3)
 
 @dataclass(frozen=True)
 class LearningResult:
-    """One plant at work, predicted with figures that are 30 % and 15 % too low.
-
-    Attributes:
-        with_torque: Whether joint states carry motor torque.
-        off: Without learning, minute by minute.
-    """
+    """One plant at work, predicted with figures that are 30 % and 15 % too low."""
 
     robot: str
     with_torque: bool
@@ -98,7 +93,6 @@ class Certainty:
     Attributes:
         intervals: Identified figures of each repetition, within the form of the model.
         hard: The same with every effect of the rig.
-        wear: Axes that wore.
     """
 
     seed: int

@@ -49,7 +49,6 @@ class TestedRecording:
     """One recording that no fit has seen.
 
     Attributes:
-        readings: Of the power.
         duration: That they cover. [s]
         mean_power: Measured. [W]
         rms: Error of the power. [W]
@@ -85,7 +84,6 @@ class TestedRobot:
     """One robot.
 
     Attributes:
-        meter: What was measured, in words.
         torque: Where the torque comes from, in words.
         rate: Of the readings. [Hz]
         train_rms: Error of a fit to all recordings, on the same. [W]
@@ -120,9 +118,6 @@ class TestedRobot:
 def data_folder(given: str | None = None) -> Path:
     """Return the folder of the recordings.
 
-    Args:
-        given: By the user; None: as the environment says.
-
     Raises:
         ReportError: If there is none.
     """
@@ -137,15 +132,7 @@ def data_folder(given: str | None = None) -> Path:
 
 
 def study(options: StudyRun, folder: Path) -> tuple[TestedRobot, ...]:
-    """Return the test of each robot.
-
-    Args:
-        options: Its progress counts; nothing is drawn.
-        folder: Of the recordings.
-
-    Raises:
-        RobotEnergyError: If recordings cannot be read.
-    """
+    """Return the test of each robot."""
     steps = Steps(2, options.progress)
     robots = [_ur3e(folder / "rad_ur3e")]
     steps.done()
@@ -209,7 +196,6 @@ def tested(
     Structure and figures of a fit are chosen without the recording that it is tested on.
 
     Args:
-        names: Of the recordings; None to number them.
         work: Path of the tool [m] and work on the bodies [J] of each; None where not known.
     """
     pieces = sums(data, model)

@@ -54,9 +54,6 @@ def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
 
     Energy and friction of a robot with a fault may differ as a consequence of it; they count as
     false on a robot without one.
-
-    Args:
-        faults: Kind of the fault by robot.
     """
     named = {(one.robot, CAUSES.get(one.kind, one.kind)) for one in report.findings}
     causes = {(robot, kind) for robot, kind in named if kind in ("payload", "friction", "standby")}

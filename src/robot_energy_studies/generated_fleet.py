@@ -55,11 +55,7 @@ MAX_SEED = 2_147_483_647
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """What is made.
-
-    Attributes:
-        faults: Whether three robots have their faults.
-    """
+    """What is made."""
 
     robots: int = 20
     weeks: int = 5
@@ -124,7 +120,6 @@ def _visits(
     programmes: list[np.ndarray],
     robot: int,
 ) -> Iterator[Visit]:
-    """The times at one robot."""
     own = np.random.default_rng([plan.seed, robot])
     spread = np.exp(FRICTION_SPREAD * own.standard_normal((3, profile.n_joints)))
     plant = replace(

@@ -57,8 +57,6 @@ class IndependentStudySize:
 
     Attributes:
         train: When sets for identification are recorded, as shares of the rise of the windings.
-        test: When held-out sets are.
-        moves: Of a set.
     """
 
     plants: int
@@ -96,11 +94,7 @@ class Independent:
 
 
 def study(options: StudyRun, scale: IndependentStudySize) -> Independent:
-    """Return what the whole study finds.
-
-    Raises:
-        MissingExtraError: If MuJoCo is not installed.
-    """
+    """Return what the whole study finds."""
     require("mujoco", "the second simulator")
     first = 1000 * options.seed + 1
     steps = Steps(scale.plants, options.progress)
@@ -128,8 +122,6 @@ def published(robot: DrawnRobot) -> RobotModel:
 
 @dataclass(frozen=True)
 class _Experiment:
-    """The recordings of one plant."""
-
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
@@ -137,11 +129,7 @@ class _Experiment:
 
 
 def independent_row(plant_seed: int, scale: IndependentStudySize) -> IndependentRow:
-    """Return what comes out on one plant.
-
-    Args:
-        plant_seed: Of robot, motions and sensors.
-    """
+    """Return what comes out on one plant."""
     robot = drawn_robot(plant_seed)
     with TemporaryFolder() as place:
         made = _recorded(robot, plant_seed, scale, place.path)
@@ -177,7 +165,6 @@ def independent_row(plant_seed: int, scale: IndependentStudySize) -> Independent
 def _recorded(
     robot: DrawnRobot, seed: int, scale: IndependentStudySize, folder: Path
 ) -> _Experiment:
-    """Run and record all sets."""
     train, test, hold = _programs(robot, seed, scale.moves)
     n_joints, random = len(robot.joint_names), np.random.default_rng([0x6865, seed])
     work = Robots(robot, (train, test), even(2, WORK_DEGC, n_joints), np.full(2, WORK_DEGC))

@@ -54,7 +54,6 @@ class Judged:
     """One identified figure and what is true.
 
     Attributes:
-        group: One of `GROUPS`.
         truth: Of the plant, in the unit of the figure. [-]
         value: As identified. [-]
         std: As identified; NaN where none is given. [-]
@@ -82,7 +81,6 @@ class IntervalCoverage:
     """How often the intervals of one group hold the truth.
 
     Attributes:
-        group: One of `GROUPS`.
         share: Of the intervals that hold the truth. [-]
         half_width: Median of half the interval over the truth. [-]
         deviations: Root mean square of the error in standard deviations; 1 if these are right. [-]
@@ -101,8 +99,6 @@ class MoreRecordings:
     """Intervals of one plant from some recordings and from one more.
 
     Attributes:
-        recordings: How many there were before.
-        figures: That both identified.
         disjoint: Names of those whose intervals do not meet.
     """
 
@@ -128,7 +124,6 @@ class DrawnPlant:
         """Return a plant drawn at random with the effects of the rig.
 
         Args:
-            seed: Of everything that is drawn.
             hard: With all effects; else with those alone that the model file has terms for. The
                 chopper then has no hysteresis.
         """
@@ -216,11 +211,7 @@ class DrawnPlant:
         return figures
 
     def identified(self, bags: Sequence[Bag]) -> list[Judged]:
-        """Return what an identification from some of its bags finds, compared with the truth.
-
-        Args:
-            bags: Two or more.
-        """
+        """Return what an identification from some of its bags finds, compared with the truth."""
         return self.judged(identify_everything(bags, self.given_model(), strict=False))
 
     def repetition(self, folder: Path) -> list[Judged]:
@@ -251,7 +242,6 @@ def program_of(profile: PlantProfile, seed: int) -> Program:
 
 
 def _of(group: str, name: str, figure: Figure, truth: float) -> list[Judged]:
-    """A figure, if it is identified."""
     if figure.tag != "identified":
         return []
     std = float("nan") if figure.std is None else figure.std
@@ -310,8 +300,6 @@ def repetitions(
 
     Args:
         robots: Names of shipped models; each seed has the next of them.
-        hard: As of `DrawnPlant.of`.
-        progress: Called with robot and seed before each.
     """
     found: list[list[Judged]] = []
     for seed in seeds:

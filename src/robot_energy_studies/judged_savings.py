@@ -1,31 +1,18 @@
-"""What is claimed to be saved against what the virtual rig saves; by moves that are new, too."""
+"""What is claimed to be saved against what the virtual rig saves."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-import numpy as np
-
-from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import Float
-from robot_energy_papers.experiment import TOOL
 from robot_energy_plan.motion import Program
 from robot_energy_plan.motion.ptp import MotionLimits
-from robot_energy_plan.motion.ptp_file import ProgramFile
-from robot_energy_plan.optimization.chain import PowerChain
-from robot_energy_plan.optimization.order import best_order
-from robot_energy_plan.optimization.place import best_place
 from robot_energy_plan.optimization.plan import Cost, saving
-from robot_energy_plan.optimization.ptp_form import PtpForm
-from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_studies.band_coverage import AMBIENT
 
 RATE = 250.0  # Hz
 UNCHANGED = "unchanged"  # measure of the control
-BOX = np.array([0.15, 0.0, 0.15])  # half widths: away from the robot and up [m]
-ONE = np.ones(1)  # share of speed and acceleration of new moves: they are not made at other ones
 
 
 class JudgedClaim:
@@ -52,7 +39,6 @@ class JudgedSaving(JudgedClaim):
 
     Attributes:
         degc: Temperature of motors and gears. [degC]
-        measure: What was changed.
         base: Energy of a cycle on the rig as it was. [J]
         claim: Saving that the model predicts. [J]
         half: Half width of its 90 % band. [J]
@@ -100,7 +86,6 @@ class PlantAtWork:
 
     Args:
         degc: Of motors and gears. [degC]
-        config: Its effects; temperatures are held.
         cycles: Run in turn, of which the last one counts: rests begin as motions left them.
     """
 
@@ -127,8 +112,6 @@ class DrawnWork:
 
     Attributes:
         degc: Temperature of motors and gears. [degC]
-        limits: Its limits without an override.
-        rig: The plant at that temperature.
     """
 
     plant: int
@@ -149,10 +132,7 @@ class DrawnWork:
         """Return what is claimed of a changed program, and what the rig saves with it.
 
         Args:
-            measure: What was changed.
             base: Energy of a cycle on the rig as it was. [J]
-            before: Of the program as it was, by the model.
-            after: Of the changed one.
             standing: Share of losses at rest in the energy, by the model. [-]
         """
         truth, claim = base - self.rig.energy(changed), saving(before, after)
@@ -160,55 +140,3 @@ class DrawnWork:
             self.plant, self.degc, measure, base, claim.energy, claim.half, truth,
             before.duration - after.duration, standing,
         )  # fmt: skip
-
-
-def judge_new_moves(work: DrawnWork, model: RobotModel) -> list[JudgedSaving]:
-    """Return what another order and another place of the work save, each alone, where they do."""
-    chain = PowerChain(model, np.full((1, len(model.joints)), work.degc))
-    form = PtpForm(Path("drawn"), chain.robot, _file(work.program, work.limits, chain))
-    base, energy = _task(chain, form, False), work.rig.energy(_run(form))
-    before = base.table.cost(base.base)
-    standing = float((base.table.held.energy * before.duration).mean() / before.energy)
-    changed = {
-        "order": form.reordered(best_order(form, chain)),
-        "place": form.moved(best_place(form, chain, BOX, TOOL).joint_position),
-    }
-    found: list[JudgedSaving] = []
-    for name, other in changed.items():
-        if np.allclose(other.joint_position, form.joint_position):
-            continue
-        task = _task(chain, other, True)
-        after = task.table.cost(task.base)
-        found.append(work.judged(name, energy, before, after, _run(other), standing))
-    return found
-
-
-def _file(program: Program, limits: MotionLimits, chain: PowerChain) -> ProgramFile:
-    """The program as a file of point-to-point moves."""
-    names = chain.robot.joint_names
-    via = [dict(zip(names, row, strict=True)) for row in program.via.tolist()]
-    return ProgramFile(
-        schema_version=1,
-        motion="point_to_point",
-        angle_unit="rad",
-        via=via,
-        dwell=program.dwell.tolist(),
-        override=program.override,
-        acceleration=dict(zip(names, limits.acceleration.tolist(), strict=True)),
-        jerk_time=limits.jerk_time,
-    )
-
-
-def _task(chain: PowerChain, form: PtpForm, elsewhere: bool) -> Task:
-    return make_task(
-        chain, form.moves, form.base, form.needed, form.joint_position,
-        elsewhere=elsewhere, speeds=ONE, accelerations=ONE,
-    )  # fmt: skip
-
-
-def _run(form: PtpForm) -> Program:
-    """The moves of a form as a program for the rig."""
-    return Program(
-        form.joint_position, form.full_limits, form.needed, 1.0, form.base.speed,
-        form.base.acceleration,
-    )  # fmt: skip

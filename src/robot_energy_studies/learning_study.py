@@ -32,7 +32,6 @@ class LearningRow:
     """One minute of work.
 
     Attributes:
-        minute: Its number, from 1.
         error: Predicted over measured energy of this minute, less 1. [-]
         degc: Mean motor temperature at its end. [degC]
     """
@@ -108,7 +107,6 @@ def work(
     """Return the work of a robot: drawn point-to-point motions, a rest at every third pose.
 
     Args:
-        moves: How many there are before all repeats.
         zone: Share of the joint ranges that is used. [-]
         override: Share of full speed, in (0, 1]. [-]
     """
@@ -119,11 +117,7 @@ def work(
 
 
 def pipeline_of(model: RobotModel, learning: Learning, with_torque: bool) -> EnergyPipeline:
-    """Return a pipeline for a robot with or without measured torque.
-
-    Args:
-        with_torque: Whether joint states carry motor torque.
-    """
+    """Return a pipeline for a robot with or without measured torque."""
     effort = EffortMeaning.MOTOR_TORQUE if with_torque else EffortMeaning.NONE
     return EnergyPipeline(model, Settings(effort=effort, power_period=None, learning=learning))
 
@@ -131,11 +125,7 @@ def pipeline_of(model: RobotModel, learning: Learning, with_torque: bool) -> Ene
 def at_work(
     pipeline: EnergyPipeline, rig: VirtualRig, minutes: int, with_torque: bool
 ) -> list[LearningRow]:
-    """Return what a monitor says of a robot at work, one row per minute.
-
-    Args:
-        with_torque: Whether joint states carry motor torque.
-    """
+    """Return what a monitor says of a robot at work, one row per minute."""
     rows: list[LearningRow] = []
     for minute in range(1, minutes + 1):
         output = rig.step(round(MINUTE / rig.period))
@@ -160,7 +150,6 @@ def learning_study(
 
     Args:
         profile: The plant; the monitor has the model of its bodies, mistaken.
-        with_torque: Whether joint states carry motor torque.
     """
     rig = VirtualRig(profile, work(profile, seed), config, seed, rate_hz=RATE)
     model = mistaken(load(profile.body), FRICTION, LOSSES)

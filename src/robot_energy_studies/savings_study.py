@@ -34,7 +34,6 @@ from robot_energy_studies.judged_savings import (
     JudgedChoice,
     JudgedSaving,
     PlantAtWork,
-    judge_new_moves,
 )
 
 MOVES = 8  # of a program
@@ -49,7 +48,6 @@ class SavingsStudySize:
 
     Attributes:
         temperatures: Of motors and gears. [degC]
-        programs: Of each plant at each temperature.
         brute: Whether the best choice on the rig is looked for.
         waits: Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of
             every second plant creep at rest until friction carries a part of the load.
@@ -96,7 +94,6 @@ def judge_plant(
                 savings += _savings(work, task)
                 if cycle_time is None:
                     savings.append(_unchanged(work, task))
-            savings += judge_new_moves(work, model)
             if scale.brute:
                 choices += _choices(work, model, stretch)
     return savings, choices
@@ -112,7 +109,6 @@ def task_of(
     """Return the task to make a program cheaper.
 
     Args:
-        limits: Its limits without an override.
         degc: Of all motors. [degC]
         cycle_time: None: the next cycle begins at once. [s]
     """
@@ -129,11 +125,7 @@ def task_of(
 
 
 def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) -> Program:
-    """Return a plan as a program for the rig.
-
-    Args:
-        limits: Its limits without an override.
-    """
+    """Return a plan as a program for the rig."""
     chosen = task.table.candidates[plan.row]
     bounds = replace(limits, jerk_time=program.limits.jerk_time)
     return Program(program.via, bounds, plan.rest, 1.0, chosen.speed, chosen.acceleration)

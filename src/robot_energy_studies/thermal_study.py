@@ -228,8 +228,6 @@ def _replayed(
 
 
 def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotModel, list[str]]:
-    """The model with friction and thermal networks identified from a run."""
-
     def recording(of: RobotModel) -> Recording:
         power, _, torque = _replayed(of, run, effort=True)
         return Recording(Path("rig"), of, torque, power, None, ORIGIN, ())

@@ -64,8 +64,6 @@ def cycle_sums(
 
     Args:
         part: What is summed up together. [s]
-        carried: True payload; empty for none.
-        known: That the monitor gets; None for none.
 
     Raises:
         ValueError: If a part has no torque.

@@ -107,7 +107,6 @@ class WearRows:
     Attributes:
         payloads: True ones of the first program, each with the one that the monitor gets.
         cycle: Length of its cycle. [s]
-        loads: Its cycle with each payload.
     """
 
     def __init__(
@@ -186,9 +185,6 @@ class WearRows:
         Grid power is that of the rig at `COULOMB_DEGC`, plus what friction and copper of the plant
         take more at the present temperatures, over the efficiency of the rectifier; the prediction
         follows the temperature by its friction alone.
-
-        Args:
-            wear: As for `days`.
         """
         for day, states in self._states(days, wear):
             yield self._meter_day(day, states)
@@ -244,7 +240,6 @@ class WearRows:
         return now + 3600.0 * math.exp(plan.uniform(least, most))
 
     def _network(self, job: _Job, gear_degc: Float, motor_degc: Float) -> ThermalNetwork:
-        """The thermal network for the cycles of a program."""
         length = job.cycle + job.wait
         return ThermalNetwork(
             self.profile,
@@ -376,5 +371,4 @@ class WearRows:
 
 
 def _steps(length: float) -> int:
-    """Steps of the thermal network in a cycle."""
     return int(np.ceil(length / MAX_STEP))

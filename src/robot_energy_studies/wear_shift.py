@@ -1,4 +1,4 @@
-"""When wear of one axis is found on the rig, and what a thermometer that stands still does to it.
+"""When wear of one axis is found on the rig.
 
 Friction of one axis is multiplied in the plant, and the monitor sees joint states, temperatures
 and motor torque alone. The hall swings between 15 and 60 degC once a day, and the payload changes
@@ -7,7 +7,7 @@ every half hour; half of the changes are unknown to the monitor.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.model import load
 from robot_energy.model.payload import payload
-from robot_energy.timeline.blocks import TemperatureBlock
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_studies.learning_study import joint_block, pipeline_of, work
 from robot_energy_studies.wear_rows import DAY_HOURS
@@ -47,11 +46,7 @@ class WearRow:
 
 
 class Shift:
-    """A rig at work in a hall that swings, with payloads that change, watched by a monitor.
-
-    Args:
-        hard: Whether all effects without a term in models are on.
-    """
+    """A rig at work in a hall that swings, with payloads that change, watched by a monitor."""
 
     def __init__(self, profile: PlantProfile, hard: bool = True) -> None:
         self._model = load(profile.body)
@@ -61,16 +56,14 @@ class Shift:
         self._pipeline = pipeline_of(self._model, Learning.OBSERVE, True)
         self._random = np.random.default_rng(0)
         self._minute = 0
-        self._held = float("nan")
         learner = self._pipeline.power.condition
         self.monitor: WearMonitor = learner.wear
 
-    def run(self, minutes: int, wear: np.ndarray | None = None, stuck: int | None = None) -> None:
+    def run(self, minutes: int, wear: np.ndarray | None = None) -> None:
         """Work on.
 
         Args:
             wear: Factor on the friction of each axis, shape (n,); None leaves it. [-]
-            stuck: Axis whose thermometer stands still; None for none.
         """
         for _ in range(minutes):
             swing = np.sin(2 * np.pi * self._minute / (60 * DAY_HOURS))
@@ -79,22 +72,8 @@ class Shift:
             if self._minute % CHANGE_EVERY == 0:
                 self._carry()
             output = self._rig.step(round(60 * RATE))
-            temperatures = self._held_still(output.temperatures, stuck)
-            self._pipeline.step(joint_block(output.joints), temperatures, output.meter)
+            self._pipeline.step(joint_block(output.joints), output.temperatures, output.meter)
             self._minute += 1
-
-    def _held_still(
-        self, block: TemperatureBlock | None, stuck: int | None
-    ) -> TemperatureBlock | None:
-        """Return readings of which one axis keeps its first."""
-        if stuck is None or block is None:
-            self._held = float("nan")
-            return block
-        degc = block.motor_temperature_degc.copy()
-        if np.isnan(self._held):
-            self._held = float(degc[0, stuck])
-        degc[:, stuck] = self._held
-        return replace(block, motor_temperature_degc=degc)
 
     def _carry(self) -> None:
         """Take another payload, known to the monitor or not."""
@@ -128,7 +107,6 @@ def detection(shift: Shift, joint: int, rise: float, before: float, after: float
     """Return when the wear of one axis is found.
 
     Args:
-        shift: Not yet begun.
         rise: Of its friction, at once. [-]
         before: Time without wear. [h]
         after: Time with it. [h]
@@ -144,38 +122,3 @@ def detection(shift: Shift, joint: int, rise: float, before: float, after: float
             found, motion = minute / 60, shift.hours(joint) - begun
     drift = tests[joint].drift
     return WearRow(joint, found, motion, shift.alarms, drift.size, drift.std)
-
-
-@dataclass(frozen=True)
-class StuckRow:
-    """An axis whose thermometer stood still for hours, and no wear at all.
-
-    Attributes:
-        refused: Share of the motion during the fault of which no record of wear was made. [-]
-        changes: Axes of which a change was said, a rise or a fall.
-    """
-
-    joint: int
-    refused: float
-    changes: tuple[int, ...]
-
-
-def stuck_thermometer(
-    shift: Shift, joint: int, before: float, during: float, after: float
-) -> StuckRow:
-    """Return whether a thermometer of one axis that stands still is taken for wear.
-
-    Args:
-        shift: Not yet begun.
-        before: Time until the fault. [h]
-        during: Of the fault. [h]
-        after: Time with a good thermometer again. [h]
-    """
-    shift.run(round(60 * before))
-    begun = shift.hours(joint)
-    shift.run(round(60 * during), stuck=joint)
-    used = shift.hours(joint) - begun
-    shift.run(round(60 * after))
-    tests = shift.monitor.joints
-    said = tuple(number for number, test in enumerate(tests) if test.changes)
-    return StuckRow(joint, 1.0 - used * before / (begun * during), said)

@@ -60,7 +60,6 @@ class SimulatedRow:
         motion: Of these in motion, mean over the axes. [h]
         alarms: Without wear: axis and hours of its motion.
         steps: Of every axis, one for each beginning.
-        slow: The same of slow wear.
         falls: The same of a fall, as after re-greasing.
     """
 
@@ -162,7 +161,6 @@ def worn_in_plant(
     """Return when axes of the plant itself that wear are found, with the heat that this makes.
 
     Args:
-        joints: Which axes wear.
         rise: Of their friction, by hours of motion since the beginning. [-]
     """
 
@@ -193,9 +191,6 @@ def meter_only(
     """Return when friction of a plant was said to have risen, by its power meter alone. [h]
 
     Axes may wear at once, in the plant itself. Times are since then, or since the start.
-
-    Args:
-        joints: The axes that wear.
     """
     monitor = WearMonitor([str(number) for number in range(profile.n_joints)])
 

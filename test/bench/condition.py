@@ -18,7 +18,7 @@ from rich.table import Table
 from robot_energy.condition.learner import Learning
 from robot_energy_rig import RigConfig, load_profile, random_profile
 from robot_energy_studies.learning_study import learning_study
-from robot_energy_studies.wear_shift import Shift, detection, stuck_thermometer
+from robot_energy_studies.wear_shift import Shift, detection
 from robot_energy_studies.wear_study import FoundRow, SimulatedRow, meter_only, simulated
 
 LAST = 10  # minutes over which the error at the end is taken
@@ -82,25 +82,6 @@ def wear(quick: bool) -> tuple[Table, Goals]:
             f"{100 * row.size:+.1f} +- {100 * row.std:.1f} %",
         )
     return table, {"rig: +15 % of one axis within one hour of its motion, no other axis": reached}
-
-
-def stuck(quick: bool) -> tuple[Table, Goals]:
-    """Hours with a thermometer that stands still, computed through on the rig."""
-    table = Table(title="A thermometer stands still for four hours, no wear; 15 to 60 degC")
-    for heading in ("plant", "axis", "work before", "records refused", "changes said of"):
-        table.add_column(heading)
-    reached = True
-    for number, before in ((521, 6.0),) if quick else ((521, 6.0), (522, 20.0)):
-        row = stuck_thermometer(Shift(random_profile("kr16", number)), 1, before, 4.0, 2.0)
-        reached &= not row.changes
-        table.add_row(
-            f"kr16, drawn {number}",
-            f"A{row.joint + 1}",
-            f"{before:.0f} h",
-            f"{100 * max(row.refused, 0.0):.0f} % of the time",
-            _axes(row.changes),
-        )
-    return table, {"rig: a thermometer that stands still is not wear": reached}
 
 
 def one_program(quick: bool) -> tuple[Table, Goals]:
@@ -207,7 +188,7 @@ def main() -> int:
     )
     quick = parser.parse_args().quick
     console, missed = Console(width=140), 0
-    for study in (learner, wear, stuck, one_program, changing, meter):
+    for study in (learner, wear, one_program, changing, meter):
         table, goals = study(quick)
         console.print(table)
         for goal, reached in goals.items():

@@ -11,10 +11,6 @@ from pathlib import Path
 
 import clarabel  # noqa: F401  # imported before the clock starts, as FIGAROH's imports are
 import numpy as np
-import scipy.interpolate
-import scipy.ndimage
-import scipy.signal
-import scipy.stats  # noqa: F401
 
 from robot_energy.model import save
 from robot_energy_identify.data.log_channels import model_of, read_channels

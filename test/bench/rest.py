@@ -21,6 +21,8 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from warm_robots import BODIES, RATE, SOAKED, WarmPlant
+
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, Float, PowerBlock
@@ -29,7 +31,6 @@ from robot_energy_report.printing import table
 from robot_energy_rig import RigConfig
 from robot_energy_rig.output import RigOutput
 from robot_energy_rig.record import outputs, record
-from robot_energy_studies.gear_study import BODIES, RATE, SOAKED, WarmPlant
 from robot_energy_studies.learning_study import joint_block
 
 CONSOLE = Console(width=110)

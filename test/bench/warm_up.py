@@ -22,9 +22,10 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from warm_robots import REST, SPAN, WARM_UP, WarmRun, gear_study
+
 from robot_energy_report.printing import table
 from robot_energy_rig import RigConfig
-from robot_energy_studies.gear_study import REST, SPAN, WARM_UP, WarmRun, gear_study
 
 CONSOLE = Console(width=120)
 

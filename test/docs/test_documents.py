@@ -62,6 +62,8 @@ def test_listed_command_runs(command, build, monkeypatch, capsys):
     for step in steps:
         if step not in done:
             places = [str(folder / w[6:]) if w.startswith("build/") else w for w in step]
+            if step[:2] == ["fleet", "run"]:  # workers start for seconds
+                places += ["--workers", "0"]
             assert main(places) == 0, capsys.readouterr().err
             assert capsys.readouterr().out
             done.append(step)

@@ -27,10 +27,9 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE_KINDS,
 )
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import FrictionReader, TorqueReader
-from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.friction import JOINT_FRICTION, FrictionReader
 from robot_energy.messages.payload import PAYLOAD, PayloadReader
-from robot_energy.messages.torque import JOINT_TORQUE
+from robot_energy.messages.torque import JOINT_TORQUE, TorqueReader
 from robot_energy.pipeline import EnergyPipeline
 
 NAMED = {"key": "temperature", "value": "35.5 degC"}

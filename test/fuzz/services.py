@@ -15,9 +15,10 @@ import robots
 from accounts import SECOND, power_block, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.foundation.errors import RegisterError
-from robot_energy.messages import RegistersWriter, answer_set_payload, interval_fields
+from robot_energy.messages.payload import answer_set_payload
+from robot_energy.messages.registers import RegistersWriter, interval_fields
 from robot_energy.pipeline import TorqueStage
-from robot_energy.store import AccountStore, load_account
+from robot_energy.store.account_store import AccountStore, load_account
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 
 SINGLE = 9  # bytes of a call without its text

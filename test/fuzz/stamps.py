@@ -27,10 +27,9 @@ from robot_energy.inputs.temperatures.kinds import (
     INTERFACE_NAMES,
 )
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import FrictionReader, FrictionWriter, TorqueReader, TorqueWriter
-from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.friction import JOINT_FRICTION, FrictionReader, FrictionWriter
 from robot_energy.messages.payload import PAYLOAD, PayloadReader
-from robot_energy.messages.torque import JOINT_TORQUE
+from robot_energy.messages.torque import JOINT_TORQUE, TorqueReader, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, PowerStage
 from robot_energy.timeline.stamps import MAX_STAMP_NS, is_valid_time
 

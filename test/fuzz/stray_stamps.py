@@ -176,7 +176,7 @@ def outlier_stamps(data: bytes) -> bool:
     assert timeline.friction_rows <= 3 * SECONDS * 2 + 3
     if not alone:
         return True
-    assert live(streams, 0.1) == found
+    assert live(streams, 0.3) == found
     base, counted = clean()
     for topic, ingest in zip(TOPICS, (run.joints, run.temperatures, run.meter), strict=True):
         assert ingest.rejections.rejected["stray_stamp"] == moved[topic].sum(), topic

@@ -7,8 +7,10 @@ import subprocess
 import sys
 import venv
 import zipfile
+from importlib.metadata import PathDistribution, distribution
 
 import pytest
+from packaging.requirements import Requirement
 
 from places import LIBRARY, ROOT
 
@@ -74,7 +76,8 @@ def test_without_a_compiler_the_library_has_no_kernels(wheel, tmp_path):
     assert not any(name.endswith(".so") for name in names)
 
 
-def test_the_wheel_replays_a_bag_in_an_empty_environment(wheel, tmp_path):
+def installed(wheel, folder, pip):
+    """The wheel with what it needs from the index."""
     # The versions that the set-up pins, so that no release of tomorrow decides this test.
     lines = [
         match.group(0)
@@ -82,13 +85,38 @@ def test_the_wheel_replays_a_bag_in_an_empty_environment(wheel, tmp_path):
         for match in map(PINNED.match, path.read_text().splitlines())
         if match
     ]
-    pins = tmp_path / "pins.txt"
+    pins = folder / "pins.txt"
     pins.write_text("\n".join(lines))
-    # This pip fills it, and what is not imported is not compiled: that takes most of the time.
+    # What is not imported is not compiled: that takes most of the time.
+    run(*pip, "install", "--quiet", "--no-compile", "-c", pins, wheel, folder=folder)
+
+
+def linked(wheel, folder, pip):
+    """The wheel, and links to what it needs, directly or not, in this environment."""
+    run(*pip, "install", "--quiet", "--no-compile", "--no-deps", "--no-index", wheel, folder=folder)
+    (packages,) = (folder / "env/lib").glob("python3.*/site-packages")
+    (own,) = packages.glob("robot_energy-*.dist-info")
+    wanted, seen = [(line, "") for line in PathDistribution(own).requires], set()
+    while wanted:
+        line, extra = wanted.pop()
+        requirement = Requirement(line)
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
+            continue
+        found = distribution(requirement.name)
+        assert requirement.specifier.contains(found.version, prereleases=True), requirement
+        for extra in {"", *requirement.extras} - {e for name, e in seen if name == found.name}:
+            seen.add((found.name, extra))
+            wanted += [(line, extra) for line in found.requires or ()]
+        for name in {file.parts[0] for file in found.files} - {"..", "__pycache__"}:
+            if not (packages / name).exists():
+                (packages / name).symlink_to(found.locate_file(name))
+
+
+@pytest.mark.parametrize("fill", [linked, pytest.param(installed, marks=pytest.mark.long)])
+def test_the_wheel_replays_a_bag_in_an_empty_environment(wheel, tmp_path, fill):
     venv.create(tmp_path / "env", with_pip=False)
     python = tmp_path / "env/bin/python"
-    pip = (sys.executable, "-m", "pip", "--python", python)
-    run(*pip, "install", "--quiet", "--no-compile", "-c", pins, wheel, folder=tmp_path)
+    fill(wheel, tmp_path, (sys.executable, "-m", "pip", "--python", python))
     report = tmp_path / "report.json"
     command = tmp_path / "env/bin/robot-energy"
     run(command, "replay", ROOT / "bags/kr16_cold", "--model", "kr16", "--json", report)

@@ -54,7 +54,7 @@ def states(bag, bounds=(), **made):
     return JointBlock.concatenate([block for block in blocks if block is not None])
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(
     given_corrections=corrections,
     seed=st.integers(0, 2**31),

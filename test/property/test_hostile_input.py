@@ -1,5 +1,7 @@
 """Arbitrary and damaged input: counted online, refused in files, never anything else."""
 
+from functools import cache
+
 import pytest
 import target
 from damage import KINDS, MAX_VALUE, damaged
@@ -16,6 +18,12 @@ EDITS = st.lists(
     min_size=1,
     max_size=8,
 )
+
+
+@cache
+def seeds_of(name):
+    """Valid samples of a target; some take long to make."""
+    return TARGETS[name].seeds()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -36,7 +44,7 @@ def profile(examples):
 @pytest.mark.parametrize("name", TARGETS)
 def test_valid_samples_are_taken(name):
     """Otherwise damage to them would prove nothing."""
-    seeds = TARGETS[name].seeds()
+    seeds = seeds_of(name)
     assert seeds
     assert [seed for seed in seeds if not TARGETS[name].run(seed)] == []
 
@@ -45,7 +53,7 @@ def test_valid_samples_are_taken(name):
 @profile(6)
 @given(st.data())
 def test_damage_is_counted_or_refused(name, data):
-    seed = data.draw(st.sampled_from(TARGETS[name].seeds()))
+    seed = data.draw(st.sampled_from(seeds_of(name)))
     TARGETS[name].run(damaged(seed, data.draw(EDITS)))
 
 

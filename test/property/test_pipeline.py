@@ -103,7 +103,7 @@ def same(a, b, equal: Callable[..., None]) -> None:
 seeds = st.integers(0, 2**31)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(seed=seeds, cuts=st.lists(st.integers(0, 400), max_size=60))
 def test_any_cutting_gives_the_same_output(seed, cuts):
     block = motion(seed)

@@ -71,7 +71,7 @@ def with_points(path: JointTrajectory, given: int, more: np.ndarray) -> JointTra
     return JointTrajectory(path.joint_names, time, *states[:given])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(data=st.data())
 def test_any_supply_and_any_points_give_one_energy(data):
     """Points on others, next to them, and next to the grid of samples change nothing."""
@@ -91,7 +91,7 @@ def test_any_supply_and_any_points_give_one_energy(data):
         assert abs(other - one) <= step + 1e-3 * abs(one), name
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(
     st.lists(
         st.tuples(st.sampled_from([0, 1, 10**6, 10**8]), st.floats(-3e3, 3e3)),

@@ -63,7 +63,7 @@ def added_up(values: list):
     return sum(values)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(seed=seeds, cuts=indices)
 def test_restarts_cost_exactly_the_intervals_they_interrupt(seed, cuts):
     """Restarting at any samples = counting in one piece with gaps at these samples."""
@@ -91,7 +91,7 @@ def test_restarts_cost_exactly_the_intervals_they_interrupt(seed, cuts):
     np.testing.assert_equal(account.counts.peak_power, reference.counts.peak_power)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(seed=seeds, bounds=indices, cuts=indices, restart=st.none() | st.integers(1, SIZE - 1))
 def test_adjacent_intervals_add_up_to_the_registers_whatever_the_cutting(
     seed, bounds, cuts, restart
@@ -123,7 +123,7 @@ def test_adjacent_intervals_add_up_to_the_registers_whatever_the_cutting(
         assert added_up(values) == getattr(total, name), name
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(seed=seeds, cuts=indices, other=indices, reset=st.integers(1, SIZE - 1))
 def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
     """The whole record, with an interval and a reset at a given sample."""
@@ -142,7 +142,7 @@ def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
     assert run(cuts) == run(other)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(seed=seeds, resets=indices)
 def test_resets_lose_and_add_nothing(seed, resets):
     """What the trace holds of every reset and what was counted since add up to one piece."""

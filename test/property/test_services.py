@@ -27,7 +27,7 @@ def scratch():
     target.discard_scratch()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(calls=st.lists(CALLS, max_size=25))
 def test_what_was_acknowledged_is_there_and_never_more_than_was_measured(calls):
     services.services(b"".join(calls))

@@ -126,7 +126,7 @@ def same(a: Any, b: Any) -> None:
             np.testing.assert_array_equal(value, b.__dict__[name])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10**6), size=st.integers(1, 80), cuts=st.integers(0, 10**6))
 def test_any_cutting_of_interleaved_sources_gives_the_same(seed: int, size: int, cuts: int):
     messages = arrivals(seed, size)
@@ -138,7 +138,7 @@ def test_any_cutting_of_interleaved_sources_gives_the_same(seed: int, size: int,
     assert friction[1:] == other_friction[1:]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.integers(0, 10**6), clean=st.booleans())
 def test_readings_are_judged_the_same_in_any_cut(seed: int, cuts: int, clean: bool):
     """Readings that are all in order take a short cut; it must not show."""
@@ -164,7 +164,7 @@ def test_readings_are_judged_the_same_in_any_cut(seed: int, cuts: int, clean: bo
         assert results[0][1:] == other[1:]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.integers(0, 10**6))
 @example(seed=368, cuts=368)  # a jump back into the window that a part began in
 def test_a_stuck_reading_is_found_at_the_same_sample_in_any_cut(seed: int, cuts: int):

@@ -60,7 +60,7 @@ def pieces(block, bounds):
     return [part for part in parts if len(part)]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(
     seed=seeds,
     bounds=cuts,
@@ -153,7 +153,7 @@ def messages(seed, size=120):
     return found
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(
     seed=seeds,
     bounds=cuts,

@@ -85,6 +85,7 @@ def held_out(excitation, config):
     return torque_error(rows, result.predict(rows)).total
 
 
+@pytest.mark.long
 def test_with_noise_alone_the_intervals_hold_what_they_say(excitation):
     coverage, off = recovery(excitation, NOISE, range(4))
     assert 0.93 < coverage <= 1.0  # of 184; measured 0.98

@@ -13,8 +13,7 @@ from plants import PROGRAM, two_link_profile
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.cdr import Decoder
 from robot_energy.bag.cdr.types import extended, typestore
-from robot_energy.messages import PayloadWriter
-from robot_energy.messages.payload import PAYLOAD
+from robot_energy.messages.payload import PAYLOAD, PayloadWriter
 from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings

@@ -65,8 +65,10 @@ def found(model_of_day, wear, more=None):
     return [(one.kind, one.subject, round(one.size, 1)) for one in report.findings]
 
 
-@pytest.mark.parametrize("ratio", [0.8, 1.0, 1.1, 1.2, 1.3])
-@pytest.mark.parametrize("prefix", ["", "other_"])
+@pytest.mark.parametrize(
+    ("ratio", "prefix"),
+    [(0.8, ""), (1.0, "other_"), (1.1, ""), (1.2, "other_"), (1.3, "")],
+)
 def test_wear_before_a_model_changed_is_found(ratio, prefix):
     """Whatever the new model says of friction, and however it names its joints."""
 

@@ -18,7 +18,8 @@ from robot_energy_cli import main
 
 LIBRARY = ROOT / "build/robots/compas_fab/data/robot_library"
 ROBOTS = ["abb_irb120_3_58", "ur5_robot", "ur10e_robot"]
-RATE, DURATION = 250.0, 20.0  # Hz, s
+LOGS = ["bag", "table", "bag"]
+RATE, DURATION = 250.0, 10.0  # Hz, s
 COULOMB, VISCOUS = 0.03, 0.02  # of the greatest torque of each joint [-], [s/rad]
 NOISE = 0.002  # of the same [-]
 
@@ -82,8 +83,7 @@ def run(*words: object) -> None:
     assert main([str(word) for word in words]) == 0
 
 
-@pytest.mark.parametrize("log", ["bag", "table"])
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(("robot", "log"), list(zip(ROBOTS, LOGS, strict=True)))
 def test_urdf_and_log_give_a_first_replay_in_three_commands(robot, log, tmp_path):
     """The rigid-body energy of each joint is that of the motion; nothing was written by hand."""
     urdf = LIBRARY / robot / "urdf/robot_description.urdf"

@@ -19,6 +19,7 @@ def test_half_an_hour_is_booked_to_the_microjoule(missed):
     assert missed(3) == []
 
 
+@pytest.mark.long
 def test_a_sum_in_floats_is_noticed(missed, monkeypatch):
     """The reference is not a copy of what it checks: a sum that rounds is found."""
 

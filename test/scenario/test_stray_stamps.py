@@ -27,7 +27,6 @@ BAG = ROOT / "bags" / "kr16_warm"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"
 S = 10**9
 MODEL = load("kr16")
-OFFSETS = (-86_400, -10, -1, 1, 10, 7200)  # s
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +94,8 @@ def change(result: Replay, reference: Replay) -> float:
 
 
 @pytest.mark.parametrize(
-    ("number", "by"), [(n, by) for n in (0, 18, 35) for by in OFFSETS if (n, by) != (0, 1)]
+    ("number", "by"),
+    [(0, -10), (0, 7200), (18, -86_400), (18, -1), (18, 10), (35, -10), (35, 1), (35, 7200)],
 )
 def test_one_temperature_of_another_time_changes_nothing(faulty, reference, number, by):
     """Energy within 0.1 %, and a note unless the stamp may well be right.
@@ -111,8 +111,13 @@ def test_one_temperature_of_another_time_changes_nothing(faulty, reference, numb
         assert result.temperatures.rejections.rejected == {"stray_stamp": 1}
 
 
-@pytest.mark.parametrize("number", [0, 1, 4500, 8999])
-@pytest.mark.parametrize("by", OFFSETS)
+@pytest.mark.parametrize(
+    ("number", "by"),
+    [
+        *((0, -86_400), (0, -10), (0, -1), (0, 1), (0, 7200), (1, -1), (1, 10)),
+        *((4500, -86_400), (4500, 1), (4500, 7200), (8999, -10), (8999, 1)),
+    ],
+)
 def test_one_joint_state_of_another_time_changes_nothing(faulty, reference, number, by):
     result = faulty({JOINTS: {number: by}})
     assert change(result, reference) < 1e-3
@@ -137,8 +142,10 @@ def test_a_first_joint_state_of_another_age_is_no_epoch(stamp_ns):
     assert stray_stamps.live(streams, 0.1) == stray_stamps.whole(streams, 37)[1] == found
 
 
-@pytest.mark.parametrize("number", [0, 180, 358])
-@pytest.mark.parametrize("by", OFFSETS)
+@pytest.mark.parametrize(
+    ("number", "by"),
+    [(0, -1), (0, 10), (0, 7200), (180, -10), (180, 1), (358, -86_400), (358, -1), (358, 10)],
+)
 def test_one_meter_reading_of_another_time_costs_what_it_covers(faulty, reference, number, by):
     """Two readings' intervals at most, on both sides: the error of the prediction stays."""
     result = faulty({METER: {number: by}})

@@ -65,23 +65,23 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.messages": """
-        friction model_messages payload power registers torque
+        fields friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
         auxiliary counterbalance drive_models figure friction_laws joint load open_schema
         payload reference schema
     """,
     "robot_energy.physics": """
-        cabinet collision counterbalance derivative drive drivetrain effort effort_check
-        electrical_power equations friction hold_torque limit_utilisation motor_heat
-        plausibility rigid_body shared_bus torque torque_limits transmission
+        cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
+        equations friction hold_torque limit_utilisation motor_heat
+        pinocchio_model plausibility rigid_body shared_bus torque torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline fallback_use friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings torque_stage work_sums
+        online_monitor payload_timeline power_stage settings supply torque_stage work_sums
     """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
@@ -138,8 +138,8 @@ MODULES = {
         bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
-        total_power total_sums
+        all_drives delays drive_data drive_power drives efficiency likely_losses loss_map losses
+        total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
@@ -164,7 +164,7 @@ MODULES = {
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns diadem instants log_formats log_import mapped_log mapping recording
+        cells columns instants log_formats log_import mapped_log mapping recording
         rows table text_table ur_rtde
     """,
     "robot_energy_papers": """
@@ -188,12 +188,12 @@ MODULES = {
         trajectory_io
     """,
     "robot_energy_plan.optimization": """
-        candidates chain comparison deviations forms gcode_form levelling measures order
-        place plan program_form ptp_form recorded_motion rest_states search task time_law
+        candidates chain comparison deviations forms gcode_form levelling measures plan
+        program_form ptp_form recorded_motion rest_states search task time_law
         timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        common_supply optimization prediction shared_bus
+        optimization prediction shared_bus
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
@@ -207,7 +207,7 @@ MODULES = {
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
         history_period history_routes history_savings history_view hub json_numbers messages
-        metrics monitoring phase_totals recording robot_state rows saved_page settings terms
+        metrics phase_totals recording robot_state rows saved_page settings terms
         web_app web_server
     """,
     "robot_energy_rig": """
@@ -215,7 +215,7 @@ MODULES = {
         virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage certainty certainty_page ecbot ecbot_page fleet_study gear_study
+        advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
         generated_fleet independent independent_page interval_coverage judged_savings
         learning_study savings savings_page savings_study thermal_study wear_cycle wear_rows
         wear_shift wear_study
@@ -440,7 +440,8 @@ def test_two_modules_import_pinocchio():
     found = {
         m for m, path in files().items() if "pinocchio" in {i.split(".")[0] for i in imports(path)}
     }
-    assert found == {"robot_energy.physics.collision", "robot_energy.physics.rigid_body"}
+    names = "pinocchio_model", "rigid_body"
+    assert found == {f"robot_energy.physics.{name}" for name in names}
 
 
 def loaded_by(*modules):

@@ -17,11 +17,13 @@ from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.messages import PowerStateWriter, RegistersWriter
+from robot_energy.messages.power import PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter
 from robot_energy.model import RobotModel
-from ros2_energy_monitor.base.checkpoints import Checkpoints, folder_of
+from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
+from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.base.publishers import (
     POWER_TOPIC,
     REGISTERS_TOPIC,
@@ -33,12 +35,7 @@ from ros2_energy_monitor.services.registers import RegisterServices
 
 
 class AccountPublisher:
-    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends.
-
-    Args:
-        node: The node that publishes.
-        parameters: Where and how often it is kept.
-    """
+    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends."""
 
     def __init__(
         self,
@@ -66,11 +63,7 @@ class AccountPublisher:
         )
 
     def open(self) -> None:
-        """Create publishers and services, and read the registers from disk.
-
-        Raises:
-            RegisterError: If the state files cannot be used.
-        """
+        """Create publishers and services, and read the registers from disk."""
         power = RowPublisher(self._node, PowerState, POWER_TOPIC, reliable(100))
         burst = -(-self._node.taken_ticks // self._ticks)  # messages that end together
         self._power = PacedPublisher(power, self._ticks, max_waiting=burst + 1)

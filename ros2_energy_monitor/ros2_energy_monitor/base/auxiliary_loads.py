@@ -37,16 +37,12 @@ class LoadInput:
     """Topics of one load.
 
     Args:
-        node: The node that subscribes.
         topics: Its sources, with full names; those whose messages are not installed are left out.
         keeps_state: Whether the publisher of the states keeps the last one.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Attributes:
         meters: Inboxes of its meter; one, or voltage and current.
-
-    Raises:
-        ParameterError: If the messages lack what the sources name.
     """
 
     def __init__(
@@ -99,16 +95,11 @@ class AuxiliaryLoads:
     """All loads of a model, counted by the energy account of a node.
 
     Args:
-        node: The node that subscribes.
         account: The energy account, which counts the loads from now on.
 
     Attributes:
-        loads: Their topics, in the order of the model.
         inputs: The meters with the accounts of their messages. What meters say while the node is
             inactive is of no use; the last state is.
-
-    Raises:
-        ParameterError: If messages lack what the parameters name.
     """
 
     def __init__(
@@ -144,11 +135,7 @@ class AuxiliaryLoads:
         return [self._node.drain(load.inboxes) for load in self.loads]
 
     def take(self, drained: Sequence[list[RawBatch]]) -> None:
-        """Use messages, each load by itself.
-
-        Args:
-            drained: From `drain`.
-        """
+        """Use messages, each load by itself."""
         for load, batches in zip(self.loads, drained, strict=True):
             if batches:
                 part = {batch.topic: batch for batch in batches}

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -26,7 +25,8 @@ from rclpy.node import Node
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.model import RobotModel
-from robot_energy.store import Submit, load_account
+from robot_energy.store.account_store import load_account
+from robot_energy.store.slot_store import Submit
 from ros2_energy_monitor.diagnostics.reporter import ERROR, OK, WARN, StatusBuilder
 
 OPENING = 2.0  # how long configure waits for the disk [s]
@@ -34,25 +34,8 @@ ANSWERING = 3.0  # how long the answer of a service does; the page gives up afte
 POLLED_EVERY = 0.02  # while the disk is at work [s]
 CLOSING = 5.0  # how long deactivate does [s]
 LATE_PERIODS = 3  # a checkpoint that takes longer than this is in trouble
-ROS_HOME = "$ROS_HOME"
-NO_FOLDER = "none"  # `ros2 launch` cannot give an empty argument
 DURATIONS = 600  # latest ones that the quantiles are taken over
 MAX_READINGS = 60  # of whole minutes and before resets, that wait for the disk
-
-
-def folder_of(parameter: str) -> Path | None:
-    """Return the folder that a parameter names.
-
-    Args:
-        parameter: A path; ``$ROS_HOME`` at its beginning stands for that variable, or for
-            ``~/.ros`` where it is not set. ``none`` for no folder, as empty.
-    """
-    if parameter in ("", NO_FOLDER):
-        return None
-    home = os.environ.get("ROS_HOME") or "~/.ros"
-    if parameter == ROS_HOME or parameter.startswith(f"{ROS_HOME}/"):
-        parameter = home + parameter[len(ROS_HOME) :]
-    return Path(parameter).expanduser()
 
 
 class Checkpoints:
@@ -99,11 +82,7 @@ class Checkpoints:
         self.running = False
 
     def open(self) -> None:
-        """Read the registers from disk, take the lock of the folder and start the timer.
-
-        Raises:
-            RegisterError: If another monitor has the folder, or its files cannot be used.
-        """
+        """Read the registers from disk, take the lock of the folder and start the timer."""
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="checkpoints")
         model, folder = self._arguments
         submit = _timed(self._thread, self._durations)
@@ -133,11 +112,7 @@ class Checkpoints:
         return self.store.keeps and not self.store.is_aside
 
     def begin_recording(self, players: str) -> None:
-        """Count a recording from zero from now on, apart from the robot's registers.
-
-        Args:
-            players: The nodes that play it.
-        """
+        """Count a recording from zero from now on, apart from the robot's registers."""
         if self._keeps and self.running and not self.store.busy:
             self._start()  # what the robot has used until now
         self._players = players
@@ -166,11 +141,7 @@ class Checkpoints:
         self._timer.timer_period_ns = round(period * 1e9)
 
     def when_kept(self, answer: Callable[[bool], None]) -> None:
-        """Call back once the registers as they stand now are on disk, without waiting here.
-
-        Args:
-            answer: Gets whether they are, after `ANSWERING` at the latest.
-        """
+        """Call back once the registers as they stand now are on disk, without waiting here."""
         if not self._keeps:
             self._publish(self._encode(False))
             answer(False)
@@ -180,11 +151,7 @@ class Checkpoints:
             self._start()
 
     def now(self) -> bool:
-        """Bring the registers to disk as they stand, waiting for it, and publish them.
-
-        Returns:
-            Whether they are on disk.
-        """
+        """Whether the registers are on disk as they stand; waits for it, and publishes them."""
         self._row = None  # of a checkpoint that is overtaken
         kept = self.store.checkpoint(CLOSING)
         if kept:

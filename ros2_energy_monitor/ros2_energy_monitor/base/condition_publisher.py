@@ -27,7 +27,8 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.store.condition_store import ConditionStore
 from robot_energy.timeline.stamps import bounded
-from ros2_energy_monitor.base.checkpoints import CLOSING, OPENING, folder_of
+from ros2_energy_monitor.base.checkpoints import CLOSING, OPENING
+from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, latched
 from ros2_energy_monitor.diagnostics.reporter import WARN, StatusBuilder
 
@@ -39,7 +40,6 @@ class ConditionPublisher:
     """Publishes ``energy/condition`` and keeps learned figures; `open` creates, `close` ends.
 
     Args:
-        node: The node that publishes.
         thermal: What estimates motor temperatures; kept on disk as well.
         state_folder: Parameter that names the folder of the state files.
     """

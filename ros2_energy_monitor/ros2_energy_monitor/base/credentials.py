@@ -36,17 +36,10 @@ class Credentials:
 
 
 def read_credentials(path: str) -> Credentials | None:
-    """Read a YAML file with ``username`` and ``password``.
+    """Return ``username`` and ``password`` of a YAML file; None for an empty path.
 
     Args:
         path: The file; empty for none.
-
-    Returns:
-        What it holds; None for an empty path.
-
-    Raises:
-        CredentialsError: If it cannot be read, is malformed, belongs to another user, or can be
-            read or written by its group or others.
     """
     if not path:
         return None

@@ -29,36 +29,28 @@ class EntitySnapshot:
 
     def restore(self) -> None:
         """Destroy every publisher, subscription, service, timer and guard that came later."""
-        self._destroy()
-        group = self._node.default_callback_group  # keeps a dead reference to each of them
-        group.entities = {reference for reference in group.entities if reference() is not None}
-
-    def _destroy(self) -> None:
-        node = self._node
-        pairs: list[tuple[list[Any], Callable[[Any], bool]]] = [
-            (list(node.timers), node.destroy_timer),
-            (list(node.services), node.destroy_service),
-            (list(node.clients), node.destroy_client),
-            (list(node.subscriptions), node.destroy_subscription),
-            (list(node.publishers), node.destroy_publisher),
-            (list(node.guards), node.destroy_guard_condition),
-        ]
-        for entities, destroy in pairs:
+        for entities, destroy in self._kinds():
             for entity in entities:
                 if id(entity) not in self._kept:
                     destroy(entity)
+        group = self._node.default_callback_group  # keeps a dead reference to each of them
+        group.entities = {reference for reference in group.entities if reference() is not None}
 
     def __len__(self) -> int:
         """Return how many entities the node has now."""
         return len(self._all())
 
     def _all(self) -> list[object]:
+        return [entity for entities, _ in self._kinds() for entity in entities]
+
+    def _kinds(self) -> list[tuple[list[Any], Callable[[Any], bool]]]:
+        """Entities of each kind, and what destroys one."""
         node = self._node
         return [
-            *node.timers,
-            *node.services,
-            *node.clients,
-            *node.subscriptions,
-            *node.publishers,
-            *node.guards,
+            (list(node.timers), node.destroy_timer),
+            (list(node.services), node.destroy_service),
+            (list(node.clients), node.destroy_client),
+            (list(node.subscriptions), node.destroy_subscription),
+            (list(node.publishers), node.destroy_publisher),
+            (list(node.guards), node.destroy_guard_condition),
         ]

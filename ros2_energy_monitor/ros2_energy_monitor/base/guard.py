@@ -42,9 +42,6 @@ class Guard:
 
     Args:
         context: Of the node; None for the default.
-
-    Attributes:
-        errors: Exceptions caught, by path.
     """
 
     def __init__(self, name: str, context: Context | None = None) -> None:
@@ -56,15 +53,7 @@ class Guard:
     def run(
         self, path: str, work: Callable[[], T], restart: Callable[[], None] | None = None
     ) -> T | None:
-        """Do some work of a path.
-
-        Args:
-            path: Its name, under which exceptions are counted.
-            restart: Makes the path usable again after an exception.
-
-        Returns:
-            What the work gives; None after an exception.
-        """
+        """Return what some work of a path gives; None after an exception."""
         try:
             return work()
         except Exception as error:
@@ -80,14 +69,10 @@ class Guard:
         work: Callable[[], T],
         restart: Callable[[], None],
     ) -> T | None:
-        """Let an input take messages; after an exception none of them was used.
+        """Return what an input makes of messages; None after an exception: none of them was used.
 
         Args:
             accounts: Each account of the input, with how many messages have arrived for it.
-            restart: Drops what the input held, which is lost as well.
-
-        Returns:
-            What the work gives; None after an exception.
         """
         kept = [(rejections, rejections.copy(), arrived) for rejections, arrived in accounts]
 
@@ -137,11 +122,7 @@ class Guard:
         )
 
     def check(self, found: StatusBuilder) -> None:
-        """Add how many exceptions were caught, which must be none.
-
-        Args:
-            found: The diagnostic status that is filled.
-        """
+        """Add how many exceptions were caught, which must be none."""
         total = self.errors.total()
         found.values["internal_errors"] = total
         found.values |= {f"internal_errors.{path}": count for path, count in self.errors.items()}

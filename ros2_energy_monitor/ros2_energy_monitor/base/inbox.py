@@ -8,14 +8,11 @@
 
 """Takes what a subscription has queued, in one block, as serialised bytes.
 
-Waking the executor for every message is what costs in rclpy; the message itself is cheap.
-So the subscription is kept out of the wait set and is emptied by the node's tick. That
-uses internals of rclpy 7 (Jazzy): `CallbackGroup.can_execute`, which the executor asks
-before it waits for a subscription, and `Subscription.handle.take_message`. Both are tried
-when an inbox is made; where they are missing or behave differently, an ordinary callback
-for raw messages fills the queue instead, at a higher price and with the same result.
-
-The events of the subscription are polled as well, when something calls for it.
+Waking the executor for every message is what costs in rclpy, so the subscription is kept out of
+the wait set and emptied by the node's tick. That uses internals of rclpy 7 (Jazzy):
+`CallbackGroup.can_execute` and `Subscription.handle.take_message`. Both are tried when an inbox
+is made; where they behave differently, an ordinary callback for raw messages fills the queue
+instead, at a higher price and with the same result.
 """
 
 from __future__ import annotations
@@ -84,7 +81,6 @@ class Inbox:
     """The messages of one topic that arrived since they were last drained.
 
     Args:
-        node: The node that subscribes.
         message_type: Message class, such as ``sensor_msgs.msg.JointState``.
         qos: Quality of service; its depth bounds what can wait between two ticks.
         direct: False to use ordinary callbacks although the internals of rclpy fit.

@@ -45,7 +45,6 @@ def wanted_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
     it, and nothing else.
 
     Args:
-        node: The node that asks.
         msgtype: Type of a message, such as ``control_msgs/msg/DynamicJointState``.
     """
     try:
@@ -61,12 +60,6 @@ def temperature_ingest(
     """Return what reads the sources of motor temperatures.
 
     Sources whose messages are not installed are left out, after an error in the log.
-
-    Args:
-        node: The node that subscribes.
-
-    Raises:
-        ParameterError: If a source names a joint that the model lacks.
     """
     sources = {
         name: source.resolved(node.resolve_topic_name)
@@ -79,14 +72,7 @@ def temperature_ingest(
 
 
 def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParameters) -> list[Inbox]:
-    """Subscribe every topic of joint states; at least one.
-
-    Args:
-        node: The node that subscribes.
-
-    Returns:
-        One inbox per topic.
-    """
+    """Return an inbox for every topic of joint states; at least one."""
     return [
         Inbox(
             node,
@@ -100,14 +86,10 @@ def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParamet
 
 
 def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: float) -> list[Inbox]:
-    """Subscribe every topic of motor temperatures, and the keys of those that have some.
+    """Return an inbox for every topic of motor temperatures and keys whose type is installed.
 
     Args:
-        node: The node that subscribes.
         renew_after: Silence after which a topic is subscribed again. [s]
-
-    Returns:
-        One inbox per topic whose message type is installed.
     """
     return [
         Inbox(
@@ -145,15 +127,11 @@ def meter_input(
     Where its messages are not installed, nothing is subscribed, after an error in the log.
 
     Args:
-        node: The node that subscribes.
         renew_after: Silence after which a topic is subscribed again. [s]
 
     Returns:
         What reads the meter, and one inbox per topic; without messages, a reader of no meter
         and no inbox.
-
-    Raises:
-        ParameterError: If the messages lack what the parameters name.
     """
     source = parameters.meter.resolved(node.resolve_topic_name)
     kind = wanted_class(node, source.type, "the meter")

@@ -38,11 +38,7 @@ class ManagedNode(LifecycleNode, ABC):
     transition and is logged in one sentence; any other error is logged whole and takes the
     node back to unconfigured.
 
-    Args:
-        options: Options of `rclpy.node.Node`.
-
     Attributes:
-        active: Whether the node counts and publishes.
         outdated: Whether parameters have changed since it was configured; activate configures
             it again then.
         bad_clocks: Messages of ``/clock`` left out, as their time is not a stamp.
@@ -219,12 +215,7 @@ class ManagedNode(LifecycleNode, ABC):
 
         return self._run("shut down", end)
 
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything after an error of the program.
-
-        Argument and result as in `rclpy.lifecycle.LifecycleNode.on_error`.
-        """
-        return self._run("cleaned up", self._release_all)
+    on_error = on_cleanup  # after an error of the program
 
     def _stop(self) -> None:
         if self.active:

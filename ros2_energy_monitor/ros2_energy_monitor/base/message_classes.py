@@ -39,10 +39,6 @@ def message_class(msgtype: str) -> type[Any]:
 
     Args:
         msgtype: Its name, such as ``sensor_msgs/msg/JointState``.
-
-    Raises:
-        MessageTypeError: If the name is none of a message type, the type is not installed, or
-            Python finds another package of that name.
     """
     match = NAME.fullmatch(msgtype) if len(msgtype) <= MAX_NAME else None
     if match is None:

@@ -22,13 +22,10 @@ BOUNDED = re.compile(r"(?P<kind>w?string)<(?P<most>\d+)>")
 
 
 def definitions_of(message_class: type[Any]) -> dict[str, tuple[str, str]]:
-    """Return the definition of a message and of all messages it is made of.
+    """Return encoding and text of a message, and of all it is made of, by type.
 
     Args:
         message_class: Class of the message, such as ``std_msgs.msg.Header``.
-
-    Returns:
-        For each type, such as ``std_msgs/msg/Header``, its encoding and its text.
     """
     found: dict[str, tuple[str, str]] = {}
     _add(message_class, found)

@@ -8,12 +8,9 @@
 
 """Counts messages lost in transport, by the numbers their publishers gave them.
 
-Every publisher numbers its messages 1, 2, 3 ...; the middleware hands the number on, but
-rclpy does not say whose it is. With one publisher the count is exact: published = received
-+ lost, from its first message that arrived on. With several, the count is the least number
-of losses that explains all numbers, given when publishers joined and left. So it is not
-above the truth, as long as the true explanation is among those that are followed. It is
-exact where all publishers are heard soon after one has come or gone.
+The middleware hands the numbers on, but rclpy does not say whose they are. With one publisher the
+count is exact. With several it is the least number of losses that explains all numbers, given when
+publishers joined and left: not above the truth, as long as the true explanation is followed.
 """
 
 from __future__ import annotations
@@ -34,7 +31,6 @@ class _Explanation:
 
     Attributes:
         last: The newest number of each publisher that was heard, ascending.
-        unheard: Publishers of which no message has arrived.
     """
 
     last: list[int]
@@ -62,11 +58,7 @@ class MessageLossCounter:
         return min(one.lost for one in self._explanations)
 
     def step(self, numbers: Sequence[int]) -> None:
-        """Take the numbers of messages.
-
-        Args:
-            numbers: In order of arrival.
-        """
+        """Take the numbers of messages."""
         if not numbers:
             return
         first = self._explanations[0]

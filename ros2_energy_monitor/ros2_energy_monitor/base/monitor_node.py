@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -58,29 +58,21 @@ class MonitorNode(ManagedNode, Generic[P]):
     Ticks follow the steady clock, so that queues are drained also while simulated time
     stands still.
 
-    Args:
-        options: Options of `rclpy.node.Node`.
-
     Attributes:
-        model: The robot's model, once configured.
         inputs: Every inbox with the account of its messages, from `set_up`.
         orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
-        sources: What the node says about itself, from `set_up`.
-        exit_stack: What cleanup closes, from `set_up`.
-
-    Raises:
-        RobotEnergyError: If a parameter, or with ``autostart`` the model, cannot be used.
     """
 
     NAME: ClassVar[str]
+    PARAMETERS: ClassVar[type[Common]]
     UNIQUE_TOPIC: ClassVar[str] = ""  # that no other node may publish
     # Queues are emptied at the last tick within it: a step costs as much for few messages. [s]
     TAKEN_EVERY: ClassVar[float] = 0.16
     parameters: P
     model: RobotModel
 
-    def __init__(self, name: str, parameters_type: type[P], **options: Any) -> None:
-        super().__init__(name, **options)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
         self.inputs: list[tuple[Inbox, RejectionLog]] = []
         self.orders: list[StampOrder] = []
         self.sources: list[Source] = []
@@ -88,9 +80,8 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.exit_stack = ExitStack()
         self._inventory: list[str] = []
         try:
-            self.parameters = declare(self, parameters_type, AT_START)
-            self._parameters_type = parameters_type
-            _, self._entries = reread(self, parameters_type)
+            self.parameters = declare(self, self._parameters_type, AT_START)
+            _, self._entries = reread(self, self._parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._reporter = Reporter(self)
             self._tick_statistics = TickStatistics(1.0 / self.parameters.tick_rate)
@@ -101,6 +92,10 @@ class MonitorNode(ManagedNode, Generic[P]):
         except Exception:
             self.destroy_node()
             raise
+
+    @property
+    def _parameters_type(self) -> type[P]:
+        return cast("type[P]", self.PARAMETERS)
 
     @abstractmethod
     def set_up(self) -> None:
@@ -147,11 +142,7 @@ class MonitorNode(ManagedNode, Generic[P]):
             self._set_up(model)
 
     def activate(self) -> None:
-        """Discard what came before; the time until now is a gap.
-
-        Raises:
-            RobotDescriptionError: If the robot description has not arrived or cannot be used.
-        """
+        """Discard what came before; the time until now is a gap."""
         if not self.ready and self._description is not None:
             raise RobotDescriptionError("; ".join(self._description.sentences()))
         self._discard()
@@ -255,14 +246,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self._reporter.publish(statuses, self._hardware_id if self.sources else "")
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
-        """Take the messages that wait.
-
-        Args:
-            inboxes: Where they wait.
-
-        Returns:
-            One batch per inbox; those with nothing are left out.
-        """
+        """Return one batch per inbox in which messages wait."""
         batches = [self.guard.run(f"queue.{inbox.topic}", inbox.drain) for inbox in inboxes]
         return [batch for batch in batches if batch is not None]
 
@@ -272,11 +256,7 @@ class MonitorNode(ManagedNode, Generic[P]):
 
 
 def hardware_id(model: RobotModel, namespace: str) -> str:
-    """Return what differs between two robots of a type.
-
-    Returns:
-        Type, serial number and, unless it is the root, the namespace.
-    """
+    """Return what differs between robots of a type: type, serial number, namespace but the root."""
     robot = model.robot
     place = f"({namespace})" if namespace.strip("/") else ""
     return " ".join(shown(part) for part in (robot.type, robot.serial, place) if part)

@@ -25,7 +25,6 @@ class PacketBound:
     """Ends the connection of a client whose broker sends a packet that is too large or too slow.
 
     Args:
-        client: Of paho-mqtt; its receiving is wrapped.
         seconds: Longest time from its first byte to its last. [s]
 
     Attributes:

@@ -233,46 +233,6 @@ class DashboardParameters:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecorderParameters:
-    """Parameters of the energy recorder."""
-
-    folder: str = parameter(
-        "Folder of the history; $ROS_HOME is ~/.ros where it is not set.",
-        "$ROS_HOME/robot_energy/history",
-    )
-    robots: tuple[str, ...] = parameter(
-        "Namespaces of the robots to record; empty records all whose energy/registers is found.",
-        (),
-    )
-    autostart: bool = parameter(
-        "Whether the node configures and activates itself; if not, a life cycle manager does.",
-        True,
-    )
-    keep_minutes: float = parameter("How long minutes are kept [days].", 35.0, 1.0, 4000.0)
-    keep_quarters: float = parameter(
-        "How long quarter hours are kept; 0 for ever, as hours and days are [days].",
-        0.0,
-        0.0,
-        4000.0,
-    )
-    min_free: int = parameter(
-        "Free space to leave on the disk; nothing is written while there is less [MB].",
-        200,
-        0,
-        1_000_000,
-    )
-    take_period: float = parameter(
-        "Time from one processing of waiting messages to the next [s].", 20.0, 0.1, 30.0
-    )
-    write_period: float = parameter(
-        "Time from one write to the history to the next [s].", 60.0, 1.0, 900.0
-    )
-    look_period: float = parameter(
-        "Time from one search for robots and job intervals to the next [s].", 20.0, 1.0, 900.0
-    )
-
-
 def _check_power_rate(parameters: AccountParameters) -> None:
     """Refuse a rate of energy/power that ticks cannot give evenly."""
     rate, tick_rate = parameters.power_rate, parameters.tick_rate

@@ -17,14 +17,7 @@ from robot_energy.foundation.errors import RobotEnergyError
 
 
 def require(package: str, distribution: str, user: str, error: type[RobotEnergyError]) -> Any:
-    """Import a package, or say how to install it.
-
-    Returns:
-        The module.
-
-    Raises:
-        RobotEnergyError: Of that class, if it is not installed.
-    """
+    """Return a package, or say how to install it."""
     try:
         return importlib.import_module(package)
     except ModuleNotFoundError as missing:

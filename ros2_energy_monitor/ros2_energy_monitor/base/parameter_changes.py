@@ -36,7 +36,6 @@ class ParameterChanges:
 
     Args:
         entries: Gives its parameters by name as they are declared now.
-        changed: Called with the names after a change.
     """
 
     def __init__(

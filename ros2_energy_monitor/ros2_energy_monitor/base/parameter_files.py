@@ -22,7 +22,7 @@ from typing import Any, cast
 import yaml
 
 from robot_energy.foundation.files.regular_file import read_regular_text
-from robot_energy.inputs.inputs_file import MAX_BYTES
+from robot_energy.inputs.parameters import MAX_BYTES
 
 OPTION = "--params-file"
 KEY = "ros__parameters"

@@ -6,18 +6,16 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Declares parameters at a node, with type, range and meaning, and reads them again.
-
-Those of a node with a life cycle can be changed, see `base.parameter_changes`; all others are
-read-only.
-"""
+"""Declares parameters at a node, with type, range and meaning, and reads them again."""
 
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -42,6 +40,8 @@ TYPES: dict[Any, RosParameter.Type] = {
     tuple[str, ...]: RosParameter.Type.STRING_ARRAY,
     tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
+ROS_HOME = "$ROS_HOME"
+NO_FOLDER = "none"  # `ros2 launch` cannot give an empty argument
 # Overrides that rclpy itself declares or reads.
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -52,7 +52,7 @@ P = TypeVar("P", bound="DataclassInstance")
 
 
 def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P:
-    """Declare the parameters of a node and return their values.
+    """Return the values of the parameters of a node, declared here.
 
     Unknown overrides are logged as a warning, with the name that was probably meant, and so
     are parameter files without a section for the node. Where the class has the parameter
@@ -61,13 +61,6 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
 
     Args:
         fixed: Parameters that are read-only; None for all.
-
-    Returns:
-        The values.
-
-    Raises:
-        ParameterError: If a required parameter is missing, or a value has a wrong type or
-            is out of its range.
     """
     complaints = files_without_section(sys.argv, node.get_fully_qualified_name())
     for sentence in complaints:  # at once: it may be why a parameter is missing
@@ -94,11 +87,7 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
 
 
 def parameter_lines(node: Node) -> list[str]:
-    """Return every parameter of a node with its value, one line for each group.
-
-    Args:
-        node: The node that declared them.
-    """
+    """Return every parameter of a node with its value, one line for each group."""
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
     groups: dict[str, list[str]] = {}
     for name in sorted(declared):
@@ -137,15 +126,7 @@ def _declare_one(
 
 
 def require(node: Node, entries: Mapping[str, Parameter]) -> None:
-    """Refuse required parameters that are still empty.
-
-    Args:
-        node: The node, which has declared them.
-        entries: Its parameters by name.
-
-    Raises:
-        ParameterError: If one is.
-    """
+    """Refuse required parameters that are still empty."""
     for entry in entries.values():
         if entry.default is MISSING and not node.get_parameter(entry.name).value:
             raise _missing(node, entry)
@@ -160,17 +141,7 @@ def _missing(node: Node, entry: Parameter) -> ParameterError:
 
 
 def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:
-    """Return the values that the parameters of a node have now, those of new groups declared.
-
-    Args:
-        node: The node, which has declared the parameters of the class.
-
-    Returns:
-        The values, and every parameter by name.
-
-    Raises:
-        ParameterError: If values do not fit together.
-    """
+    """Return the values that the parameters of a node have now, those of new groups declared."""
     given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
     entries: dict[str, Parameter] = {}
 
@@ -220,3 +191,18 @@ def _unknown(node: Node, given: dict[str, RosParameter], names: list[str]) -> li
         hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(names)}"
         sentences.append(f"{node.get_name()} has no parameter '{name}'; {hint}")
     return sentences
+
+
+def folder_of(parameter: str) -> Path | None:
+    """Return the folder that a parameter names.
+
+    Args:
+        parameter: A path; ``$ROS_HOME`` at its beginning stands for that variable, or for
+            ``~/.ros`` where it is not set. ``none`` for no folder, as empty.
+    """
+    if parameter in ("", NO_FOLDER):
+        return None
+    home = os.environ.get("ROS_HOME") or "~/.ros"
+    if parameter == ROS_HOME or parameter.startswith(f"{ROS_HOME}/"):
+        parameter = home + parameter[len(ROS_HOME) :]
+    return Path(parameter).expanduser()

@@ -40,10 +40,8 @@ class PlaybackClock:
     They have the names of those of `ros2 bag play`, and a type that every installation has.
 
     Args:
-        node: The node that plays.
         rate: Times the speed of nature, > 0. [-]
         publish_rate: How often ``/clock`` is published; 0 for never. [1/s]
-        paused: Whether it stands still at first.
     """
 
     def __init__(
@@ -83,29 +81,17 @@ class PlaybackClock:
         return reached + round((time.monotonic() - self._since) * self._rate * SECOND_NS)
 
     def begin(self, now_ns: int) -> None:
-        """Set it.
-
-        Args:
-            now_ns: Time of the recording. [ns]
-        """
+        """Set it."""
         self._reached_ns = now_ns
         if not self.paused:
             self._since = time.monotonic()
 
     def left(self, due_ns: int) -> float:
-        """Return how long it takes until a time; infinite while it stands still. [s]
-
-        Args:
-            due_ns: Time of the recording. [ns]
-        """
+        """Return how long it takes until a time; infinite while it stands still. [s]"""
         return math.inf if self.paused else (due_ns - self.now_ns) / SECOND_NS / self._rate
 
     def pause(self, paused: bool) -> None:
-        """Stop it, or let it go on.
-
-        Args:
-            paused: Whether to stop it.
-        """
+        """Stop it, or let it go on."""
         if paused == self.paused:
             return
         if self._reached_ns is not None:
@@ -115,11 +101,7 @@ class PlaybackClock:
 
     @contextmanager
     def space_key(self, fd: int) -> Iterator[bool]:
-        """Stop it and let it go on by the space key, in a terminal and in its foreground.
-
-        Yields:
-            Whether there is such a terminal.
-        """
+        """Yield whether a terminal in the foreground lets it stop and go on by the space key."""
         if not os.isatty(fd) or not _in_foreground(fd):
             yield False
             return

@@ -29,29 +29,17 @@ MAX_FINISH = 1.0  # for subscribers to acknowledge the last messages of a node t
 
 
 def best_effort(depth: int) -> QoSProfile:
-    """Return the quality of service of sensor data, which fits every publisher.
-
-    Args:
-        depth: Messages that can wait.
-    """
+    """Return the quality of service of sensor data, which fits every publisher."""
     return _profile(depth, ReliabilityPolicy.BEST_EFFORT)
 
 
 def reliable(depth: int) -> QoSProfile:
-    """Return the quality of service of results: nothing is lost, nothing is kept.
-
-    Args:
-        depth: Messages that can wait.
-    """
+    """Return the quality of service of results: nothing is lost, nothing is kept."""
     return _profile(depth, ReliabilityPolicy.RELIABLE)
 
 
 def latched(depth: int) -> QoSProfile:
-    """Return the quality of service of states: a late subscriber gets the last ones.
-
-    Args:
-        depth: Messages that are kept.
-    """
+    """Return the quality of service of states: a late subscriber gets the last ones."""
     return _profile(depth, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -69,11 +57,7 @@ def _profile(
 
 
 class RowPublisher:
-    """Publishes rows of bytes, each a complete serialised message.
-
-    Args:
-        node: The node that publishes.
-    """
+    """Publishes rows of bytes, each a complete serialised message."""
 
     def __init__(self, node: Node, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
         self._publisher = node.create_publisher(message_type, topic, qos)
@@ -101,9 +85,6 @@ class PacedPublisher:
     A message waits for its turn, so that a period that ends a little late or early does not
     give a pair and a pause. Only what exceeds ``max_waiting`` goes out at once, as when stamps run
     faster than the ticks.
-
-    Args:
-        max_waiting: Messages that wait at most after a tick.
     """
 
     def __init__(self, publisher: RowPublisher, ticks: int, max_waiting: int) -> None:
@@ -136,27 +117,12 @@ class PacedPublisher:
 
 
 def torque_publisher(node: Node, depth: int) -> RowPublisher:
-    """Make the publisher of ``energy/joint_torque``, which must not lose a sample in a burst.
-
-    Args:
-        node: The node that publishes.
-        depth: Messages that can wait.
-
-    Returns:
-        The publisher.
-    """
+    """Return the publisher of ``energy/joint_torque``, which loses no sample in a burst."""
     return RowPublisher(node, JointTorque, TORQUE_TOPIC, reliable(depth))
 
 
 def friction_publisher(node: Node) -> RowPublisher:
-    """Make the publisher of ``energy/joint_friction``, whose last messages late subscribers get.
-
-    Args:
-        node: The node that publishes.
-
-    Returns:
-        The publisher.
-    """
+    """Return the publisher of ``energy/joint_friction``; late subscribers get its last messages."""
     return RowPublisher(node, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
 
 

@@ -29,8 +29,6 @@ class AwaitedDescription:
     """Waits for the first description that can be used; later ones change nothing.
 
     Args:
-        node: The node that waits.
-        topic: Where the description is published, transient local.
         load: Makes a model of a description; raises what is wrong with it.
         adopt: Takes the model of the first good description; raises if it cannot.
     """
@@ -83,12 +81,7 @@ class AwaitedDescription:
 
 
 class ComparedDescription:
-    """Compares what the robot publishes with the URDF of the model.
-
-    Args:
-        node: The node that compares.
-        topic: Where the description is published, transient local.
-    """
+    """Compares what the robot publishes with the URDF of the model."""
 
     waits = False
 

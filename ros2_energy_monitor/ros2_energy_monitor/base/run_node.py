@@ -60,9 +60,6 @@ class StopSignal:
     """Notes `STOP_SIGNALS`; any number of them asks for one clean stop.
 
     A signal that is ignored already stays so: ``nohup`` ignores SIGHUP.
-
-    Attributes:
-        received: Whether one has arrived.
     """
 
     def __init__(self) -> None:
@@ -82,13 +79,10 @@ class StopSignal:
 
 @contextmanager
 def ros(args: Sequence[str] | None = None) -> Iterator[Context]:
-    """Start and end ROS communication; signals stay with Python.
+    """Yield the context of nodes, ended with the block; signals stay with Python.
 
     Args:
         args: Command line; None for that of the process.
-
-    Yields:
-        The context of the nodes.
     """
     context = Context()
     rclpy.init(
@@ -240,14 +234,7 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
 
 
 def usage(name: str, description: str) -> str:
-    """Return the help of an executable.
-
-    Args:
-        description: Docstring of its class; the first paragraph is shown.
-
-    Returns:
-        What the node does, how to start it and where its parameters are described.
-    """
+    """Return the help of an executable: what it does, how to start it, where its parameters are."""
     return (
         f"{' '.join(description.partition('Args:')[0].split())}\n\n"
         f"usage: ros2 run ros2_energy_monitor {name} --ros-args [--params-file FILE] "

@@ -8,13 +8,11 @@
 
 """Shared memory that a killed process has left half made.
 
-Fast DDS, the middleware of Jazzy, exchanges messages over files in ``/dev/shm``. One per
-port is opened or made by whoever comes first, which then marks it as ready in its first
-word. A process killed between the two (SIGKILL, out of memory) leaves a port that is never
-ready, and every process that opens it later waits inside the creation of its node, without
-end and without a word: on the whole machine, since ports count up from the same number in
-every domain. So a monitor looks before it makes its node. Making a port takes a fraction of
-a millisecond; one that is not ready after two seconds has no maker any more.
+Fast DDS, the middleware of Jazzy, makes one file per port in ``/dev/shm`` and then marks it as
+ready in its first word. A process killed between the two leaves a port that is never ready, and
+every process on the machine that opens it waits inside the creation of its node, without end and
+without a word. Making a port takes a fraction of a millisecond; one that is not ready after two
+seconds has no maker any more.
 """
 
 from __future__ import annotations
@@ -34,16 +32,12 @@ LOOK_AGAIN = 0.05  # s
 
 
 def clear_ports(folder: Path = FOLDER, orphaned: float = ORPHANED) -> list[str]:
-    """Remove ports that were left half made, so that nodes can start again.
+    """Return a sentence for each port left half made, removed so that nodes can start again.
 
     Removing takes the name away only; a process that has the file open keeps it.
 
     Args:
-        folder: Where shared memory lies.
         orphaned: Age from which a port that is not ready has no maker any more. [s]
-
-    Returns:
-        One sentence for each port found: that it is removed, or why it could not be.
     """
     since: dict[Path, float] = {}
     while half_made := list(_half_made(folder)):

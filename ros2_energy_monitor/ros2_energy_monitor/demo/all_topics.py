@@ -53,11 +53,9 @@ class TopicRecorder(Node):
 
     Args:
         types: Message type of each topic.
-        options: Options of `rclpy.node.Node`.
 
     Attributes:
         taken: Topic, time of receipt [ns] and content of every message, in order.
-        counts: Messages by topic.
     """
 
     def __init__(self, types: dict[str, str], **options: Any) -> None:
@@ -79,16 +77,10 @@ class TopicRecorder(Node):
 
 
 def record(context: Context, seconds: float, stop: StopSignal | None = None) -> TopicRecorder:
-    """Run robot, monitor and recorder in one executor.
+    """Return the recorder, destroyed, after running robot, monitor and recorder in one executor.
 
     Args:
         seconds: Time that is recorded, once every topic has come. [s]
-
-    Returns:
-        The recorder, destroyed, with what it has taken.
-
-    Raises:
-        BagError: If a topic does not come, or it was interrupted.
     """
 
     def given(**values: Any) -> list[Parameter]:
@@ -138,9 +130,6 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
 
     Args:
         overwrite: Whether a bag that is there may be replaced.
-
-    Raises:
-        BagError: If it cannot be written.
     """
     with BagWriter(path, overwrite=overwrite, origin=ORIGIN) as bag:
         for topic, msgtype in TYPES.items():
@@ -151,9 +140,6 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Record a bag.
-
-    Args:
-        args: Command line without the program; None for that of the process.
 
     Returns:
         Exit code: 0; 2 if it cannot be made; 130 if interrupted.
@@ -178,7 +164,3 @@ def main(args: Sequence[str] | None = None) -> int:
     for topic in TYPES:
         print(f"{recorder.counts[topic]:8d} {topic}", flush=True)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

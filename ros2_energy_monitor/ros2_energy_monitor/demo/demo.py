@@ -8,12 +8,7 @@
 
 """The demonstration behind `make demo`: a virtual robot warms up under its monitors.
 
-The virtual robot is a plant whose friction, losses and constants are drawn at random. First its
-model is identified from training bags. Then live: the virtual robot, the three monitors and the
-dashboard run as processes of an own ROS domain on this machine; the console and the energy page
-show predicted and measured power. Then from bags of other motions: a cold and a warm recording,
-with friction that follows the temperature and with friction that does not. Ends by itself and
-leaves no process behind.
+Its model is identified first, from training bags; bags of other motions are predicted at the end.
 """
 
 from __future__ import annotations
@@ -27,7 +22,7 @@ from pathlib import Path
 from rclpy.executors import SingleThreadedExecutor
 
 from robot_energy.foundation.errors import RobotEnergyError
-from ros2_energy_monitor.base.checkpoints import NO_FOLDER
+from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, identify_plant
 from ros2_energy_monitor.demo.demo_page import PAGE, draw_page, free_port, save_page
@@ -42,13 +37,10 @@ MAX_START_TIME = 60.0  # for all topics to arrive, on a machine that does much e
 
 
 def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
-    """Run the virtual robot under its monitors and show the console.
+    """Whether robot, monitors and console ran until the end and ended cleanly.
 
     Args:
         seconds: How long to show it. [s]
-
-    Returns:
-        Whether all nodes ran until the end and ended cleanly.
     """
     environment = {
         "ROS_DOMAIN_ID": str(os.getpid() % 100 + 1),
@@ -118,9 +110,6 @@ def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demonstration.
 
-    Args:
-        args: Command line without the program; None for that of the process.
-
     Returns:
         Exit code: 0 if all went well, 1 if a node failed, 2 if a bag cannot be used, 130 if it was
         interrupted.
@@ -146,7 +135,3 @@ def main(args: Sequence[str] | None = None) -> int:
         print(error, flush=True)
         return 2
     return 0 if well else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

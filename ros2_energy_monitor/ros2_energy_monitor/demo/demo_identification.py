@@ -24,11 +24,7 @@ FILE = "identified.yaml"
 
 
 def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
-    """Return bags of the repository.
-
-    Raises:
-        BagError: If one is not there.
-    """
+    """Return bags of the repository."""
     paths = [bags / name for name in names]
     for path in paths:
         if not path.exists():
@@ -41,15 +37,7 @@ def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
 
 
 def identify_plant(bags: Path, out: Path) -> str:
-    """Identify the model of the plant from its training bags, and say so.
-
-    Returns:
-        The model file.
-
-    Raises:
-        BagError: If a bag is not there or cannot be read.
-        RobotEnergyError: If nothing can be identified.
-    """
+    """Return the model file of the plant, identified from its training bags."""
     # Slow to import, and of no use to the live part.
     from robot_energy_identify.api.identify_all import identify_all
     from robot_energy_report.document import Document

@@ -30,11 +30,7 @@ def free_port() -> int:
 
 
 def save_page(url: str, folder: Path) -> str:
-    """Save the page as it stands.
-
-    Returns:
-        A sentence that says what was written.
-    """
+    """Return a sentence on the page, saved as it stands."""
     page = folder / PAGE
     try:
         with urllib.request.urlopen(f"{url}saved.html", timeout=PATIENCE) as answer:
@@ -45,11 +41,7 @@ def save_page(url: str, folder: Path) -> str:
 
 
 def draw_page(folder: Path) -> str:
-    """Make a picture of the saved page where there is a Chromium.
-
-    Returns:
-        A sentence that says what was written.
-    """
+    """Return a sentence on the picture of the saved page, made where there is a Chromium."""
     page, picture = folder / PAGE, folder / PICTURE
     if find_browser() is None:
         return "no picture of the energy page: there is no Chromium here"

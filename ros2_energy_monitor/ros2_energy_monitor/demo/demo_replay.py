@@ -45,17 +45,10 @@ class Row:
 
 
 def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
-    """Replay the bundled bags, print a table and write the figures.
+    """Return one row per bundled bag, after printing the table and writing the figures.
 
     Args:
         model_name: Model of the robot in the bags: a name or a file.
-
-    Returns:
-        One row per bag.
-
-    Raises:
-        BagError: If a bag is not there or cannot be read.
-        RobotEnergyError: If it cannot be replayed.
     """
     model = load(model_name)
     out.mkdir(parents=True, exist_ok=True)

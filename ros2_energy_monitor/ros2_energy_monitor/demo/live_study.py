@@ -8,10 +8,7 @@
 
 """The held-out motions of the study of paper A, live through the three nodes.
 
-`robot-energy reproduce paper-a` leaves recordings of motions that no model was fitted to,
-and says what the identified model predicts of each by replay. Here the same recordings are
-played to the three monitors as processes of their own, faster than nature, and the energies
-that they publish are compared with those of the replay.
+The energies that they publish are compared with those of the replay.
 """
 
 from __future__ import annotations
@@ -32,7 +29,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
-from ros2_energy_monitor.base.checkpoints import NO_FOLDER
+from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
@@ -59,7 +56,6 @@ class Expected:
     """What the study says of one recording, by replay.
 
     Attributes:
-        robot_degc: Mean temperature of the motors. [degC]
         measured: Energy by the meter. [J]
         predicted: By the model, over the same time. [J]
     """
@@ -71,14 +67,7 @@ class Expected:
 
 
 def read_study(folder: Path) -> list[Expected]:
-    """Return what a study says of its held-out recordings.
-
-    Args:
-        folder: Output of `robot-energy reproduce paper-a`.
-
-    Raises:
-        ReportError: If it is none.
-    """
+    """Return what a study says of its held-out recordings."""
     try:
         sets = json.loads((folder / "figures.json").read_text(encoding="utf-8"))["sets"]
         return [
@@ -101,13 +90,10 @@ def read_study(folder: Path) -> list[Expected]:
 def live_energies(
     expected: Expected, model: Path, rate: float, log: Path, stop: StopSignal
 ) -> EnergyRegisters | None:
-    """Play one recording to the three monitors and return their last registers.
+    """Return the last registers of three monitors to which a recording was played; None if none.
 
     Args:
         rate: Times the speed of nature, > 0. [-]
-
-    Returns:
-        None if nothing was published, or it was stopped.
     """
     with ros([]) as context, NodeProcesses(log, dict(os.environ)) as children:
         children.start(
@@ -158,9 +144,6 @@ class _Seen:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Play the recordings of a study.
-
-    Args:
-        args: Command line without the program; None for that of the process.
 
     Returns:
         Exit code: 0 if nodes and replay agree, 1 if not, 2 if there is no study, 130 if
@@ -222,7 +205,3 @@ def _tell(expected: Expected, found: Any) -> bool:
     why = "" if same else counted
     print(f"{start}   {live:+11.2%}{why}", flush=True)
     return same
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

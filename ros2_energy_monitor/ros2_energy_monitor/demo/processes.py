@@ -24,11 +24,7 @@ GRACE = 30.0  # in which a node ends after SIGINT on any machine, before SIGKILL
 
 
 class NodeProcesses:
-    """Starts nodes of this package and stops them at the end of the `with` block.
-
-    Args:
-        log_folder: Each node's output goes to a file there.
-    """
+    """Starts nodes of this package and stops them at the end of the `with` block."""
 
     def __init__(self, log_folder: Path, environment: dict[str, str]) -> None:
         self._folder = log_folder
@@ -59,14 +55,7 @@ class NodeProcesses:
         return [name for name, child in self._running.items() if child.poll() is not None]
 
     def stop(self, *names: str) -> dict[str, int]:
-        """Interrupt some nodes or all, and kill what does not end.
-
-        Args:
-            names: Of the nodes, as they were started; none for all.
-
-        Returns:
-            Exit code of each node by its name.
-        """
+        """Return the exit codes of some nodes or all; what does not end is killed."""
         chosen = {name: self._running.pop(name) for name in names or tuple(self._running)}
         for child in chosen.values():
             if child.poll() is None:

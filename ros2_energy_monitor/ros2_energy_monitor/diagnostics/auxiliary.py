@@ -22,14 +22,7 @@ from ros2_energy_monitor.diagnostics.reporter import STALE, WARN, Source, Status
 
 
 def auxiliary_sources(account: EnergyAccount, loads: AuxiliaryLoads) -> list[Source]:
-    """Check the loads; nothing where the model has none.
-
-    Args:
-        account: The energy account, which counts them.
-
-    Returns:
-        What makes the status.
-    """
+    """Return what makes the status of the loads; nothing where the model has none."""
     counted = account.auxiliary
     if counted is None:
         return []

@@ -55,14 +55,10 @@ def joint_state_source(
     timeout: Callable[[], float],
     stage: TorqueStage,
 ) -> Source:
-    """Check joint states; the topics share one account, which is shown with the first.
+    """Return what checks joint states; the topics share one account, shown with the first.
 
     Args:
-        inboxes: One for each topic.
         timeout: Gives the silence beyond which they count as missing. [s]
-
-    Returns:
-        What makes the status.
     """
     accounts = [ingest.rejections, *(RejectionLog() for _ in inboxes[1:])]
     watches = [
@@ -126,15 +122,7 @@ def _clock(found: StatusBuilder, ahead_ns: int | None) -> None:
 
 
 def unknown_joints(topics: str, names: Iterable[str]) -> list[str]:
-    """Name joints that a topic brings and the model lacks.
-
-    Args:
-        topics: Names of the topics that bring them, for the sentence.
-        names: The joints, in any order.
-
-    Returns:
-        One sentence for each, sorted by name.
-    """
+    """Return a sentence for each joint that a topic brings and the model lacks, by name."""
     return [
         f"{topics} also names '{name}', which the model does not know: ignored"
         for name in sorted(names)
@@ -150,18 +138,12 @@ def temperature_source(
     *,
     wanted: bool = True,
 ) -> Source:
-    """Check motor temperatures and the friction that follows from them.
+    """Return what makes the status of motor temperatures and the friction that follows.
 
     The temperature of a motor is NaN while it is missing or too old to be used.
 
     Args:
-        inboxes: Where they arrive.
-        stage: The friction that follows.
-        states: The joint states, where they are known.
         wanted: Whether any source is set; that a robot has none is not a fault.
-
-    Returns:
-        Makes the status of the motor temperatures.
     """
 
     def findings() -> StatusBuilder:
@@ -246,11 +228,7 @@ def temperature_source(
 def stuck_temperatures(
     watch: StuckTemperatureDetector, model: RobotModel
 ) -> Callable[[StatusBuilder], None]:
-    """Check whether the temperatures follow the losses of the motors.
-
-    Returns:
-        A check that adds how many are stuck, and a warning with their names.
-    """
+    """Return a check that adds how many temperatures do not follow the losses, and a warning."""
 
     def check(found: StatusBuilder) -> None:
         stuck = [name for name, is_so in zip(model.joint_names, watch.stuck, strict=True) if is_so]
@@ -268,14 +246,11 @@ def stuck_temperatures(
 def fallback_temperatures(
     use: FallbackUse, ahead_ns: Callable[[], int | None]
 ) -> Callable[[StatusBuilder], None]:
-    """Check whether samples had to do without temperatures that do arrive.
+    """Return a check of samples that had to do without temperatures that arrive; warns if more do.
 
     Args:
         ahead_ns: Gives how far the stamps of the temperatures are ahead of those of the joint
             states on arrival; None where that is not known. [ns]
-
-    Returns:
-        A check that adds their number, and a warning if it has grown since the check before.
     """
     before = 0
 
@@ -295,7 +270,6 @@ def stray_stamps(epochs: EpochSplitter, what: str, found: StatusBuilder) -> None
 
     Args:
         what: Name of the messages, such as ``messages on /power``.
-        found: Where a warning is added.
     """
     sentence = sentence_of(epochs, what, within=RECENT)
     if sentence:
@@ -309,15 +283,11 @@ def energy_source(
     meter_timeout: float,
     *inputs: Callable[[StatusBuilder], None],
 ) -> Source:
-    """Check the energy account and the meter.
+    """Return what makes the status of energy account and meter.
 
     Args:
         meter: Where meter readings arrive: one topic, voltage and current, or none.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
-        inputs: Each checks another input of the node.
-
-    Returns:
-        Makes the status of energy and meter.
     """
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [

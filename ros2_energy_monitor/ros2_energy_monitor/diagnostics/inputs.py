@@ -38,10 +38,8 @@ class InputWatch:
 
     Args:
         what: What the input brings, such as ``joint state``.
-        inbox: Where it arrives.
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
-        remedy: What to do where nobody publishes it.
     """
 
     def __init__(
@@ -60,12 +58,7 @@ class InputWatch:
         self._absent = 0  # reports since the start without a publisher
 
     def check(self, found: StatusBuilder, prefix: str = "") -> None:
-        """Add the key values of the input and what is wrong with it.
-
-        Args:
-            found: Status to which they are added.
-            prefix: Before every key, where a status has several inputs.
-        """
+        """Add the key values of the input and what is wrong with it."""
         inbox, rejections, before = self._inbox, self._rejections, self._before
         after = _Counts(
             rejections.received,
@@ -148,24 +141,13 @@ class InputWatch:
 
 
 def counted(inbox: Inbox) -> str:
-    """Return how many publishers a topic has, in words.
-
-    Args:
-        inbox: Where it arrives.
-
-    Returns:
-        Such as ``no publisher``.
-    """
+    """Return how many publishers a topic has, in words."""
     number = inbox.publishers
     return f"{number or 'no'} publisher{'s' if number > 1 else ''}"
 
 
 def accounting(rejections: RejectionLog, prefix: str = "") -> dict[str, Number]:
-    """Return received messages, and what sums to them: accepted, waiting, rejected by reason.
-
-    Args:
-        prefix: Before every key, where a status has several accounts.
-    """
+    """Return received messages, and what sums to them: accepted, waiting, rejected by reason."""
     return {
         f"{prefix}received": rejections.received,
         f"{prefix}accepted": rejections.accepted,

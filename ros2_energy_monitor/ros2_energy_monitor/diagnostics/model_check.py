@@ -52,7 +52,6 @@ class ModelCheck:
 
     Args:
         motion: Time in motion after which the checks are made; 0 for never. [s]
-        pipeline: Whose outputs `take` gets.
     """
 
     def __init__(

@@ -44,11 +44,7 @@ class NodeWatch:
     def check(
         self, inputs: Iterable[tuple[Inbox, RejectionLog]], warnings: Iterable[str] = ()
     ) -> StatusBuilder:
-        """Return the status of the node.
-
-        Args:
-            warnings: What else is to be said.
-        """
+        """Return the status of the node."""
         found = StatusBuilder("node")
         number, label = self._node._state_machine.current_state
         pace = self._tick_statistics.take()
@@ -104,11 +100,7 @@ class NodeWatch:
 
 
 def unbalanced(inputs: Iterable[tuple[Inbox, RejectionLog]]) -> list[str]:
-    """Return one sentence for each account that does not add up; there must never be one.
-
-    Args:
-        inputs: Every inbox with its account; several inboxes may share one.
-    """
+    """Return one sentence for each account that does not add up; there must never be one."""
     accounts: dict[int, tuple[RejectionLog, list[Inbox]]] = {}
     for inbox, rejections in inputs:
         accounts.setdefault(id(rejections), (rejections, []))[1].append(inbox)

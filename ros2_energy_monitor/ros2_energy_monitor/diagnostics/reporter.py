@@ -97,7 +97,6 @@ class Reporter:
         """Publish the statuses, and log the remarks that are new.
 
         Args:
-            statuses: What was found, by subject.
             hardware_id: Type, serial number and namespace of the robot; empty for none.
         """
         message = DiagnosticArray()

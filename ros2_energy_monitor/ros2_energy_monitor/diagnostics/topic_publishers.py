@@ -28,7 +28,6 @@ class TopicPublishers:
     """The publishers of one topic as the graph knows them.
 
     Args:
-        node: The node that subscribes.
         msgtype: Type as bags name it, such as ``sensor_msgs/msg/JointState``.
 
     Attributes:

@@ -55,11 +55,7 @@ class Exporter(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Begin to connect or to serve.
-
-        Raises:
-            ExporterError: If it cannot be set up as asked.
-        """
+        """Begin to connect or to serve."""
 
     @abstractmethod
     def publish(self, newest: Newest, now: float) -> None:

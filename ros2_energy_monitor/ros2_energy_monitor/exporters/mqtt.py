@@ -36,7 +36,6 @@ from ros2_energy_monitor.exporters.exporter import Exporter, Newest
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,
-    ExportedValue,
     Topic,
     exported,
 )
@@ -49,7 +48,7 @@ MIN_RECONNECT, MAX_RECONNECT = 1, 60  # [s]
 ONLINE, OFFLINE = "online", "offline"
 NAME = re.compile(r"[A-Za-z0-9_-]+")
 TOPIC = re.compile(r"[^#+\s]+")
-DEVICE_CLASS = {"W": "power", "kWh": "energy", "s": "duration"}
+DEVICE_CLASS = {"W": "power", "kWh": "energy", "s": "duration", "°C": "temperature"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,12 +83,7 @@ class MqttParameters:
 
 
 class MqttExporter(Exporter):
-    """Publishes to one broker; reconnects by itself, with growing pauses.
-
-    Raises:
-        ExporterError: If the parameters contradict each other.
-        CredentialsError: If a file of secrets cannot be used.
-    """
+    """Publishes to one broker; reconnects by itself, with growing pauses."""
 
     def __init__(self, parameters: MqttParameters, robot: str) -> None:
         mqtt = require("paho.mqtt.client", "paho-mqtt", "this exporter", ExporterError)
@@ -141,11 +135,7 @@ class MqttExporter(Exporter):
             ) from error
 
     def start(self) -> None:
-        """Begin to connect; a broker that is not there yet is tried again.
-
-        Raises:
-            ExporterError: If the host is not a name.
-        """
+        """Begin to connect; a broker that is not there yet is tried again."""
         try:
             self._client.connect_async(self._given.host, self._given.port, KEEP_ALIVE)
         except ValueError as error:
@@ -248,7 +238,10 @@ class MqttExporter(Exporter):
         self._announced, self._parts = True, ((), ())
         if self._given.discovery:
             for value in VALUES:
-                self._discover(value.name, self._sensor(value))
+                total = "total_increasing" if value.rises else "total"
+                kind = total if value.topic is Topic.REGISTERS else "measurement"
+                sensor = self._sensor(value.title, value.name, value.unit, kind, value.topic)
+                self._discover(value.name, sensor)
 
     def _announce_parts(self, message: Any) -> None:
         names = tuple(joint.name for joint in message.joints[:MAX_JOINTS])
@@ -260,45 +253,28 @@ class MqttExporter(Exporter):
             self._announce_load(re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
         for name in names:
             known = re.sub(r"[^A-Za-z0-9_-]", "_", name)
-            self._discover(
-                f"motor_temperature_{known}",
-                {
-                    "name": f"Motor temperature {name}",
-                    "value_template": _of_part("joints", name, "motor_temperature_degc"),
-                    "unit_of_measurement": "°C",
-                    "device_class": "temperature",
-                    "state_class": "measurement",
-                    **self._of(Topic.POWER),
-                },
-            )
+            place = _of_part("joints", name, "motor_temperature_degc")
+            title = f"Motor temperature {name}"
+            sensor = self._sensor(title, place, "°C", "measurement", Topic.POWER)
+            self._discover(f"motor_temperature_{known}", sensor)
 
     def _announce_load(self, known: str, name: str) -> None:
-        for topic, key, unit, kind in (
-            (Topic.POWER, "power", "W", "measurement"),
-            (Topic.REGISTERS, "energy_kwh", "kWh", "total"),
+        for title, topic, key, unit, kind in (
+            ("Power", Topic.POWER, "power", "W", "measurement"),
+            ("Energy", Topic.REGISTERS, "energy_kwh", "kWh", "total"),
         ):
-            self._discover(
-                f"auxiliary_{known}_{key}",
-                {
-                    "name": f"{'Power' if topic is Topic.POWER else 'Energy'} of {name}",
-                    "value_template": _of_part("auxiliary", name, key),
-                    "unit_of_measurement": unit,
-                    "device_class": DEVICE_CLASS[unit],
-                    "state_class": kind,
-                    **self._of(topic),
-                },
-            )
+            title = f"{title} of {name}"
+            sensor = self._sensor(title, _of_part("auxiliary", name, key), unit, kind, topic)
+            self._discover(f"auxiliary_{known}_{key}", sensor)
 
-    def _sensor(self, value: ExportedValue) -> dict[str, Any]:
-        counts = value.topic is Topic.REGISTERS
-        kind = ("total_increasing" if value.rises else "total") if counts else "measurement"
+    def _sensor(self, title: str, place: str, unit: str, kind: str, topic: Topic) -> dict[str, Any]:
         return {
-            "name": value.title,
-            "value_template": f"{{{{ value_json.{value.name} }}}}",
-            "unit_of_measurement": value.unit,
-            "device_class": DEVICE_CLASS[value.unit],
+            "name": title,
+            "value_template": f"{{{{ value_json.{place} }}}}",
+            "unit_of_measurement": unit,
+            "device_class": DEVICE_CLASS[unit],
             "state_class": kind,
-            **self._of(value.topic),
+            **self._of(topic),
         }
 
     def _of(self, topic: Topic) -> dict[str, Any]:
@@ -325,9 +301,9 @@ class MqttExporter(Exporter):
 
 
 def _of_part(parts: str, name: str, key: str) -> str:
-    """Return the template of a value; a part that a message lacks is unknown, not an error."""
+    """Return where a template finds a value; of a part that a message lacks it is unknown."""
     of = f"selectattr('name', 'eq', {json.dumps(name)}) | map(attribute='{key}') | first"
-    return f"{{{{ value_json.{parts} | {of} | default(none) }}}}"
+    return f"{parts} | {of} | default(none)"
 
 
 def _check(given: MqttParameters, robot: str) -> None:

@@ -81,12 +81,7 @@ class OpcUaParameters:
 
 
 class OpcUaExporter(Exporter):
-    """Serves the measurements, read-only, from a thread of its own.
-
-    Raises:
-        ExporterError: If the parameters contradict each other.
-        CredentialsError: If a file of secrets cannot be used.
-    """
+    """Serves the measurements, read-only, from a thread of its own."""
 
     def __init__(self, parameters: OpcUaParameters, robot: str) -> None:
         self._asyncua = require("asyncua", "asyncua", "this exporter", ExporterError)
@@ -264,7 +259,6 @@ class _ReadOnlyUsers:
 
     Args:
         secret: Name and password; None lets in anybody.
-        user: Makes a user who may read.
     """
 
     def __init__(self, secret: Any, user: Callable[[], Any]) -> None:

@@ -27,7 +27,6 @@ class Measurement:
     """One variable.
 
     Attributes:
-        topic: Of which message.
         factor: From the field to the value. [-]
         double: Whether it is a Double; a Float otherwise.
         number: MeasurementID; None where no public text states one.

@@ -10,12 +10,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 from robot_energy.foundation.units import ENERGY_UNITS, SECOND_NS
+from robot_energy.results.base import known
 from robot_energy.timeline.blocks import NANOSECOND, Phase
 
 MAX_JOINTS = 32  # that an exporter lists one by one
@@ -34,7 +34,6 @@ class ExportedValue:
 
     Attributes:
         name: As a key; also the name of the field of the message, less its unit.
-        topic: Of which message.
         rises: Whether it never falls but by a reset.
         factor: From the field to the exported number. [-]
     """
@@ -81,25 +80,12 @@ VALUES = (
 )
 
 
-def number(value: float) -> float | None:
-    """Return a number, or None where it is unknown.
-
-    Args:
-        value: In any unit; NaN or infinite for unknown. [any]
-    """
-    return float(value) if math.isfinite(value) else None
-
-
 def exported(message: Any, topic: Topic) -> dict[str, Any]:
-    """Return all values of a message by name; None where one is unknown.
-
-    Args:
-        topic: Which of the two.
-    """
+    """Return all values of a message by name; None where one is unknown."""
     found: dict[str, Any] = {"stamp": stamp_of(message.header.stamp), "model_id": message.model_id}
     for value in VALUES:
         if value.topic is topic:
-            raw = number(getattr(message, value.field))
+            raw = known(getattr(message, value.field))
             found[value.name] = None if raw is None else raw * value.factor
     if topic is Topic.POWER:
         found["phase"] = Phase(message.phase).name
@@ -107,9 +93,9 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
         found["joints"] = [
             {
                 "name": joint.name,
-                "motor_temperature_degc": number(joint.motor_temperature_degc),
-                "friction_power": number(joint.friction_power),
-                "drive_power": number(joint.drive_power),
+                "motor_temperature_degc": known(joint.motor_temperature_degc),
+                "friction_power": known(joint.friction_power),
+                "drive_power": known(joint.drive_power),
             }
             for joint in message.joints[:MAX_JOINTS]
         ]
@@ -117,7 +103,7 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
             {
                 "name": load.name,
                 "state": state_name(load),
-                "power": number(load.power),
+                "power": known(load.power),
                 "remarks": int(load.remarks),
             }
             for load in message.auxiliary[:MAX_JOINTS]

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import http.client
-import math
 import time
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
@@ -31,7 +30,7 @@ from ros2_energy_monitor.meters.json_numbers import (
 )
 from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
-from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
+from ros2_energy_monitor.meters.reading import Exchange
 
 OK = 200
 
@@ -41,7 +40,6 @@ class HttpProfile(MeterProfile[JsonNumber]):
 
     Attributes:
         auth: How a name and a password are sent, where the user gives them.
-        flags: Faults that make all numbers invalid.
     """
 
     port: Annotated[int, Field(ge=1, le=65535)] = 80
@@ -56,11 +54,7 @@ class HttpProfile(MeterProfile[JsonNumber]):
 
 
 class HttpLink(MeterLink):
-    """Asks over one kept connection; redirections and proxies are not followed.
-
-    Args:
-        endpoint: Where the meter is.
-    """
+    """Asks over one kept connection; redirections and proxies are not followed."""
 
     def __init__(self, profile: HttpProfile, endpoint: Endpoint) -> None:
         self._requests = require("requests", "requests", "this meter", MeterProfileError)
@@ -103,14 +97,10 @@ class HttpLink(MeterLink):
         answered = time.monotonic()
         document = parse(text, self._where)
         good = is_good(document, self._profile.flags)
-        exchanges: list[Exchange] = []
-        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
-        for quantity, numbers in pairs:
-            if numbers:
-                found = terms_at(document, numbers, self._where)
-                terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
-                exchanges.append(Exchange(quantity, terms, requested, answered))
-        return exchanges
+        return [
+            Exchange(what, terms_at(document, numbers, self._where, good=good), requested, answered)
+            for what, numbers in self._profile.quantities.items()
+        ]
 
     def _text(self) -> str:
         """Body of the answer, of bounded size and in bounded time."""

@@ -70,14 +70,7 @@ class _BoundedSocket:
 
 
 class BoundedTransport:
-    """Transport adapter of `requests`: one connection, kept between requests to one endpoint.
-
-    Args:
-        endpoint: Where the meter is.
-
-    Raises:
-        MeterLinkError: If the certificates of the endpoint cannot be used.
-    """
+    """Transport adapter of `requests`: one connection, kept between requests to one endpoint."""
 
     def __init__(self, requests: Any, endpoint: Endpoint, bound: AnswerBound) -> None:
         self._requests, self._endpoint, self._bound = requests, endpoint, bound

@@ -41,26 +41,14 @@ class JsonNumber(NumberEntry):
 
 
 class JsonFlag(ProfileEntry):
-    """A list of faults in a document.
-
-    Attributes:
-        path: Where the list is, if there is one.
-        without: Fault that makes the numbers invalid.
-    """
+    """A list of faults in a document."""
 
     path: JsonPath
     without: str
 
 
 def parse(text: str, whose: str) -> Any:
-    """Parse a document.
-
-    Returns:
-        Plain values.
-
-    Raises:
-        MeterAnswerError: If it is no JSON of bounded size.
-    """
+    """Return the plain values of a document."""
     if len(text) > MAX_ANSWER:
         raise MeterAnswerError(
             f"{whose} answers with {len(text)} characters", f"at most {MAX_ANSWER}"
@@ -71,14 +59,12 @@ def parse(text: str, whose: str) -> Any:
         raise MeterAnswerError(f"{whose} answers with no JSON", "a JSON document") from error
 
 
-def terms_at(document: Any, numbers: Sequence[JsonNumber], whose: str) -> tuple[MeterTerm, ...]:
-    """Return the numbers that entries name; NaN where the document says null.
-
-    Raises:
-        MeterAnswerError: If there is no number.
-    """
+def terms_at(
+    document: Any, numbers: Sequence[JsonNumber], whose: str, *, good: bool
+) -> tuple[MeterTerm, ...]:
+    """Return the numbers that entries name; NaN where the document says null or is not good."""
     return tuple(
-        MeterTerm(value * number.factor, number.wraps_at_joule)
+        MeterTerm(value * number.factor if good else math.nan, number.wraps_at_joule)
         for number in numbers
         for value in _values_at(document, number, whose)
     )

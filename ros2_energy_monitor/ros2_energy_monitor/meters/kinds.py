@@ -66,16 +66,10 @@ METER_LINKS = Kinds(
 
 
 def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
-    """Read a profile.
+    """Return the kind of the link of a profile, and what it holds.
 
     Args:
         name: Name of a shipped profile, or path of a file of yours.
-
-    Returns:
-        The kind of its link, and what it holds.
-
-    Raises:
-        MeterProfileError: If it is missing or malformed.
     """
     source, document = read_document(name)
     link = document.get("link") if isinstance(document, dict) else None

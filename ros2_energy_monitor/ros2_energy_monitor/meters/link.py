@@ -33,7 +33,6 @@ class Endpoint:
         unit: Modbus unit (slave) identifier; None for that of the profile.
         device: Name of the meter in the topics of an MQTT broker.
         credentials: Name and password; None for none.
-        tls: Whether the connection is encrypted.
         ca_file: File of certificates of the authority that signed that of the server; empty for
             those of the system.
     """
@@ -48,11 +47,7 @@ class Endpoint:
     ca_file: str = ""
 
     def tls_context(self) -> ssl.SSLContext | None:
-        """Return what certificates are checked with; None without tls.
-
-        Raises:
-            MeterLinkError: If `ca_file` cannot be used.
-        """
+        """Return what certificates are checked with; None without tls."""
         if not self.tls:
             return None
         try:
@@ -80,22 +75,14 @@ class AnswerBound:
 
     @property
     def left(self) -> float:
-        """Time that is left, above 0. [s]
-
-        Raises:
-            MeterLinkError: If none is.
-        """
+        """Time that is left, above 0. [s]"""
         left = self._end - time.monotonic()
         if left <= 0:
             raise self.over()
         return left
 
     def take(self, count: int) -> None:
-        """Count bytes that came.
-
-        Raises:
-            MeterLinkError: If they are too many.
-        """
+        """Count bytes that came."""
         self._left -= count
         if self._left < 0:
             raise self.over()
@@ -115,11 +102,7 @@ class MeterLink(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Connect; what was connected before is given up.
-
-        Raises:
-            MeterLinkError: If the meter cannot be reached or does not let us in.
-        """
+        """Connect; what was connected before is given up."""
 
     @abstractmethod
     def read(self) -> Sequence[Exchange]:

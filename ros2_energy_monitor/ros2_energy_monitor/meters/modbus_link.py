@@ -43,7 +43,6 @@ class ModbusNumber(NumberEntry):
 
     Attributes:
         address: Protocol address of its first register, counted from 0.
-        type: Of the number; 16 bits are a register.
         invalid: Numbers as read that mean: no value; the greatest and least of 64 bits always do.
     """
 
@@ -80,9 +79,6 @@ class ModbusFlag(ProfileEntry):
     """Registers that say whether the meter trusts its numbers.
 
     Attributes:
-        address: As of a number.
-        type: As of a number, without fraction.
-        mask: Bits that matter.
         good: What these bits are while the numbers are valid.
     """
 
@@ -117,11 +113,7 @@ class Registers:
     """Reads registers over one TCP connection.
 
     Args:
-        endpoint: Where the meter is.
         table: ``holding`` or ``input``.
-
-    Raises:
-        MeterProfileError: If pymodbus is not installed.
     """
 
     def __init__(self, endpoint: Endpoint, unit: int, table: str) -> None:
@@ -141,11 +133,7 @@ class Registers:
         return f"the Modbus meter at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect.
-
-        Raises:
-            MeterLinkError: If the meter does not accept.
-        """
+        """Connect."""
         self.close()
         client = self._client_module.ModbusTcpClient(
             self._endpoint.host,
@@ -180,13 +168,7 @@ class Registers:
             self._client = None
 
     def read(self, address: int, count: int) -> list[int]:
-        """Return registers.
-
-        Raises:
-            MeterLinkError: If no answer comes in time or the connection ends.
-            MeterAnswerError: If there are no such registers, or the meter answers with an
-                exception or another number of registers.
-        """
+        """Return registers."""
         if self._client is None:
             raise MeterLinkError(f"{self.where} is not connected", "connect first")
         if address + count > REGISTERS:
@@ -236,11 +218,7 @@ class Registers:
             ) from error
 
     def number(self, registers: Sequence[int], kind: str, word_order: WordOrder) -> float:
-        """Return the number in registers.
-
-        Args:
-            word_order: Which register comes first.
-        """
+        """Return the number in registers."""
         client = self._client_module.ModbusTcpClient
         return client.convert_from_registers(
             list(registers), client.DATATYPE[kind.upper()], word_order
@@ -248,11 +226,7 @@ class Registers:
 
 
 class ModbusLink(MeterLink):
-    """Reads the registers that a profile lists, each quantity in requests of its own.
-
-    Args:
-        endpoint: Where the meter is.
-    """
+    """Reads the registers that a profile lists, each quantity in requests of its own."""
 
     def __init__(self, profile: ModbusProfile, endpoint: Endpoint) -> None:
         self._profile = profile
@@ -270,8 +244,8 @@ class ModbusLink(MeterLink):
         """Read flags, energy and power in this order."""
         self._registers.begin()
         valid = all(self._is_good(flag) for flag in self._profile.flags)
-        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
-        return [self._exchange(what, numbers, valid) for what, numbers in pairs if numbers]
+        quantities = self._profile.quantities.items()
+        return [self._exchange(what, numbers, valid) for what, numbers in quantities]
 
     def _exchange(
         self, quantity: Quantity, numbers: Sequence[ModbusNumber], valid: bool

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 import time
@@ -26,7 +25,7 @@ from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.meters.json_numbers import JsonFlag, JsonNumber, is_good, parse, terms_at
 from ros2_energy_monitor.meters.link import MAX_ANSWER, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
-from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
+from ros2_energy_monitor.meters.reading import Exchange
 
 MAX_WAITING = 50  # messages
 KEEP_ALIVE = 30  # [s]
@@ -67,8 +66,7 @@ class MqttLink(MeterLink):
     def __init__(self, profile: MqttProfile, endpoint: Endpoint) -> None:
         self._mqtt = require("paho.mqtt.client", "paho-mqtt", "this meter", MeterProfileError)
         self._endpoint, self._flags = endpoint, profile.flags
-        pairs = ((Quantity.ENERGY, profile.energy), (Quantity.POWER, profile.power))
-        self._numbers = {quantity: numbers for quantity, numbers in pairs if numbers}
+        self._numbers = profile.quantities
         self._topic = {
             quantity: numbers[0].topic.replace("{device}", endpoint.device)
             for quantity, numbers in self._numbers.items()
@@ -90,11 +88,7 @@ class MqttLink(MeterLink):
         return f"the MQTT broker at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect to the broker and subscribe.
-
-        Raises:
-            MeterLinkError: If the broker cannot be reached or does not let us in.
-        """
+        """Connect to the broker and subscribe."""
         self.close()
         self._settled.clear()
         self._failure = ""
@@ -140,11 +134,7 @@ class MqttLink(MeterLink):
             client.loop_stop()
 
     def read(self) -> Sequence[Exchange]:
-        """Return what the next message says; empty if none comes in time.
-
-        Raises:
-            MeterLinkError: If the connection is lost.
-        """
+        """Return what the next message says; empty if none comes in time."""
         if self._client is None:
             raise MeterLinkError(f"{self._where} is not connected", "connect first")
         try:
@@ -159,13 +149,11 @@ class MqttLink(MeterLink):
         topic, payload, at = message
         document = parse(payload.decode("utf-8", errors="replace"), f"the meter on {topic}")
         good = is_good(document, self._flags)
-        exchanges: list[Exchange] = []
-        for quantity, numbers in self._numbers.items():
-            if self._topic[quantity] == topic:
-                found = terms_at(document, numbers, topic)
-                terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
-                exchanges.append(Exchange(quantity, terms, at, at))
-        return exchanges
+        return [
+            Exchange(what, terms_at(document, numbers, topic, good=good), at, at)
+            for what, numbers in self._numbers.items()
+            if self._topic[what] == topic
+        ]
 
     # Callbacks of the thread of the client
 

@@ -8,8 +8,7 @@
 
 """Device profiles: what a meter is, in one YAML file.
 
-A profile names the link that reads it, and for energy and power the numbers that add up to it,
-with unit, scale and wrap. Energy is what a monitor should compare with; power is a view.
+Energy is what a monitor should compare with; power is a view.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from robot_energy.foundation.config_file import parse_yaml, read_text, validated
 from robot_energy.foundation.errors import MeterProfileError
 from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS
+from ros2_energy_monitor.meters.reading import Quantity
 
 FOLDER = Path(str(resources.files("ros2_energy_monitor") / "meters" / "profiles"))
 UNITS = {**POWER_UNITS, **ENERGY_UNITS}
@@ -44,7 +44,6 @@ class NumberEntry(ProfileEntry):
     """One number of a meter; several add up, such as tariffs or phases.
 
     Attributes:
-        unit: Of the number after `scale`.
         scale: Factor on the number as read. [-]
         wraps_at: Value, in `unit`, at which a counter starts again from zero.
     """
@@ -79,12 +78,8 @@ class MeterProfile(ProfileEntry, Generic[N]):
     """What every profile holds; each kind of link adds its own keys.
 
     Attributes:
-        schema_version: Of profiles.
-        label: Maker and type of the meter.
-        sources: Manuals and their register numbers, one entry each.
         tried: On what the profile was tried, and on what not.
         link: Name of the kind of link that reads the meter.
-        port: Port, where the user names none.
         period: Time from one request to the next, where the user names none; for a meter that
             sends by itself, the usual time between two messages. [s]
         window: Time over which the meter averages its power; 0 for an instantaneous one. [s]
@@ -128,6 +123,12 @@ class MeterProfile(ProfileEntry, Generic[N]):
         return self
 
     @property
+    def quantities(self) -> dict[Quantity, tuple[N, ...]]:
+        """The numbers of each quantity that the meter gives, energy first."""
+        every = {Quantity.ENERGY: self.energy, Quantity.POWER: self.power}
+        return {quantity: numbers for quantity, numbers in every.items() if numbers}
+
+    @property
     def hides_password(self) -> bool:
         """Whether a password is unreadable on the network even without TLS."""
         return False
@@ -142,16 +143,10 @@ P = TypeVar("P", bound=MeterProfile[Any])
 
 
 def read_document(name: str) -> tuple[str, object]:
-    """Read a profile.
+    """Return the path of a profile and its content, unchecked.
 
     Args:
         name: Name of a shipped profile, or path of a file of yours.
-
-    Returns:
-        Its path and its content, unchecked.
-
-    Raises:
-        MeterProfileError: If there is none, or it is no YAML.
     """
     shipped = {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
     path = shipped.get(name) or Path(name)
@@ -165,15 +160,5 @@ def read_document(name: str) -> tuple[str, object]:
 
 
 def checked(document: object, model: type[P], source: str) -> P:
-    """Validate the content of a profile.
-
-    Args:
-        document: What `read_document` returned.
-
-    Returns:
-        The profile.
-
-    Raises:
-        MeterProfileError: If it does not fit.
-    """
+    """Return the profile that a content describes."""
     return validated(document, model, source, MeterProfileError)

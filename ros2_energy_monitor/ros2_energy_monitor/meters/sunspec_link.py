@@ -47,7 +47,6 @@ class _Layout:
     """Where a family of models has its points, counted from the register behind its header.
 
     Attributes:
-        length: Registers of the shortest model that holds them.
         power_scale: Its scale factor; None where numbers are floats.
         energy_scale: Its scale factor; None where numbers are floats.
     """
@@ -71,10 +70,8 @@ class SunSpecProfile(MeterProfile[NumberEntry]):
     """Profile of a meter that describes itself; what it counts follows from its models.
 
     Attributes:
-        unit: Unit identifier.
         bases: Addresses where "SunS" may stand, counted from 0.
         instance: Which meter of a device with several, from 1.
-        DESCRIBES_ITSELF: All meter models have energy and power.
     """
 
     port: Annotated[int, Field(ge=1, le=65535)] = 502
@@ -86,12 +83,7 @@ class SunSpecProfile(MeterProfile[NumberEntry]):
 
 
 class SunSpecLink(MeterLink):
-    """Finds the meter among the models of a device and reads it, a whole model at once.
-
-    Args:
-        profile: Where to look.
-        endpoint: Where the device is.
-    """
+    """Finds the meter among the models of a device and reads it, a whole model at once."""
 
     def __init__(self, profile: SunSpecProfile, endpoint: Endpoint) -> None:
         self._profile = profile
@@ -159,11 +151,7 @@ class SunSpecLink(MeterLink):
 
 
 def terms(data: Sequence[int], layout: _Layout) -> tuple[MeterTerm, MeterTerm]:
-    """Return energy and power of a model.
-
-    Returns:
-        Energy [J] with its wrap, and power [W]; NaN where the meter says: no value.
-    """
+    """Return energy [J], with its wrap, and power [W] of a model; NaN for no value."""
     broken = bool(_unsigned(data, layout.events) & BROKEN)
     watt_hour = ENERGY_UNITS["Wh"]
     if layout.energy_scale is None or layout.power_scale is None:

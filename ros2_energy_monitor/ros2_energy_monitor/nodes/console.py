@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -41,10 +42,6 @@ class Console(Node):
 
     Args:
         write: Prints a line where there is no terminal; None for the standard output.
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        ParameterError: If a parameter cannot be used.
     """
 
     NAME = "console"
@@ -97,17 +94,4 @@ def _print(line: str) -> None:
     print(line, file=sys.stdout, flush=True)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(Console, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, Console)

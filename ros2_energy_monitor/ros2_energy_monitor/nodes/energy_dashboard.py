@@ -25,11 +25,11 @@ from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import MAX_WHOLE, PageHub
 from robot_energy_report.page.settings import load_settings
 from robot_energy_report.page.web_server import PageServer
-from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.node_parameters import DashboardParameters
-from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.parameters import declare, folder_of
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, best_effort
+from ros2_energy_monitor.base.reader_memory import make_room_as_needed
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.web.robot_feed import RobotFeed, namespace_of
 
@@ -38,14 +38,7 @@ POWER_TYPE = "ros2_energy_msgs/msg/PowerState"
 
 
 class EnergyDashboard(Node):
-    """Serves the page.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter cannot be used, or the address.
-    """
+    """Serves the page."""
 
     NAME = "energy_dashboard"
 
@@ -158,16 +151,6 @@ class EnergyDashboard(Node):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line; None for that of the process.
-
-    Returns:
-        The exit code, as of `run`.
-    """
+    """Return the exit code of `run`, once the node is interrupted."""
+    make_room_as_needed()
     return run(EnergyDashboard, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

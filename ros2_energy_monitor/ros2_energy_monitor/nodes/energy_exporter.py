@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -21,7 +20,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.foundation.errors import ParameterError
-from robot_energy.messages.model_messages import RECORDING
+from robot_energy.messages.fields import RECORDING
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, REGISTERS_TOPIC, best_effort
@@ -36,15 +35,7 @@ TICK_PERIOD = 0.1  # [s]
 
 
 class EnergyExporter(Node):
-    """Subscribes ``energy/power`` and ``energy/registers`` and runs the exporters that are named.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        ParameterError: If no exporter is named, or a parameter cannot be used.
-        RobotEnergyError: If an exporter cannot be used.
-    """
+    """Runs the exporters that are named on ``energy/power`` and ``energy/registers``."""
 
     NAME = "energy_exporter"
 
@@ -112,17 +103,4 @@ class EnergyExporter(Node):
         super().destroy_node()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(EnergyExporter, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, EnergyExporter)

@@ -10,33 +10,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from functools import partial
 
-from robot_energy.accounting.account import EnergyAccount
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
-from robot_energy.messages import FrictionWriter, TorqueWriter
+from robot_energy.messages.friction import FrictionWriter
+from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock
-from ros2_energy_monitor.base.account_publisher import AccountPublisher
-from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
-from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
+from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
     messages_in,
-    meter_input,
     temperature_inboxes,
     temperature_ingest,
     temperature_inputs,
 )
-from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import EnergyParameters
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
-from ros2_energy_monitor.base.publishers import (
-    REGISTERS_TOPIC,
-    friction_publisher,
-    torque_publisher,
-)
+from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
 from ros2_energy_monitor.diagnostics.auxiliary import auxiliary_sources
@@ -52,21 +44,11 @@ from ros2_energy_monitor.services.payload import PayloadService
 from ros2_energy_monitor.services.trajectory_services import ComparisonService, PredictionService
 
 
-class EnergyMonitor(MonitorNode[EnergyParameters]):
-    """Publishes what the three monitors publish; ``energy/joint_torque`` only if asked.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+class EnergyMonitor(AccountNode[EnergyParameters]):
+    """Publishes what the three monitors publish; ``energy/joint_torque`` only if asked."""
 
     NAME = "energy_monitor"
-    UNIQUE_TOPIC = REGISTERS_TOPIC
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(self.NAME, EnergyParameters, **options)
+    PARAMETERS = EnergyParameters
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
@@ -85,22 +67,13 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self._loads = AuxiliaryLoads(self, self.parameters, self.account)
-        self._account_publisher = AccountPublisher(self, self.model, self.account, self.parameters)
-        self.exit_stack.callback(self._account_publisher.close)
-        self._account_publisher.open()
-        self._condition = ConditionPublisher(
-            *(self, self.model, self._pipeline.power.condition, self._pipeline.power.thermal),
-            self.parameters.state_folder,
-        )
-        self.exit_stack.callback(self._condition.close)
-        self._condition.open()
-        renew = self.parameters.resubscribe_after
+        self.keep_account(self._pipeline.account, self._pipeline.power)
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
         self._played = PlayedRecording(states)
-        self.temperatures = temperature_inboxes(self, self._temperature, renew)
-        self._meter, self.readings = meter_input(self, self.parameters, renew)
+        self.temperatures = temperature_inboxes(
+            self, self._temperature, self.parameters.resubscribe_after
+        )
         PayloadService(self, self._pipeline.torque, self.model.model_id).open()
         for kind in (PredictionService, ComparisonService):
             prediction = kind(
@@ -166,18 +139,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def activate(self) -> None:
         """Publish the friction as it stands, also before the first temperature."""
         super().activate()
-        self._account_publisher.activate()
         self._friction.publish(self._friction_writer.encode(self._pipeline.friction.latest()))
-
-    @property
-    def account(self) -> EnergyAccount:
-        """The energy account."""
-        return self._pipeline.account
-
-    def parameters_changed(self) -> None:
-        """Use the parameters that can change while active."""
-        super().parameters_changed()
-        self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
     def take(self) -> None:
         """Take what has arrived, unless it is still unknown whether a recording is played."""
@@ -186,14 +148,12 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             return
         if change is Change.RECORDING:
             self._flush()  # what a robot has sent before
-            self._account_publisher.checkpoints.begin_recording(", ".join(self._played.players))
-            self._condition.begin_recording()
+            self.begin_recording(", ".join(self._played.players))
         if change is not Change.ROBOT:
             self._drain()
         if change in (Change.ROBOT, Change.MIXED):
             self._flush()  # the end of the recording
-            self._account_publisher.checkpoints.end_recording()
-            self._condition.end_recording()
+            self.end_recording()
         if change is Change.ROBOT:
             self._drain()
 
@@ -223,11 +183,6 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             )
         )
         self._joints(messages_in(states), lambda: self.ingest.step(states))
-
-    def tick(self) -> None:
-        """Publish the next power state, and keep learned figures."""
-        self.guard.run("publish.power", self._account_publisher.tick)
-        self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
         """Count and publish what still waits."""
@@ -281,17 +236,4 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.guard.run("publish.power", lambda: self._account_publisher.power(means))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(EnergyMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, EnergyMonitor)

@@ -22,12 +22,11 @@ from rclpy.clock_type import ClockType
 
 from robot_energy.foundation.errors import HistoryError, ParameterError
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
-from ros2_energy_monitor.base.checkpoints import folder_of
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
-from ros2_energy_monitor.base.node_parameters import RecorderParameters
-from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.parameters import declare, folder_of
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, best_effort
+from ros2_energy_monitor.base.reader_memory import make_room_as_needed
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.reporter import (
     ERROR,
@@ -37,6 +36,7 @@ from ros2_energy_monitor.diagnostics.reporter import (
     StatusBuilder,
 )
 from ros2_energy_monitor.recorder.alarm_watch import StatusHead, first_name, status_heads
+from ros2_energy_monitor.recorder.parameters import RecorderParameters
 from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
@@ -238,6 +238,7 @@ class EnergyRecorder(ManagedNode):
             "readings_waiting": store.waiting,
             "readings_ignored": store.ignored,
             "readings_dropped": store.dropped,
+            "refused": store.refused,
             "messages_of_recordings": sum(robot.played for robot in robots),
             "messages_malformed": self._malformed + sum(robot.malformed for robot in robots),
             "messages_lost": sum(robot.lost for robot in robots),
@@ -266,16 +267,6 @@ class EnergyRecorder(ManagedNode):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
+    """Return the exit code of `run`, once the node is interrupted."""
+    make_room_as_needed()
     return run(EnergyRecorder, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -10,10 +10,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
-from robot_energy.messages import FrictionWriter
+from robot_energy.messages.friction import FrictionWriter
 from robot_energy.pipeline import FrictionStage
 from robot_energy.timeline.blocks import FrictionBlock, TemperatureBlock
 from ros2_energy_monitor.base.inbox import Inbox
@@ -30,19 +29,10 @@ from ros2_energy_monitor.diagnostics.energy import temperature_source
 
 
 class FrictionMonitor(MonitorNode[FrictionParameters]):
-    """Publishes ``energy/joint_friction`` at the start and at every new temperature.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+    """Publishes ``energy/joint_friction`` at the start and at every new temperature."""
 
     NAME = "friction_monitor"
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(self.NAME, FrictionParameters, **options)
+    PARAMETERS = FrictionParameters
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
@@ -99,17 +89,4 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
             self.guard.run("publish.joint_friction", lambda: publish(encode(block)))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(FrictionMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, FrictionMonitor)

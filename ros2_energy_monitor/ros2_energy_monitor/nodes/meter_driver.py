@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock
@@ -48,14 +48,7 @@ TICK_PERIOD = 0.05  # [s]
 
 
 class MeterDriver(Node):
-    """Publishes ``power_meter`` and ``power_meter/power``.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter, the profile or the credentials cannot be used.
-    """
+    """Publishes ``power_meter`` and ``power_meter/power``."""
 
     NAME = "meter_driver"
 
@@ -168,17 +161,4 @@ def topics(profile: MeterProfile[Any]) -> dict[Quantity, str]:
     return {Quantity.POWER: "power_meter"}
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(MeterDriver, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, MeterDriver)

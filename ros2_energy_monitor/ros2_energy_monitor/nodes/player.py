@@ -8,13 +8,9 @@
 
 """Plays a bag to the monitors at any pace, where there is no `ros2 bag play`.
 
-Messages go out byte for byte, with the stamps they were recorded with; what is scaled is the
-time between them. Topics other than joint states go out a little earlier than they are due:
-at many times the speed of nature the ticks of the nodes, which know no such speed, would
-otherwise bring temperatures and readings late.
-
-In a loop the stamps go back to those of the beginning. For the monitors that is a jump of time: a
-new epoch begins, and no energy is counted across it.
+Messages go out byte for byte, with the stamps they were recorded with. Topics other than joint
+states go out a little earlier than they are due: at many times the speed of nature the ticks of the
+nodes, which know no such speed, would otherwise bring temperatures and readings late.
 """
 
 from __future__ import annotations
@@ -66,20 +62,13 @@ class Player:
     """Publishes what a bag holds.
 
     Args:
-        node: The node that publishes.
         rate: Times the speed of nature, > 0. [-]
         topics: Which to play; None for all that can be.
         part: What of the bag is played; None for all of it.
         clock_rate: How often ``/clock`` is published; 0 for never. [1/s]
-        paused: Whether it stands still at first.
 
     Attributes:
         left_out: Why topics are not played, one sentence each.
-        played: Messages by topic.
-
-    Raises:
-        MissingTopicError: If the bag lacks a topic, or none can be played.
-        BagError: If nothing of the bag lies in the part.
     """
 
     def __init__(
@@ -119,13 +108,7 @@ class Player:
             )
 
     def _publish(self, topic: str, msgtype: str) -> None:
-        """Make the publisher of one topic.
-
-        Raises:
-            MessageTypeError: If its messages are not installed.
-            BagError: If its name cannot be that of a topic, or is that of another one, or its
-                messages were recorded by another definition than the one installed.
-        """
+        """Make the publisher of one topic."""
         name = _full(topic)
         if name == CLOCK_TOPIC and self._publishes_clock:
             raise BagError(
@@ -165,11 +148,10 @@ class Player:
         ]
 
     def play(self, pause: Callable[[float], bool], *, loop: bool = False) -> None:
-        """Publish all of it.
+        """Publish all of it, once or for ever.
 
         Args:
-            pause: Waits some seconds; returns whether to go on.
-            loop: Whether to begin again at the end, for ever.
+            pause: Waits [s] and returns whether to go on.
         """
         while self._play_once(pause) and loop:
             self._report("begins again")
@@ -220,9 +202,6 @@ def _stream(
 
 def main(args: Sequence[str] | None = None) -> int:
     """Play a bag.
-
-    Args:
-        args: Command line without the program; None for that of the process.
 
     Returns:
         Exit code: 0; 1 if nobody listens; 2 if the bag cannot be played; 130 if interrupted.
@@ -279,9 +258,6 @@ def _positive(text: str) -> float:
 @contextmanager
 def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
     """Execute a node in the pauses of a program that has something else to do.
-
-    Args:
-        node: The node; destroyed at the end.
 
     Yields:
         Waits some seconds; returns whether to go on.

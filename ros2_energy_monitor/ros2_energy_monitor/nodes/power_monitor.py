@@ -11,10 +11,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from ros2_energy_msgs.msg import JointFriction, JointTorque
@@ -23,7 +22,8 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.messages import FrictionReader, TorqueReader
+from robot_energy.messages.friction import FrictionReader
+from robot_energy.messages.torque import TorqueReader
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import PowerStage
 from robot_energy.timeline.blocks import (
@@ -33,18 +33,14 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     TorqueBlock,
 )
-from ros2_energy_monitor.base.account_publisher import AccountPublisher
-from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
-from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
+from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.inputs import messages_in, meter_input
-from ros2_energy_monitor.base.monitor_node import MonitorNode
+from ros2_energy_monitor.base.inputs import messages_in
 from ros2_energy_monitor.base.node_parameters import PowerParameters
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
     FRICTION_DEPTH,
     FRICTION_TOPIC,
-    REGISTERS_TOPIC,
     TORQUE_TOPIC,
     latched,
     reliable,
@@ -62,21 +58,11 @@ from ros2_energy_monitor.diagnostics.inputs import InputWatch
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 
 
-class PowerMonitor(MonitorNode[PowerParameters]):
-    """Publishes ``energy/power`` and ``energy/registers``.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+class PowerMonitor(AccountNode[PowerParameters]):
+    """Publishes ``energy/power`` and ``energy/registers``."""
 
     NAME = "power_monitor"
-    UNIQUE_TOPIC = REGISTERS_TOPIC
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(self.NAME, PowerParameters, **options)
+    PARAMETERS = PowerParameters
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
@@ -84,29 +70,15 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
-        self.account = EnergyAccount(
-            *(len(self.model.joints), settings, MeterResponse.of(self.model)),
-            motor_rest(self.model),
-        )
-        self._loads = AuxiliaryLoads(self, self.parameters, self.account)
-        self._account_publisher = AccountPublisher(self, self.model, self.account, self.parameters)
-        self.exit_stack.callback(self._account_publisher.close)
-        self._account_publisher.open()
-        self._condition = ConditionPublisher(
-            *(self, self.model, self._stage.condition, self._stage.thermal),
-            self.parameters.state_folder,
-        )
-        self.exit_stack.callback(self._condition.close)
-        self._condition.open()
+        response, rest = MeterResponse.of(self.model), motor_rest(self.model)
+        account = EnergyAccount(len(self.model.joints), settings, response, rest)
+        self.keep_account(account, self._stage)
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(self, JointTorque, TORQUE_TOPIC, reliable(depth), renew_after=renew)
         self._played = PlayedRecording([self.torques])
         self._recording = False
         self.frictions = Inbox(self, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
-        self._meter, self.readings = meter_input(
-            self, self.parameters, self.parameters.resubscribe_after
-        )
         self.inputs = [
             (self.torques, self._torque.rejections),
             (self.frictions, self._friction.rejections),
@@ -146,16 +118,6 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self._condition.findings,
         ]
 
-    def activate(self) -> None:
-        """Keep and publish the registers from now on."""
-        super().activate()
-        self._account_publisher.activate()
-
-    def parameters_changed(self) -> None:
-        """Use the parameters that can change while active."""
-        super().parameters_changed()
-        self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
-
     def take(self) -> None:
         """Drain all inputs and publish the periods that ended.
 
@@ -189,11 +151,6 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         for mean in means or ():
             self._publish(mean)
 
-    def tick(self) -> None:
-        """Publish the next power state, and keep learned figures."""
-        self.guard.run("publish.power", self._account_publisher.tick)
-        self.guard.run("condition", self._condition.tick)
-
     def deactivate(self) -> None:
         """Count and publish what still waits."""
         self.take()
@@ -212,13 +169,10 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         if recording != self._recording:
             means += self._flushed()
             self._recording = recording
-            checkpoints = self._account_publisher.checkpoints
             if recording:
-                checkpoints.begin_recording(", ".join(self._played.players) or "a player")
-                self._condition.begin_recording()
+                self.begin_recording(", ".join(self._played.players) or "a player")
             else:
-                checkpoints.end_recording()
-                self._condition.end_recording()
+                self.end_recording()
         return [*means, self._use_torque(block)]
 
     def _flushed(self) -> list[MeanBlock | None]:
@@ -271,17 +225,4 @@ def _alike(batch: RawBatch) -> Iterator[RawBatch]:
         yield batch[slice(start, stop)]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(PowerMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, PowerMonitor)

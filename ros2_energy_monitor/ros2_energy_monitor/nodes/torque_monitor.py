@@ -10,11 +10,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from functools import partial
 
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
-from robot_energy.messages import TorqueWriter
+from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import TorqueStage
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 from ros2_energy_monitor.base.inputs import joint_state_inboxes, messages_in
@@ -29,22 +29,13 @@ from ros2_energy_monitor.services.payload import PayloadService
 
 
 class TorqueMonitor(MonitorNode[TorqueParameters]):
-    """Publishes ``energy/joint_torque`` for every accepted message of ``joint_states``.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
-    """
+    """Publishes ``energy/joint_torque`` for every accepted message of ``joint_states``."""
 
     NAME = "torque_monitor"
+    PARAMETERS = TorqueParameters
     # One message for each joint state: bursts of 80 ms lost some on the way to a subscriber where
     # recordings are played fast; its receive buffer is small by default.
     TAKEN_EVERY = 0.0
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(self.NAME, TorqueParameters, **options)
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
@@ -118,17 +109,4 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             self.guard.run("publish.joint_torque", lambda: publish(encode(torque, self._recording)))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(TorqueMonitor, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, TorqueMonitor)

@@ -11,8 +11,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock
@@ -36,17 +36,7 @@ CLEARANCE = 0.3  # height that the flange keeps above the base [m]
 
 
 def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
-    """Set up the rig with a random program.
-
-    Args:
-        start_stamp_ns: Stamp of the first sample. [ns]
-
-    Returns:
-        The rig, at rest before its first sample.
-
-    Raises:
-        RigError: If the figures make no sense together.
-    """
+    """Return the rig with a random program, at rest before its first sample."""
     drawn = parameters.plant_seed >= 0
     profile = random_profile(BODY, parameters.plant_seed) if drawn else load_profile(BODY)
     config = RigConfig.hard() if parameters.hard else RigConfig()
@@ -76,12 +66,6 @@ class VirtualRobot(Node):
     up to a tick later, so that they come as evenly as those of a driver. Stamps are those of the
     node's clock at the start plus the time of the rig. ``effort`` is the motor torque that the
     drives report.
-
-    Args:
-        options: Options of `rclpy.node.Node`.
-
-    Raises:
-        RobotEnergyError: If a parameter or the rig cannot be used.
     """
 
     NAME = "virtual_robot"
@@ -129,17 +113,4 @@ class VirtualRobot(Node):
                 self._loads[topic].publish(rows)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted.
-
-    Args:
-        args: Command line without the program; None for that of the process.
-
-    Returns:
-        Exit code of `run`.
-    """
-    return run(VirtualRobot, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run, VirtualRobot)

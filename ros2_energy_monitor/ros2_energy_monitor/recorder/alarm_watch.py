@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ LASTING = 10.0  # how long an alarm lasts before it is noted [s]
 OVER = 60.0  # how long all is well before it has ended; one that comes again is the same [s]
 MAX_STATUSES = 200  # of a robot
 MAX_TEXT = 300  # characters
+FRAME_AT = 12  # where the frame of a serialised message begins
 WORDS = ("ok", "warning", "stale", "error")
 
 
@@ -48,7 +49,9 @@ def first_name(data: bytes) -> bytes:
 
     Errors as of `status_heads`.
     """
-    return next((name for name, *_ in _statuses(data)), b"")
+    count, text = _readers(data)
+    statuses, place = count(text(FRAME_AT)[1])
+    return text(place + 1)[0] if statuses else b""
 
 
 def status_heads(data: bytes) -> tuple[int, list[StatusHead]]:
@@ -67,8 +70,10 @@ def status_heads(data: bytes) -> tuple[int, list[StatusHead]]:
     ]  # fmt: skip
 
 
-def _statuses(data: bytes) -> Iterator[tuple[bytes, bytes, bytes, bytes]]:
-    """Yield name, level, message and the value named restarts of each status."""
+def _readers(
+    data: bytes,
+) -> tuple[Callable[[int], tuple[int, int]], Callable[[int], tuple[bytes, int]]]:
+    """What reads a count, and a text, at a place, and returns where it ends."""
     count_at = struct.Struct("<I" if data[1] & 1 else ">I").unpack_from
 
     def count(place: int) -> tuple[int, int]:
@@ -82,8 +87,13 @@ def _statuses(data: bytes) -> Iterator[tuple[bytes, bytes, bytes, bytes]]:
             raise ValueError(f"a text up to byte {end} of {len(data)}")
         return data[place : end - 1], end
 
-    _, place = text(12)
-    statuses, place = count(place)
+    return count, text
+
+
+def _statuses(data: bytes) -> Iterator[tuple[bytes, bytes, bytes, bytes]]:
+    """Yield name, level, message and the value named restarts of each status."""
+    count, text = _readers(data)
+    statuses, place = count(text(FRAME_AT)[1])
     for _ in range(statuses):
         level = data[place : place + 1]
         name, place = text(place + 1)

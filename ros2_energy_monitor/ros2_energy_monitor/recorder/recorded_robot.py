@@ -195,4 +195,4 @@ def _job(interval: EnergyInterval) -> dict[str, Any]:
 
 
 def _whole(value: float) -> int:
-    return round(value) if math.isfinite(value) and abs(value) < 2.0**62 else 0
+    return round(value) if math.isfinite(value) and abs(value) < 2.0**53 else 0

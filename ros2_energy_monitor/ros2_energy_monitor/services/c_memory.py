@@ -95,11 +95,7 @@ class Bytes(ctypes.Structure):
 
 
 class CMessage:
-    """A message in memory of its own.
-
-    Attributes:
-        address: Where it lies.
-    """
+    """A message in memory of its own."""
 
     def __init__(self, kind: type[Any]) -> None:
         support: Any = type(kind)
@@ -121,14 +117,7 @@ class CMessage:
         return layout(self._kind).from_address(self.address)
 
     def fill(self, message: Any) -> CMessage:
-        """Write a message of rclpy here.
-
-        Args:
-            message: Of the same class.
-
-        Returns:
-            This memory.
-        """
+        """Return this with a message of rclpy written to it."""
         if not self._fill(message, self.address):
             raise TypeError(f"{message!r} is not a {self._kind.__name__}")
         return self
@@ -156,13 +145,7 @@ class CMessage:
             rmw.rcutils_uint8_array_fini(ctypes.byref(array))
 
     def deserialise(self, data: bytes) -> CMessage:
-        """Write a serialised message here.
-
-        Args:
-            data: From `serialised`.
-
-        Returns:
-            This memory.
+        """Return this with a serialised message written to it.
 
         Raises:
             ValueError: If the middleware cannot read it.
@@ -178,11 +161,7 @@ class CMessage:
             raise ValueError(f"{function.__name__} of {self._kind.__name__} failed")
 
     def read(self) -> SimpleNamespace:
-        """Return the fields as Python has them; trajectories as `PointColumns`.
-
-        Raises:
-            MotionError: If there are too many joints.
-        """
+        """Return the fields as Python has them; trajectories as `PointColumns`."""
         return _struct(self._kind, self.fields)
 
 
@@ -233,11 +212,7 @@ def _read(text: str, value: Any) -> Any:
 
 
 def points_of(trajectory: Any) -> NDArray[np.void]:
-    """Return the points of a trajectory as they lie in memory, shape (K,).
-
-    Args:
-        trajectory: Fields of a ``trajectory_msgs/msg/JointTrajectory``.
-    """
+    """Return the points of a trajectory as they lie in memory, shape (K,)."""
     point: Any = layout(_class("trajectory_msgs/JointTrajectoryPoint"))
     kind = np.dtype(point)
     points = trajectory.points

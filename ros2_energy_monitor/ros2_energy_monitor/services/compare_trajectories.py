@@ -36,21 +36,13 @@ def compared(
     newest_degc: Float,
     calibration: Calibrated,
 ) -> Answer:
-    """Compare trajectories.
+    """Return the fields of the response, each candidate as fields of a ``CandidateEnergy``.
 
     Args:
         request: Fields of a ``CompareTrajectories.Request``, its trajectories as `PointColumns`.
-        carried: Bodies that the robot carries.
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-
-    Returns:
-        Fields of the response; each candidate as fields of a ``CandidateEnergy``.
-
-    Raises:
-        MotionError: If the request as a whole makes no sense.
-        UnknownJointError: If a temperature is that of another robot's joint.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
     from robot_energy_plan.motion.joint_trajectory import JointTrajectory, through_points

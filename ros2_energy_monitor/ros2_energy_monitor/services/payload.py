@@ -17,7 +17,7 @@ from ros2_energy_msgs.msg import Payload
 from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.messages import PayloadWriter, answer_set_payload
+from robot_energy.messages.payload import PayloadWriter, answer_set_payload
 from robot_energy.pipeline import TorqueStage
 from ros2_energy_monitor.base.publishers import RowPublisher, latched
 
@@ -25,11 +25,7 @@ DEPTH = 100  # changes that a late subscriber gets at most
 
 
 class PayloadService:
-    """Serves ``~/set_payload`` and publishes what is accepted on ``energy/payload``.
-
-    Args:
-        node: The node that computes the torque.
-    """
+    """Serves ``~/set_payload`` and publishes what is accepted on ``energy/payload``."""
 
     def __init__(self, node: Node, stage: TorqueStage, model_id: str) -> None:
         self._node, self._stage = node, stage

@@ -19,7 +19,7 @@ import numpy as np
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import Registers
 from robot_energy.foundation.errors import MotionError
-from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
+from robot_energy.messages.fields import JOINT_FIELDS, SHAFT_FIELDS
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload, payload
 from robot_energy.timeline.blocks import NANOSECOND, Float, known_part
@@ -36,7 +36,7 @@ def predicted(
     newest_degc: Float,
     calibration: Calibrated,
 ) -> Answer:
-    """Predict a trajectory.
+    """Return the fields of the response, each joint as fields of a ``JointEnergy``.
 
     Args:
         request: Fields of a ``PredictTrajectory.Request``, its trajectory as `PointColumns`.
@@ -45,12 +45,6 @@ def predicted(
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
         calibration: What a meter has shown of the bands of this model.
-
-    Returns:
-        Fields of the response; each joint as fields of a ``JointEnergy``.
-
-    Raises:
-        RobotEnergyError: If the trajectory cannot be made or is too long.
     """
     # Heavy: imported by the process that predicts, not by the monitor.
     from robot_energy_plan.motion.joint_trajectory import through_points
@@ -115,18 +109,12 @@ def _joints(registers: Registers, model: RobotModel) -> list[dict[str, Any]]:
 def temperatures_of(
     model: RobotModel, joint_names: Sequence[str], given: Sequence[float], newest_degc: Float
 ) -> Float:
-    """Return temperatures in the order of the model: as asked, else the newest, else the fallback.
+    """Return temperatures as asked, else the newest, else the fallback, shape (n,). [degC]
 
     Args:
         joint_names: In the order of ``given``.
         given: As asked; NaN, or empty, where nothing is. [degC]
         newest_degc: NaN where unknown, shape (n,). [degC]
-
-    Returns:
-        Shape (n,). [degC]
-
-    Raises:
-        MotionError: If there are not as many as joints.
     """
     if len(given) not in (0, len(joint_names)):
         raise MotionError(

@@ -48,9 +48,6 @@ class TakenRequest:
 class RawService:
     """A service that is polled by a thread; use it from one thread only.
 
-    Args:
-        node: The node that serves; it destroys the service.
-
     Raises:
         OSError: If `rcl` cannot be called.
         AttributeError: If `rclpy` does not say where its service lies.
@@ -88,11 +85,7 @@ class RawService:
         return taken
 
     def answer(self, request: TakenRequest, response: Any) -> None:
-        """Answer a request; nothing happens if the service is gone.
-
-        Args:
-            request: From `take`.
-        """
+        """Answer a request; nothing happens if the service is gone."""
         message = CMessage(self._kind.Response).fill(response)
         self._call(self._send, request.header, message.address)
         message.free()

@@ -25,7 +25,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.foundation.errors import RegisterError
 from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.messages import interval_fields
+from robot_energy.messages.registers import interval_fields
 from robot_energy.model import RobotModel
 from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.lifecycle import ManagedNode
@@ -37,7 +37,6 @@ class RegisterServices:
     The thread of the ticks changes the account and goes on; it never waits for the disk.
 
     Args:
-        node: The node that serves.
         take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 

@@ -57,8 +57,6 @@ class PredictionService:
         parts: Fields of its response that are lists of messages, with their classes.
 
     Args:
-        node: The node that serves.
-        payload: Gives the bodies that the robot carries now.
         motor_temperature_degc: Gives the newest motor temperatures, NaN where unknown,
             shape (n,). [degC]
         calibration: Gives what the meter has shown of the bands so far.
@@ -245,11 +243,7 @@ class ComparisonService(PredictionService):
     parts: ClassVar[dict[str, Any]] = {"candidates": CandidateEnergy}
 
     def trajectories(self, fields: Any) -> list[Any]:
-        """Return the trajectories of a request, as they lie in memory.
-
-        Raises:
-            MotionError: If there are too many.
-        """
+        """Return the trajectories of a request, as they lie in memory."""
         if fields.trajectories.size > MAX_CANDIDATES:
             raise MotionError(
                 f"{fields.trajectories.size} trajectories were given", f"at most {MAX_CANDIDATES}"

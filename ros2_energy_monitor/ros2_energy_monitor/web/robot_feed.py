@@ -50,7 +50,6 @@ class RobotFeed:
     """Feeds one robot's state.
 
     Args:
-        node: The node that subscribes.
         namespace: Of the robot's monitors, with or without the leading slash.
     """
 
@@ -86,11 +85,7 @@ class RobotFeed:
         return "list_intervals" in self._clients
 
     def look_after(self, services: Sequence[str]) -> None:
-        """Ask for the job intervals, and subscribe again what is silent; about once a second.
-
-        Args:
-            services: Names of all that there are.
-        """
+        """Ask for the job intervals, and subscribe again what is silent; about once a second."""
         for inbox in (self._power, self._registers):
             inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():
@@ -106,12 +101,7 @@ class RobotFeed:
     def act(
         self, action: str, text: str, answer: Future[tuple[bool, str]], services: Sequence[str]
     ) -> None:
-        """Call a service of the registers.
-
-        Args:
-            action: One of `SERVICES` but the list.
-            services: As of `look_after`.
-        """
+        """Call a service of the registers."""
         client = self._client(action, services)
         if client is None:
             answer.set_result((False, f"no monitor of this robot offers {action}"))

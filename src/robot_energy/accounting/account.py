@@ -115,18 +115,11 @@ class EnergyAccount:
         self._resume_ns: int | None = None  # newest sample counted before a restart
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings.
-
-        Args:
-            block: Readings in order of arrival.
-        """
+        """Take meter readings."""
         self.comparison.measure(block)
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
         """Count power samples.
-
-        Args:
-            block: Power samples in time order.
 
         Returns:
             Means of the periods that ended, or None.
@@ -261,20 +254,12 @@ class EnergyAccount:
         return record_of(self, identity)
 
     def restore(self, record: AccountRecord) -> None:
-        """Continue from a record; what this account has counted is dropped.
-
-        Args:
-            record: Of the same joints in the same order.
-        """
+        """Continue from a record; what this account has counted is dropped."""
         self.resume(record)
         self.restarts += 1
 
     def resume(self, record: AccountRecord) -> None:
-        """Go on with a record of this account; what it has counted since is dropped.
-
-        Args:
-            record: Of the same joints in the same order.
-        """
+        """Go on with a record of this account; what it has counted since is dropped."""
         self.begin()
         carry_into(self, record)
         self._resume_ns = record.end_ns
@@ -291,11 +276,7 @@ class EnergyAccount:
         self.restarts += 1
 
     def calibrate(self, kept: Calibrated) -> None:
-        """Go on with the bands and the lag of the meter that an earlier run has found.
-
-        Args:
-            kept: As `BandCalibration.state` gave it.
-        """
+        """Go on with the bands and the lag of the meter that an earlier run has found."""
         self.calibration.restore(kept)
         self.comparison.lag.begin([(error, step) for error, step, _ in kept.energy_windows])
 
@@ -310,12 +291,7 @@ class EnergyAccount:
         self._resume_ns = self.registers.time.end_ns
 
     def reset(self, reason: str) -> None:
-        """Set all counters to zero at the newest sample; open intervals keep what they counted.
-
-        Raises:
-            RegisterError: If there is no reason, or one that is too long or not on one
-                line, or nothing was counted yet.
-        """
+        """Set all counters to zero at the newest sample; open intervals keep what they counted."""
         before = self.totals()
         if not reason.strip():
             raise RegisterError("a reset without a reason", "a few words that say why")
@@ -342,31 +318,18 @@ class EnergyAccount:
             self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Begin a job interval at the newest counted sample.
+        """Return a job interval that begins at the newest counted sample.
 
         Args:
             name: Unique among the open intervals, 1 to 100 printable characters.
-
-        Returns:
-            The interval, which has counted nothing yet.
-
-        Raises:
-            RegisterError: See `JobIntervals.open`.
         """
         return self.intervals.open(name, self.end_ns, self.totals())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """End a job interval at the newest counted sample.
+        """Return a job interval, ended at the newest counted sample.
 
         Args:
-            name: Its name; used where no number is given.
             interval_id: Its number; 0 for none.
-
-        Returns:
-            The interval with all that it counted.
-
-        Raises:
-            RegisterError: If no such interval is open.
         """
         return self.intervals.close(name, interval_id, self.end_ns or 0, self.totals())
 

@@ -105,7 +105,6 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
 
     Args:
         account: The account; empty, or begun no earlier than the record ends.
-        record: Of the same joints in the same order, with every register.
     """
     registers, totals, rest = account.registers, record.totals, record.remainders
     empty = registers.time.end_ns is None
@@ -164,11 +163,7 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
 
 
 def deviation_of(counted: Totals) -> Float:
-    """Return the integrals of the deviations, in the order of the registers, shape (K,). [J]
-
-    Args:
-        counted: By all counters, or between two instants.
-    """
+    """Return the integrals of the deviations, in the order of the registers, shape (K,). [J]"""
     cabinet, joints = counted.cabinet_energy_microjoule, counted.joint_energy_microjoule
     values = [cabinet[name] for name in CABINET_DEVIATION_KEYS]
     return np.array([*values, *_rows(joints, JOINT_DEVIATION_KEYS)]) / PER_JOULE

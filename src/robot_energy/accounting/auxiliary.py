@@ -32,7 +32,6 @@ class AuxiliaryAccount:
     """Counts the loads outside of one cabinet.
 
     Args:
-        loads: Of the model file; at least one.
         topics: What is said of meter and states of each, by its name; usual by default.
         max_gap: Longest time between two readings of a meter that is bridged. [s]
         planned: Whether to go by states alone, as for a prediction.
@@ -45,7 +44,6 @@ class AuxiliaryAccount:
         missing_count: How often a load ceased to be known, shape (n,).
         state_energy: By load and state, all in one row, exact.
         state_ns: Time in each of these states while the power is known. [ns]
-        together_ns: That time. [ns]
         observed_ns: Observed time in all, decided so far. [ns]
     """
 
@@ -107,11 +105,7 @@ class AuxiliaryAccount:
         return [each.mark() for each in self._sums], counts, (self._waiting, self._was_known)
 
     def go_back(self, mark: AccountMark) -> None:
-        """Drop what was counted since.
-
-        Args:
-            mark: From `mark`.
-        """
+        """Drop what was counted since."""
         sums, counts, (self._waiting, self._was_known) = mark
         for each, where in zip(self._sums, sums, strict=True):
             each.go_back(where)
@@ -125,7 +119,6 @@ class AuxiliaryAccount:
             counts: Known and missing time [ns] and count of each load, shape (3, n).
             state_ns: Time in each state, shape (states,). [ns]
             together_ns: Time for which all loads are known. [ns]
-            observed_ns: Observed time. [ns]
         """
         self.known_ns, self.missing_ns, self.missing_count = counts + np.stack(
             [self.known_ns, self.missing_ns, self.missing_count]
@@ -153,11 +146,7 @@ class AuxiliaryAccount:
         return next(curve for curve in self.curves if curve.load.name == name)
 
     def take(self, name: str, readings: MeterBlock | None, states: MeterBlock | None) -> None:
-        """Take what came from one load.
-
-        Args:
-            readings: Of its meter, in order of arrival.
-        """
+        """Take what came from one load."""
         load = self[name]
         if readings is not None:
             load.measure(readings)
@@ -165,11 +154,7 @@ class AuxiliaryAccount:
             load.switch(states.stamp_ns, states.power)
 
     def step(self, block: PowerBlock) -> None:
-        """Take power of the cabinet.
-
-        Args:
-            block: Samples in time order.
-        """
+        """Take power of the cabinet."""
         grid = block.grid_power
         first = self._last or (int(block.stamp_ns[0]), int(block.segment[0]), float(grid[0]))
         stamp = np.concatenate([[first[0]], block.stamp_ns])

@@ -76,14 +76,7 @@ class MeanBlock(Block):
     loads: Float
 
     def mean(self, name: str) -> Float:
-        """Return the mean of a cabinet register's power.
-
-        Args:
-            name: One of ``CABINET_REGISTERS``.
-
-        Returns:
-            Shape (W,). [W]
-        """
+        """Return the mean of a cabinet register's power, shape (W,). [W]"""
         return self.cabinet[:, CABINET_REGISTERS.index(name)]
 
     @property
@@ -92,14 +85,7 @@ class MeanBlock(Block):
         return self.mean("grid_import") - self.mean("grid_return")
 
     def joint_mean(self, name: str) -> Float:
-        """Return the mean of a joint register's power.
-
-        Args:
-            name: One of ``JOINT_REGISTERS``.
-
-        Returns:
-            Shape (W, n). [W]
-        """
+        """Return the mean of a joint register's power, shape (W, n). [W]"""
         return self.joints[:, JOINT_REGISTERS.index(name)]
 
 
@@ -172,14 +158,11 @@ class Averager:
     def step(
         self, block: PowerBlock, intervals: SampleIntervals, shaft: Float | None, compared: Compared
     ) -> MeanBlock | None:
-        """Take samples and return the periods that ended.
+        """Return the periods that end with these samples, one row each; None if none does.
 
         Args:
             shaft: Measured shaft energy of each interval, shape (N, n), NaN where unknown;
                 None where all is. [J]
-
-        Returns:
-            One row per ended period, or None.
         """
         if len(compared):
             self._compared.append(compared)

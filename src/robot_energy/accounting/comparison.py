@@ -1,14 +1,10 @@
 """Predicted and measured power, over exactly the same covered intervals.
 
-A meter has its own rate and its own meaning. Its readings become pieces of a curve:
-straight between instantaneous readings, level over the interval of a mean or between
-two changes of a counter. The predicted power is straight between samples. Both are
-integrated over the intersection of what is covered by both, cut at every breakpoint of
-either, so the result does not depend on how the input is cut into blocks.
-
-Next to the energy that is drawn over each of these intervals stands what a meter with a delay and a
-low pass shows of it (`robot_energy.accounting.meter_response`). Powers are compared with the
-latter; energies are counted from the former. A counter shows what is drawn.
+A meter has its own rate and its own meaning: straight between instantaneous readings, level over
+the interval of a mean or between two changes of a counter. Predicted power is straight between
+samples. Both are integrated where both are known, cut at every breakpoint of either, so the result
+does not depend on how the input is cut into blocks. Powers are compared with what a meter with a
+delay and a low pass shows (`robot_energy.accounting.meter_response`); energies count what is drawn.
 """
 
 from __future__ import annotations
@@ -53,9 +49,6 @@ class Idle:
 
     Attributes:
         since_ns: Predicted stamp at which it began. [ns]
-        until_ns: Newest predicted stamp. [ns]
-        readings: Readings that were used by its beginning.
-        gaps: Pairs of them that were too far apart.
         ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
     """
 
@@ -71,7 +64,6 @@ class _Epoch:
     """Both curves of one epoch, as far as they are not compared.
 
     Attributes:
-        done_ns: Until where they are compared. [ns]
         newest_ns: Newest reading of the meter; None before the first. [ns]
     """
 
@@ -94,7 +86,6 @@ class Comparison(ExactSum):
 
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
-        location: Where the meter sits.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
         early_since_ns: Predicted stamp since which readings are stamped more than
@@ -157,11 +148,7 @@ class Comparison(ExactSum):
             self._last = (self._last[0], NO_SEGMENT, np.nan)
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings; they wait until power is predicted for their time.
-
-        Args:
-            block: Readings in order of arrival.
-        """
+        """Take meter readings; they wait until power is predicted for their time."""
         self.location, self.meaning = block.location, block.meaning
         for number, part in enumerate(self.curve.step(block)):
             if number:
@@ -179,15 +166,12 @@ class Comparison(ExactSum):
                 epoch.newest_ns = int(part.end_ns[-1])
 
     def predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
-        """Take predicted power and compare as far as both are known.
+        """Return the intervals that become comparable with more predicted power.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
             power: Predicted power at the meter's place, shape (N,). [W]
-
-        Returns:
-            The elementary intervals that became comparable.
         """
         before = int(stamp_ns[0]) if self._last is None else self._last[0]
         calm = self._measured_epoch == self._predicted_epoch and int(stamp_ns[0]) >= before

@@ -36,10 +36,6 @@ class EnergyCurve:
     What has the same stamp is one stretch. Where there are more than `max_rows`, every two,
     four, eight, ... neighbours become one; how the input was cut into blocks makes no
     difference.
-
-    Args:
-        columns: Energies at each stamp.
-        max_rows: Stretches that are kept at most.
     """
 
     def __init__(self, columns: int, max_rows: int = MAX_ROWS) -> None:

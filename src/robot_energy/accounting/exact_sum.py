@@ -71,11 +71,7 @@ class ExactSum:
         return self._microjoule, self._remainder, self._waiting, self._rows
 
     def go_back(self, mark: SumMark) -> None:
-        """Drop what was added since.
-
-        Args:
-            mark: From `mark`.
-        """
+        """Drop what was added since."""
         self._microjoule, self._remainder, self._waiting, self._rows = mark
 
     def add(self, energy: Float, first: int = 0) -> None:

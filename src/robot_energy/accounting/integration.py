@@ -1,8 +1,4 @@
-"""Time and trapezoids: which time was integrated, and what energy each interval carries.
-
-Which time counts says `Coverage`. What is computed every 10 ms and held in between, such as
-deviations of power, is integrated over that same time.
-"""
+"""Time and trapezoids: which time was integrated, and what energy each interval carries."""
 
 from __future__ import annotations
 
@@ -45,16 +41,13 @@ class TrapezoidIntegrator:
     _last: tuple[int, int, Float] | None = None
 
     def step(self, stamp_ns: Int, segment: Int, power: Float) -> SampleIntervals:
-        """Take samples and return the intervals that end at them.
+        """Return the intervals that end at these samples, one a sample.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
             power: Shape (N, R). An interval is a gap if a sample of it is not finite in all
                 columns, or if its energy is more than a register can take. [W]
-
-        Returns:
-            One interval per sample.
         """
         return self.integrate(
             stamp_ns,
@@ -70,15 +63,12 @@ class TrapezoidIntegrator:
     def integrate(
         self, stamp_ns: Int, segment: Int, first: Callable[[], Float], energies: Energies
     ) -> SampleIntervals:
-        """Take samples whose energies are computed elsewhere, likewise.
+        """Return the intervals of samples whose energies are computed elsewhere, likewise.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
             first: Gives the powers at the first sample, shape (R,). [W]
-
-        Returns:
-            One interval per sample.
         """
         if self._last is None:
             self._last = (int(stamp_ns[0]), int(segment[0]), first())
@@ -146,14 +136,10 @@ class HeldIntegrator:
         self._open: _Open | None = None
 
     def step(self, block: PowerBlock, duration_ns: Int) -> HeldEnergies | None:
-        """Take power samples.
+        """Return what becomes complete with these power samples, if anything.
 
         Args:
-            block: In time order.
             duration_ns: Observed time up to each sample, shape (N,). [ns]
-
-        Returns:
-            What became complete, if anything.
         """
         held, before = block.deviation, self._open
         starts = held.begins.nonzero()[0]

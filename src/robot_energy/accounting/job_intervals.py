@@ -37,19 +37,10 @@ class JobIntervals:
         return len(self._open)
 
     def open(self, name: str, stamp_ns: int | None, totals: Totals) -> EnergyInterval:
-        """Begin an interval at the newest counted sample.
+        """Return a new interval that begins at the newest counted sample.
 
         Args:
             name: Unique among the open ones, 1 to 100 printable characters.
-            stamp_ns: Newest counted sample. [ns]
-            totals: All counters at that instant.
-
-        Returns:
-            The interval, still empty.
-
-        Raises:
-            RegisterError: If the name does not fit or is taken, if too many are open, or
-                if no sample was counted yet.
         """
         require_plain_text("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self._open.values()):
@@ -76,19 +67,10 @@ class JobIntervals:
         return self._report(entry, stamp_ns, totals, is_open=True)
 
     def close(self, name: str, interval_id: int, stamp_ns: int, totals: Totals) -> EnergyInterval:
-        """End an interval at the newest counted sample.
+        """Return what an interval counted that ends at the newest counted sample.
 
         Args:
             name: Its name; used where the number is 0.
-            interval_id: Its number, or 0.
-            stamp_ns: Newest counted sample. [ns]
-            totals: All counters at that instant.
-
-        Returns:
-            What it counted.
-
-        Raises:
-            RegisterError: If no such interval is open.
         """
         found = [
             entry
@@ -106,12 +88,7 @@ class JobIntervals:
         return closed
 
     def listed(self, stamp_ns: int | None, totals: Totals) -> list[EnergyInterval]:
-        """Return the closed intervals, oldest first, then the open ones as they stand.
-
-        Args:
-            stamp_ns: Newest counted sample. [ns]
-            totals: All counters at that instant.
-        """
+        """Return the closed intervals, oldest first, then the open ones as they stand."""
         now = [
             self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, totals, True)
             for entry in self._open.values()

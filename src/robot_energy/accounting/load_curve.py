@@ -41,8 +41,6 @@ class LoadCurve:
             a state holds until the next one. [s]
 
     Attributes:
-        metered: Whether its meter says its power.
-        switched: Whether states may arrive by messages.
         bad_states: Numbers that arrived and are those of no state.
     """
 
@@ -73,11 +71,7 @@ class LoadCurve:
         self._remarks: Int = np.array([self._default])
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter.
-
-        Args:
-            block: Readings in order of arrival.
-        """
+        """Take readings of the meter."""
         first, *later = self.curve.step(block)
         pieces = later[-1] if later else self._pieces.join(first)
         self._pieces = pieces[slice(-MAX_KEPT, None)]
@@ -124,11 +118,7 @@ class LoadCurve:
         self._changed_ns, self._state, self._remarks = changed[rows], state_[rows], remarks[rows]
 
     def known_until(self, newest_ns: int) -> int:
-        """Return until when the power is known, though more may arrive. [ns]
-
-        Args:
-            newest_ns: Newest sample of the robot. [ns]
-        """
+        """Return until when the power is known, though more may arrive. [ns]"""
         until = newest_ns - STATE_WAIT_NS if self.switched else newest_ns
         if not self.metered:
             return until
@@ -201,11 +191,7 @@ class LoadCurve:
         return power, np.where(place < 0, np.nan, old * NANOSECOND), remarks
 
     def forget(self, before_ns: int) -> None:
-        """Drop what lies before an instant, but for the state and the reading in force then.
-
-        Args:
-            before_ns: The instant. [ns]
-        """
+        """Drop what lies before an instant, but for the state and the reading in force then."""
         done = int(np.searchsorted(self._pieces.end_ns, before_ns, side="right")) - 1
         self._pieces = self._pieces[slice(max(done, 0), None)]
         gone = int(np.searchsorted(self._refused_ns, before_ns, side="right")) - 1

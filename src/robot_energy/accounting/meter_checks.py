@@ -44,11 +44,7 @@ class MeterDiagnostics:
         self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
 
     def step(self, compared: Compared) -> None:
-        """Take what became comparable.
-
-        Args:
-            compared: Intervals in the order in which the meter reported them.
-        """
+        """Take what became comparable."""
         if not len(compared):
             return
         self._waiting.append(compared)
@@ -108,11 +104,7 @@ class MeterDiagnostics:
         return (predicted - measured) / abs(measured) if measured else math.nan
 
     def findings(self, comparison: Comparison) -> list[str]:
-        """Return what is wrong with the meter, one sentence each.
-
-        Args:
-            comparison: The comparison that gave the intervals.
-        """
+        """Return what is wrong with the meter, one sentence each."""
         scale = self._scale(comparison)
         found = (self._clock(comparison), scale or self._fed_back(), _refused(comparison))
         return [sentence for sentence in found if sentence]

@@ -168,15 +168,12 @@ class ShownPower:
         self._rows = rows if before is None else _Followed.concatenate([before, rows])
 
     def energy(self, drawn: Float, begin_ns: Int, end_ns: Int) -> Float:
-        """Return what the meter shows over intervals without a sample within.
+        """Return what the meter shows over intervals without a sample within, shape (K,). [J]
 
         Args:
             drawn: Energy that is drawn over each, shape (K,). [J]
             begin_ns: Shape (K,). [ns]
             end_ns: Within the samples that were followed, shape (K,). [ns]
-
-        Returns:
-            Shape (K,). [J]
         """
         rows = self._rows
         if rows is None or not len(drawn) or self._same(rows):
@@ -267,11 +264,7 @@ class LagEstimate:
         self.lags[-1] = self._lag()
 
     def take(self, compared: Compared) -> None:
-        """Take what became comparable.
-
-        Args:
-            compared: In the order of time.
-        """
+        """Take what became comparable."""
         if not len(compared):
             return
         energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
@@ -295,11 +288,7 @@ class LagEstimate:
             self.lags.append(self._lag())
 
     def forget(self, before_ns: int) -> None:
-        """Drop lags that no later sample asks for.
-
-        Args:
-            before_ns: Later samples are newer. [ns]
-        """
+        """Drop lags that no later sample asks for."""
         past = bisect_right(self.since_ns, before_ns)
         del self.since_ns[:past], self.lags[:past]
 

@@ -16,10 +16,6 @@ def require_plain_text(what: str, text: str, limit: int, error: type[RobotEnergy
 
     Args:
         what: What it is, for the refusal, such as "an interval name".
-
-    Raises:
-        RobotEnergyError: Of that class, if the text is blank or too long, or has control
-            characters or others that cannot be printed.
     """
     if not text.strip() or len(text) > limit:
         raise error(f"{what} of {len(text)} characters", f"1 to {limit}, not all blank")

@@ -33,11 +33,7 @@ class MeterLimits:
     wraps_at: float | None = None
 
     def pieces(self, block: MeterBlock) -> list[CoveredPieces]:
-        """Return the pieces of a whole recording's readings, epoch by epoch.
-
-        Args:
-            block: All readings, in order of arrival.
-        """
+        """Return the pieces of a whole recording's readings, epoch by epoch."""
         return MeterCurve(self.max_gap, self.max_power, self.wraps_at).step(block)
 
 
@@ -73,9 +69,6 @@ class MeterCurve:
 
     def step(self, block: MeterBlock) -> list[CoveredPieces]:
         """Take readings.
-
-        Args:
-            block: Readings in order of arrival.
 
         Returns:
             Pieces, one list entry for each epoch touched; the first continues the running

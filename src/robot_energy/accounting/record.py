@@ -66,11 +66,7 @@ class Remainders(RecordPart):
     )
 
     def arranged(self, order: Sequence[int]) -> Remainders:
-        """Return them with joints in another order and new registers at zero.
-
-        Args:
-            order: Where each joint of the result stands here.
-        """
+        """Return them with joints in another order and new registers at zero."""
         zero = (0,) * len(order)
         return self.model_copy(
             update={
@@ -90,7 +86,6 @@ class OpenInterval(RecordPart):
         interval_id: Unique in the life of the state file.
         name: Unique among the open ones.
         start_ns: Newest counted sample when it was opened. [ns]
-        base: All counters at that instant.
         peak_power_watt: Highest grid power since; None before the next sample. [W]
     """
 
@@ -106,11 +101,8 @@ class EnergyInterval(RecordPart):
 
     Attributes:
         interval_id: Unique in the life of the state file.
-        name: As given by who opened it.
         start_ns: Newest counted sample when it was opened. [ns]
         end_ns: Newest counted sample when it was closed, or now. [ns]
-        is_open: Whether it still counts.
-        counted: What all counters counted in between.
         peak_power_watt: Highest grid power of the samples after the start. [W]
     """
 
@@ -127,11 +119,8 @@ class TraceEntry(RecordPart):
     """Something that happened to the registers and must be seen later.
 
     Attributes:
-        kind: What happened.
         stamp_ns: Newest counted sample then; None before the first. [ns]
-        text: The reason, in words.
         totals: All counters before, where they were set to zero.
-        energy_start_ns: Since when those had counted. [ns]
     """
 
     kind: TraceKind
@@ -142,11 +131,7 @@ class TraceEntry(RecordPart):
 
 
 class EventLog:
-    """What happened to the registers, oldest first; bounded for each kind.
-
-    Args:
-        entries: Where to begin.
-    """
+    """What happened to the registers, oldest first; bounded for each kind."""
 
     def __init__(self, entries: Iterable[TraceEntry] = ()) -> None:
         self._entries: list[TraceEntry] = []
@@ -171,10 +156,7 @@ class Identity(RecordPart):
     """Whose registers they are.
 
     Attributes:
-        robot_type: As in the model file.
         robot_serial: As in the model file; empty if it has none.
-        joint_names: In model order.
-        model_id: Hash of the model file that counts.
         node: Full name of the node that counts; empty for none, as before format 2.
     """
 
@@ -189,9 +171,7 @@ class Calibrated(RecordPart):
     """How wide bands must be, see `robot_energy.certainty.band_calibration`.
 
     Attributes:
-        location: Where the meter sat, name of a `MeterLocation`.
         log_scale: Logarithm of the scale of power by phase, the first of all phases.
-        readings: Of the meter, behind each.
         energy_windows: The newest, oldest first: error, step of the measured power, deviation of
             the form. [J], [W], [J]
         energy_figures: Mean products of the deviations of the figures. [J^2]
@@ -208,24 +188,14 @@ class AccountRecord(RecordPart):
     """All that an energy account keeps across a restart.
 
     Attributes:
-        format_version: Of this record.
-        identity: Whose registers they are.
         energy_start_ns: Since when they count; None before the first sample. [ns]
-        end_ns: Newest counted sample. [ns]
-        totals: All counters.
         remainders: What they hold beyond whole microjoules.
         phase_energy_microjoule: Energy drawn from the grid by phase. [uJ]
-        phase_observed_ns: Observed time by phase. [ns]
         peak_power_watt: Highest grid power since the start. [W]
-        samples: Power samples taken.
         learned_energy_microjoule: Drawn from the grid as predicted with learned figures. [uJ]
         standby_energy_microjoule: Drawn from the grid in standby. [uJ]
-        standby_ns: Time in standby. [ns]
         quality_counts: Samples that carried each quality bit, by its name.
         restarts: How often the registers were taken over from a file.
-        next_interval_id: Number of the next interval.
-        open_intervals: Those that still count.
-        closed_intervals: The latest closed ones, oldest first.
         trace: Resets, restarts, changes of the model; the latest of each kind.
         calibration: Of the bands; None before format 3.
         auxiliary_states: What was counted in each state of auxiliary loads, by load and state.
@@ -271,11 +241,7 @@ class AccountRecord(RecordPart):
         """Return the record for the same joints in another order, with every register.
 
         Args:
-            joint_names: The same names in any order.
             loads: Names of the auxiliary loads that are counted from now on.
-
-        Raises:
-            StateFileError: If a register is unknown or has another number of joints.
         """
         order = [self.identity.joint_names.index(name) for name in joint_names]
 
@@ -307,9 +273,6 @@ class AccountRecord(RecordPart):
 
         Returns:
             The record; values beyond their limits are at them, and `repairs` says which.
-
-        Raises:
-            StateFileError: If it is no such record; names the first key that is wrong.
         """
         try:
             return cls.model_validate_json(text)

@@ -1,8 +1,4 @@
-"""Brings what grew beyond its limits in a state file back to them, and says what it was.
-
-Earlier releases wrote stamps beyond 2038, reasons of any length and counters at the limits
-of their types. Such a record keeps all else that it holds.
-"""
+"""Brings what earlier releases let grow beyond its limits in a state file back to them."""
 
 from __future__ import annotations
 

@@ -33,11 +33,7 @@ SHAFT_REGISTERS = (
 
 
 class Registers(ExactSum):
-    """The energy registers of one robot: of the cabinet, of each joint, then the deviations.
-
-    Attributes:
-        deviations: Where the deviations lie.
-    """
+    """The energy registers of one robot: of the cabinet, of each joint, then the deviations."""
 
     def __init__(self, n_joints: int) -> None:
         energies = len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints
@@ -63,7 +59,6 @@ class Registers(ExactSum):
         """Integrate a block.
 
         Args:
-            block: Power samples; NaN samples are gaps.
             whole: Whether all energies are of use, or only that of the first register.
 
         Returns:
@@ -125,19 +120,11 @@ class Registers(ExactSum):
         return self.joule[self.deviations] + self.held.open_energy
 
     def cabinet(self, name: str) -> float:
-        """Return a register of the cabinet. [J]
-
-        Args:
-            name: One of ``CABINET_REGISTERS``.
-        """
+        """Return a register of the cabinet. [J]"""
         return float(self.joule[CABINET_REGISTERS.index(name)])
 
     def joints(self, name: str) -> Float:
-        """Return a register of every joint, shape (n,). [J]
-
-        Args:
-            name: One of ``JOINT_REGISTERS``.
-        """
+        """Return a register of every joint, shape (n,). [J]"""
         start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
         return self.joule[start : start + self.n_joints]
 

@@ -112,11 +112,7 @@ class SampleCounts:
         return sums, values.pop("_standby").mark(), values
 
     def go_back(self, mark: CountMark) -> None:
-        """Drop what was counted since.
-
-        Args:
-            mark: From `mark`.
-        """
+        """Drop what was counted since."""
         (phases, learned), standby, values = mark
         self._standby.go_back(standby)
         self._phase_energy.go_back(phases)
@@ -130,7 +126,6 @@ class SampleCounts:
 
         Args:
             peak_power: NaN for none. [W]
-            quality: Samples with each quality bit.
             phase_ns: Observed time by phase, shape (phases,). [ns]
         """
         self._settle()

@@ -19,7 +19,6 @@ class Standby:
 
     Attributes:
         ns: Time in standby. [ns]
-        energy: Drawn from the grid in it, exact.
     """
 
     def __init__(self) -> None:

@@ -68,7 +68,6 @@ class LoadTotals(RecordPart):
         outlet_energy_microjoule: While the power of every load is known. [uJ]
         known_ns: Time for which its power is known. [ns]
         missing_ns: Time for which it is not. [ns]
-        missing_count: How often it ceased to be known.
     """
 
     energy_microjoule: Integer = 0
@@ -113,7 +112,6 @@ class Totals(RecordPart):
         compared_ns: That time. [ns]
         observed_ns: Time integrated. [ns]
         gap_ns: Time that could not be. [ns]
-        gap_count: Number of gaps.
         jumps: Jumps of the stamps, backward or forward by more than a gap can be.
         outlet_cabinet_energy_microjoule: Of the cabinet, net, while the power of every auxiliary
             load is known. [uJ]
@@ -164,14 +162,7 @@ class Totals(RecordPart):
         )
 
     def arranged(self, order: Sequence[int], loads: Sequence[str] = ()) -> Totals:
-        """Return it with joints in another order and registers that are new at zero.
-
-        Args:
-            order: Where each joint of the result stands here.
-
-        Raises:
-            StateFileError: If a register is unknown or has another number of joints.
-        """
+        """Return it with joints in another order and registers that are new at zero."""
         cabinet, joints = self.cabinet_energy_microjoule, self.joint_energy_microjoule
         unknown = (set(cabinet) - {*CABINET_KEYS}) | (set(joints) - {*JOINT_KEYS})
         if unknown:

@@ -14,11 +14,7 @@ MAX_OVERLAP_NS = SECOND_NS
 
 
 def rises(batches: Iterable[RawBatch]) -> bool:
-    """Return whether the log times of a topic order its messages.
-
-    Args:
-        batches: All of the topic in file order.
-    """
+    """Return whether the log times of a topic order its messages."""
     newest: int | None = None
     for batch in batches:
         times = batch.log_time_ns
@@ -31,13 +27,10 @@ def rises(batches: Iterable[RawBatch]) -> bool:
 
 
 def merged(topics: Sequence[Iterator[RawBatch]]) -> Iterator[dict[str, RawBatch]]:
-    """Yield the messages of several topics so that none is ahead of another by more than a batch.
+    """Yield the messages of several topics, none ahead of another by more than a batch.
 
     Args:
         topics: The messages of each, whose log times rise.
-
-    Yields:
-        One batch for each topic that has messages up to the end of the first batch to end.
     """
     held: list[RawBatch | None] = [next(topic, None) for topic in topics]
     while ends := [int(batch.log_time_ns[-1]) for batch in held if batch is not None]:

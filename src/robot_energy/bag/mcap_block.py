@@ -1,9 +1,9 @@
-"""Find the messages in a block of MCAP records: by its index if that is right, else by walking."""
+"""Find the messages in a block of MCAP records, by walking: an index may be wrong."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from struct import Struct
 
@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 from robot_energy.bag.mcap_records import CHANNEL, FRAME, MESSAGE, MESSAGE_FIXED, SCHEMA
 from robot_energy.physics import kernels
 
-_MESSAGE_FRAME = np.dtype(
-    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"),
-     ("publish", "<u8")]
-)  # fmt: skip
-_HEAD = _MESSAGE_FRAME.itemsize
+_HEAD = FRAME.size + MESSAGE_FIXED
 _MESSAGE_HEAD = Struct("<HIQ")
 MAX_DEFINITIONS = 1000  # schemas and channels in a block that the kernel takes
 
@@ -39,10 +35,7 @@ class McapChunk:
     """A block of records that was looked through.
 
     Attributes:
-        buffer: The bytes, uint8.
-        messages: Messages by channel id.
         end: First byte after the last whole record that belongs here.
-        verified: Whether a checksum covered the bytes.
     """
 
     buffer: NDArray[np.uint8]
@@ -50,80 +43,6 @@ class McapChunk:
     end: int = 0
     count: int = 0
     verified: bool = False
-
-
-def indexed_block(
-    data: bytes | memoryview, index: Mapping[int, NDArray[np.uint64]], on_record: OnRecord
-) -> McapChunk | None:
-    """Find the messages of a chunk through its MessageIndex records.
-
-    The index is believed only if every entry meets a message record of that channel and time, and
-    the records met, together with the schemas and channels between them, fill the chunk.
-
-    Args:
-        index: Per channel pairs of log time [ns] and offset, uint64, shape (n, 2).
-
-    Returns:
-        The block; None if the index is not right.
-    """
-    buffer = np.frombuffer(data, dtype=np.uint8)
-    entries = sum(len(pairs) for pairs in index.values())
-    if not 0 < entries <= len(buffer) // _HEAD:
-        return None
-    pairs = np.concatenate(list(index.values()))
-    owner = np.repeat(
-        np.fromiter(index, dtype=np.uint16, count=len(index)), [len(p) for p in index.values()]
-    )
-    if int(pairs[:, 1].max()) > len(buffer) - _HEAD:
-        return None
-    start = pairs[:, 1].astype(np.int64)
-    heads = np.ndarray((len(buffer) - _HEAD + 1,), _MESSAGE_FRAME, buffer, 0, (1,))[start]
-    size = heads["length"]
-    if (
-        (heads["op"] != MESSAGE).any()
-        or (heads["channel"] != owner).any()
-        or (heads["log"] != pairs[:, 0]).any()
-        or (size < MESSAGE_FIXED).any()
-        or (size > len(buffer)).any()
-    ):
-        return None
-    end = start + FRAME.size + size.astype(np.int64)
-    if not _filled(memoryview(data), np.sort(start), np.sort(end), on_record):
-        return None
-    block = McapChunk(buffer, end=len(buffer), count=len(start))
-    last = 0
-    for channel, entries_of in index.items():
-        mine: slice | NDArray[np.int64] = slice(last, last + len(entries_of))
-        last += len(entries_of)
-        if bool((start[mine][1:] < start[mine][:-1]).any()):
-            mine = mine.start + np.argsort(start[mine])
-        first = start[mine] + _HEAD
-        times = pairs[mine, 0].astype(np.int64)
-        block.messages[channel] = Messages(times, first, end[mine] - first)
-    return block
-
-
-def _filled(
-    data: memoryview, start: NDArray[np.int64], end: NDArray[np.int64], on_record: OnRecord
-) -> bool:
-    """Return whether nothing but other whole records lies between the messages."""
-    before = np.concatenate(([0], end))
-    after = np.concatenate((start, [len(data)]))
-    for gap in np.flatnonzero(before != after).tolist():
-        pos, stop = int(before[gap]), int(after[gap])
-        while pos < stop:
-            if stop - pos < FRAME.size:
-                return False
-            opcode, length = FRAME.unpack_from(data, pos)
-            following = pos + FRAME.size + length
-            if opcode == MESSAGE or following > stop:
-                return False
-            if opcode in (SCHEMA, CHANNEL):
-                on_record(opcode, data[pos + FRAME.size : following])
-            pos = following
-        if pos != stop:
-            return False
-    return True
 
 
 def walked_block(

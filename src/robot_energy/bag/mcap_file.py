@@ -9,17 +9,13 @@ from io import SEEK_END
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robot_energy.bag import mcap_records as records
-from robot_energy.bag.mcap_block import McapChunk, indexed_block, walked_block
+from robot_energy.bag.mcap_block import McapChunk, walked_block
 from robot_energy.bag.mcap_records import FRAME, LogTimes, RecordError
 from robot_energy.bag.mcap_summary import IN_SUMMARY, read_closing
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.first_bytes import MAX_MAGIC, named
 from robot_energy.foundation.files.regular_file import open_regular
-from robot_energy.physics import kernels
 
 _MIN_LOOSE_BYTES, _LOOSE_BYTES = 2**12, 2**20
 _LOOSE_MESSAGES = 8192
@@ -45,15 +41,7 @@ class McapFile:
 
     Attributes:
         size: Its size. [bytes]
-        schemas: Message definitions met so far, by id.
-        channels: Channels met so far, by id.
         summary: The summary at the end of the file; None if there is none or it is damaged.
-
-    Args:
-        report: Takes one sentence for each thing found wrong while reading.
-
-    Raises:
-        BagError: If the file cannot be opened or is no MCAP file.
     """
 
     def __init__(self, path: Path, report: Report) -> None:
@@ -255,8 +243,8 @@ class McapFile:
             self._whole(length, body, opcode)
             file.seek(body)
             data = memoryview(file.read(length))
-            index, following = self._indexes(file, body + length)
-            return self._chunk(data, index, pos), following
+            following = self._behind_indexes(file, body + length)
+            return self._chunk(data, pos), following
         if not (records.HEADER <= opcode <= records.DATA_END or opcode >= records.FIRST_PRIVATE):
             raise RecordError(f"a record of unknown kind {opcode}")
         self._whole(length, body, opcode, limit=False)
@@ -304,44 +292,28 @@ class McapFile:
         self._loose_bytes = min(max(size, _MIN_LOOSE_BYTES), _LOOSE_BYTES)
         return block, pos + block.end
 
-    def _indexes(self, file: BinaryIO, pos: int) -> tuple[dict[int, NDArray[np.uint64]], int]:
-        """Read the MessageIndex records after a chunk; damaged ones are left to the walk."""
-        index: dict[int, NDArray[np.uint64]] = {}
-        total = 0
+    def _behind_indexes(self, file: BinaryIO, pos: int) -> int:
+        """Where the MessageIndex records after a chunk end; they are not needed, but looked at."""
         while self.size - pos >= FRAME.size:
             opcode, length = self._frame(file, pos)
             if opcode != records.MESSAGE_INDEX or length > self.size - pos - FRAME.size:
                 break
+            head = file.read(min(length, _INDEX_HEAD))
+            said = int.from_bytes(head[2:], "little")
+            # More than a flipped bit: it may be another record that has become one.
+            if (said ^ max(length - _INDEX_HEAD, 0)).bit_count() > 1:
+                self._report(_NO_INDEX.format(pos, length))
             pos += FRAME.size + length
-            total += length
-            if total > records.MAX_RECORD_BYTES:
-                continue
-            data = memoryview(file.read(length))
-            try:
-                channel, pairs = records.parse_message_index(data)
-            except RecordError:
-                said = int.from_bytes(data[2:_INDEX_HEAD], "little")
-                if (said ^ max(length - _INDEX_HEAD, 0)).bit_count() > 1:  # more than a flipped bit
-                    self._report(_NO_INDEX.format(pos - FRAME.size - length, length))
-                continue
-            if len(pairs):
-                index[channel] = np.frombuffer(pairs, dtype="<u8").reshape(-1, 2)
-        return index, pos
+        return pos
 
-    def _chunk(
-        self, data: memoryview, index: dict[int, NDArray[np.uint64]], pos: int
-    ) -> McapChunk | None:
+    def _chunk(self, data: memoryview, pos: int) -> McapChunk | None:
         try:
             chunk = records.parse_chunk(data)
             content = records.unpack_chunk(chunk)
         except RecordError as error:
             self._report(f"the chunk at byte {pos} was left out: it holds {error}")
             return None
-        block = None
-        if kernels.compiled is None:  # which walks as quickly
-            block = indexed_block(content, index, self._on_record)
-        if block is None:
-            block = self._walk_chunk(memoryview(content), pos)
+        block = self._walk_chunk(memoryview(content), pos)
         block.verified = chunk.crc != 0
         return block
 

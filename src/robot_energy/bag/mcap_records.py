@@ -63,12 +63,7 @@ LogTimes = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndex:
-    """Where a chunk lies in the file, its length and end with what follows it, what it holds.
-
-    Attributes:
-        start_ns: Earliest log time. [ns]
-        end_ns: Latest log time. [ns]
-    """
+    """Where a chunk lies in the file, its length and end with what follows it, what it holds."""
 
     start: int
     length: int
@@ -116,14 +111,7 @@ class _Cursor:
 
 
 def parse_schema(data: memoryview) -> tuple[int, Schema]:
-    """Return the id and content of a Schema record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
-
-    Raises:
-        RecordError: If the record ends too early, or a text of it is not UTF-8.
-    """
+    """Return the id and content of a Schema record."""
     cursor = _Cursor(data)
     schema_id = cursor.number(2)
     name, encoding = cursor.text(), cursor.text()
@@ -131,62 +119,22 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
 
 
 def parse_channel(data: memoryview) -> McapChannel:
-    """Return the content of a Channel record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
-
-    Raises:
-        RecordError: If the record ends too early, or a text of it is not UTF-8.
-    """
+    """Return the content of a Channel record."""
     cursor = _Cursor(data)
     channel_id, schema_id = cursor.number(2), cursor.number(2)
     return McapChannel(channel_id, schema_id, cursor.text(), cursor.text())
 
 
 def parse_chunk(data: memoryview) -> Chunk:
-    """Return the content of a Chunk record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
-
-    Raises:
-        RecordError: If the record ends too early, or a text of it is not UTF-8.
-    """
+    """Return the content of a Chunk record."""
     cursor = _Cursor(data)
     cursor.take(16)
     size, crc = cursor.number(8), cursor.number(4)
     return Chunk(size, crc, cursor.text(), cursor.sized(8))
 
 
-def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
-    """Return the content of a MessageIndex record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
-
-    Returns:
-        The id of the channel, and its pairs of log time and offset, uint64 each.
-
-    Raises:
-        RecordError: If the record or its last pair ends too early.
-    """
-    cursor = _Cursor(data)
-    channel, pairs = cursor.number(2), cursor.sized()
-    if len(pairs) % 16 or cursor.pos < len(data):
-        raise RecordError("half an index entry, or more than entries")
-    return channel, pairs
-
-
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
-    """Return the content of a ChunkIndex record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
-
-    Raises:
-        RecordError: If the record ends too early.
-    """
+    """Return the content of a ChunkIndex record."""
     cursor = _Cursor(data)
     start_ns, end_ns = cursor.number(8), cursor.number(8)
     start, length = cursor.number(8), cursor.number(8)
@@ -199,14 +147,7 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
 
 
 def parse_statistics(data: memoryview) -> Statistics:
-    """Return the content of a Statistics record.
-
-    Args:
-        data: Content of the record, without its opcode and length.
-
-    Raises:
-        RecordError: If the record ends too early.
-    """
+    """Return the content of a Statistics record."""
     try:
         count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", data)
     except struct_error:
@@ -229,12 +170,7 @@ def ros_type(name: str) -> str:
 
 
 def unpack_chunk(chunk: Chunk) -> bytes | memoryview:
-    """Return the records of a chunk, without ever unpacking more than it declares.
-
-    Raises:
-        RecordError: If the size is beyond the limit, the packing unknown or damaged, the size not
-            the declared one, or the checksum (when there is one) wrong.
-    """
+    """Return the records of a chunk, without ever unpacking more than it declares."""
     if chunk.size > MAX_RECORD_BYTES:
         raise RecordError(f"{chunk.size} bytes unpacked, more than the limit of {MAX_RECORD_BYTES}")
     if chunk.compression == "":

@@ -59,14 +59,10 @@ class Closing:
 
 
 def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Closing:
-    """Read and check the end of a file.
+    """Return what can be used of the end of a file.
 
     Args:
         size: Its size. [bytes]
-        report: Takes one sentence for each thing found wrong.
-
-    Returns:
-        What can be used of it.
     """
     closing = Closing()
     footer = size - records.FOOTER_SIZE - len(records.MAGIC)

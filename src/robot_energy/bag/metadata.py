@@ -23,7 +23,6 @@ class Qos:
     """Quality of service a topic was published with.
 
     Attributes:
-        reliable: Whether lost messages are sent again.
         latched: Whether late subscribers get the last messages (transient local).
         depth: Length of the publisher's queue. [messages]
     """
@@ -120,17 +119,7 @@ def metadata_yaml(
 
 
 def read_folder_info(folder: Path) -> FolderInfo:
-    """Read metadata.yaml.
-
-    Args:
-        folder: Folder that has one.
-
-    Returns:
-        Storage, compression mode and files, in the order recorded.
-
-    Raises:
-        BagError: If it cannot be read or lacks what a bag's metadata holds.
-    """
+    """Return storage, compression and files, in the order recorded, from metadata.yaml."""
     path = folder / FILE_NAME
     try:
         content: Any = parse_yaml(read_regular_text(path, MAX_BYTES), str(path), BagError)

@@ -17,11 +17,7 @@ _METADATA_START = b"rosbag2_bagfile_information:"
 
 
 def foreign_entries(folder: Path) -> list[str]:
-    """Name what in a folder does not belong to one bag of this library.
-
-    Returns:
-        Names; empty if the folder holds one of its MCAP files with its metadata, no more.
-    """
+    """Return what in a folder is not of one bag of this library: an MCAP file and metadata."""
     names = sorted(entry.name for entry in folder.iterdir())
     own = [name for name in names if name.endswith(".mcap") and _is_own(folder / name)]
     if len(own) == 1 and _describes(folder / FILE_NAME, own[0]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -36,18 +37,15 @@ def open_file(path: Path, report: Report) -> Source:
 
     Args:
         path: A file of a bag; ``.db3`` is SQLite, everything else MCAP.
-
-    Raises:
-        BagError: If it is not a bag file.
     """
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
 
-class _Packed:
-    """What another source reads, on its way out."""
+class PackedMessages:
+    """Messages each packed with zstd, as another source reads them."""
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self, source: Source, report: Report) -> None:
+        self._source, self._report = source, report
 
     @property
     def unverified_count(self) -> int:
@@ -55,51 +53,13 @@ class _Packed:
         return self._source.unverified_count
 
     def contents(self) -> BagContents:
-        """Return what the file holds.
-
-        Raises:
-            BagError: If it cannot be read.
-        """
+        """Return what the file holds."""
         return self._source.contents()
 
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked.
-
-        Args:
-            topics: Message type by topic.
-            spans: Log times that matter, by topic. [ns]
-
-        Yields:
-            One batch per topic that has messages in the part.
-        """
-        yield from self._source.parts(topics, spans)
-
-
-class PackedMessages(_Packed):
-    """Messages each packed with zstd.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
-    """
-
-    def __init__(self, source: Source, report: Report) -> None:
-        super().__init__(source)
-        self._report = report
-
-    def parts(
-        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
-    ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked.
-
-        Args:
-            topics: Message type by topic.
-            spans: Log times that matter, by topic. [ns]
-
-        Yields:
-            One batch per topic that has messages in the part.
-        """
+        """Yield the messages of some topics, unpacked; see `McapSource.parts`."""
         import zstandard
 
         unpacker = zstandard.ZstdDecompressor()
@@ -132,30 +92,24 @@ class PackedMessages(_Packed):
         return RawBatch.from_messages(batch.topic, batch.msgtype, times, rows)
 
 
-class PackedFile(_Packed):
-    """A bag file packed as a whole with zstd, unpacked into a temporary folder.
+def unpacked_file(path: Path, report: Report) -> Source:
+    """Return the source of a file packed as a whole with zstd, unpacked into a temporary folder.
 
-    The folder goes when this object does, or the process.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
-
-    Raises:
-        BagError: If it cannot be unpacked, or what comes out is not a bag file.
+    The folder goes when the source does, or the process.
     """
-
-    def __init__(self, path: Path, report: Report) -> None:
-        try:
-            self._folder = TemporaryFolder()
-        except OSError as error:
-            raise BagError(f"{path} cannot be unpacked ({error})", "a temporary folder") from error
-        target = self._folder.path / path.stem
-        try:
-            _unpack_file(path, target)
-        except BaseException:
-            self._folder.remove()
-            raise
-        super().__init__(open_file(target, report))
+    try:
+        folder = TemporaryFolder()
+    except OSError as error:
+        raise BagError(f"{path} cannot be unpacked ({error})", "a temporary folder") from error
+    target = folder.path / path.stem
+    try:
+        _unpack_file(path, target)
+        source = open_file(target, report)
+    except BaseException:
+        folder.remove()
+        raise
+    weakref.finalize(source, folder.__exit__)  # which holds the folder until then
+    return source
 
 
 def _unpack_file(path: Path, target: Path) -> None:
@@ -179,11 +133,7 @@ def _unpack_file(path: Path, target: Path) -> None:
 
 
 def _unpacked_bytes(path: Path, packed: BinaryIO) -> int:
-    """Return how large a file becomes.
-
-    Raises:
-        BagError: If it becomes too large, or what comes out does not begin as a bag file.
-    """
+    """Return how large a file becomes."""
     size = os.fstat(packed.fileno()).st_size
     most = min(max(size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
     count = 0

@@ -15,15 +15,13 @@ from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
-from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
+from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_file
 from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
 
 if TYPE_CHECKING:
     from robot_energy.bag.cdr.lazy_store import LazyStore
-
-__all__ = ["BagReader", "TopicInfo"]
 
 MAX_PROBLEMS = 100
 """Sentences about what is wrong that are kept."""
@@ -48,16 +46,11 @@ class BagReader:
         path: An MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
 
     Attributes:
-        path: The bag.
-        topics: Topics by name.
         start_ns: Earliest log time; None if unknown or the bag is empty. [ns]
         end_ns: Latest log time; None if unknown or the bag is empty. [ns]
         message_count: Messages in the bag; None if it does not say.
         origin: Where the recording comes from, as its writer said; empty if it did not.
         problems: What was found wrong so far, one sentence each.
-
-    Raises:
-        BagError: If there is no bag, or it cannot be read at all.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -90,11 +83,7 @@ class BagReader:
 
     @cached_property
     def typestore(self) -> LazyStore:
-        """Message definitions for this bag: the known ones, and the bag's own where they differ.
-
-        Raises:
-            MessageTypeError: If the bag defines a known type in a way that cannot be used.
-        """
+        """Message definitions for this bag: the known ones, and the bag's own where they differ."""
         return extended(typestore(), self._contents.definitions, self._report)
 
     @property
@@ -103,19 +92,7 @@ class BagReader:
         return sum(source.unverified_count for source in self._sources)
 
     def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
-        """Return a topic that must be there with one of some types.
-
-        Args:
-            topic: Name of the topic.
-            msgtypes: Accepted message type or types.
-
-        Returns:
-            The topic.
-
-        Raises:
-            MissingTopicError: If it is absent, has another type or is not serialized as CDR; the
-                text names the topics of the bag that would do.
-        """
+        """Return a topic that must be there with one of some types."""
         accepted = [msgtypes] if isinstance(msgtypes, str) else list(msgtypes)
         info = self.topics.get(topic)
         if info and info.msgtype in accepted and info.encoding == "cdr":
@@ -148,14 +125,10 @@ class BagReader:
         problem is reported.
 
         Args:
-            topics: Names of topics.
             spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
 
         Yields:
             One batch per topic that has messages in the part; never an empty part.
-
-        Raises:
-            MissingTopicError: If the bag lacks a topic, or it is not serialized as CDR.
         """
         wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
         return self._parts(wanted, spans or {})
@@ -198,7 +171,7 @@ class BagReader:
             more = len(self.problems) == MAX_PROBLEMS
             self.problems.append("there is more of this kind" if more else sentence)
 
-    def _find(self) -> list[Source | PackedMessages | PackedFile]:
+    def _find(self) -> list[Source | PackedMessages]:
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist", "an MCAP file or a rosbag2 folder")
         if not self.path.is_dir():
@@ -222,7 +195,7 @@ class BagReader:
             f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
         )
 
-    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages | PackedFile]:
+    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages]:
         """Return the files that the metadata lists, as far as they are there."""
         self.origin = info.origin
         files = [self.path / name for name in info.files]
@@ -232,7 +205,7 @@ class BagReader:
         if len(present) == len(files):
             self._said_count = info.message_count
         if info.compression_mode == "file":
-            return [PackedFile(file, self._report) for file in present]
+            return [unpacked_file(file, self._report) for file in present]
         sources = [open_file(file, self._report) for file in present]
         if info.compression_mode == "message":
             return [PackedMessages(source, self._report) for source in sources]

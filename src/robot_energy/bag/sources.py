@@ -54,11 +54,7 @@ class BagContents:
     overlap_ns: int = 0
 
     def add(self, other: BagContents, report: Report) -> None:
-        """Add what another file of the same bag holds.
-
-        Args:
-            other: Contents of that file.
-        """
+        """Add what another file of the same bag holds."""
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
         self.definitions = {**other.definitions, **self.definitions}
@@ -96,14 +92,7 @@ def _sum(a: int | None, b: int | None) -> int | None:
 
 
 class McapSource:
-    """Messages of one MCAP file.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
-
-    Raises:
-        BagError: If it is no MCAP file.
-    """
+    """Messages of one MCAP file."""
 
     def __init__(self, path: Path, report: Report) -> None:
         self._file = McapFile(path, report)
@@ -158,14 +147,10 @@ class McapSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, a chunk at a time.
+        """Yield the messages of some topics, a chunk at a time and a batch a topic.
 
         Args:
-            topics: Message type by topic.
             spans: Log times that matter, by topic; chunks outside are passed over. [ns]
-
-        Yields:
-            One batch per topic that has messages in the chunk.
         """
         for block in self._file.blocks(topics, spans):
             part = self._part(block, topics)

@@ -51,9 +51,6 @@ class SqliteSource:
     The file is opened read-only and as one that nobody writes, so that no journal next to it is
     taken up. Only plain tables are read: a view or a computed column would run what the file
     says. sqlite keeps no checksum of messages, so none of them is verified.
-
-    Args:
-        report: Takes one sentence per thing found wrong.
     """
 
     def __init__(self, path: Path, report: Report) -> None:
@@ -64,11 +61,7 @@ class SqliteSource:
         self.unverified_count = 0
 
     def contents(self) -> BagContents:
-        """Return what the file holds.
-
-        Raises:
-            BagError: If it cannot be read.
-        """
+        """Return what the file holds."""
         result = BagContents()
         try:
             with closing(self._open()) as base:
@@ -87,14 +80,10 @@ class SqliteSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics in order of their times, some thousands at a time.
+        """Yield some thousand messages at a time, in order of their times, a batch a topic.
 
         Args:
-            topics: Message type by topic.
             spans: Log times that matter, by topic. [ns]
-
-        Yields:
-            One batch per topic that has messages among them.
         """
         wanted = [key for key, (name, kind) in self._ids.items() if topics.get(name) == kind]
         within = ""
@@ -193,11 +182,7 @@ class SqliteSource:
                 self._report(f"the file is damaged ({line}); what can be read was read")
 
     def _table(self, base: sqlite3.Connection, name: str) -> bool:
-        """Whether there is a plain table with the columns of a bag.
-
-        Raises:
-            BagError: If there is something else of that name.
-        """
+        """Whether there is a plain table with the columns of a bag."""
         found = base.execute("SELECT type, sql FROM sqlite_master WHERE name = ?", (name,))
         row = found.fetchone()
         if row is None:

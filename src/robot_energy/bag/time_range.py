@@ -27,11 +27,7 @@ class TimeRange:
         return self.start is not None or self.end is not None
 
     def span(self, bag: BagReader) -> LogTimes:
-        """Return the log times of the part, both included. [ns]
-
-        Raises:
-            BagError: If the bag does not say its times, or nothing of it lies in the part.
-        """
+        """Return the log times of the part, both included. [ns]"""
         first, last = bag.start_ns, bag.end_ns
         if first is None or last is None:
             raise BagError(
@@ -56,11 +52,7 @@ class TimeRange:
         return max(start, first), min(end, last)
 
     def sentence(self, bag: BagReader) -> str:
-        """Return what was read, as a sentence.
-
-        Raises:
-            BagError: As of `span`.
-        """
+        """Return what was read, as a sentence."""
         start, end = (((at - (bag.start_ns or 0)) * NANOSECOND) for at in self.span(bag))
         whole = ((bag.end_ns or 0) - (bag.start_ns or 0)) * NANOSECOND
         return f"only a part of the bag was read: from {start:.6g} to {end:.6g} s of {whole:.6g} s"

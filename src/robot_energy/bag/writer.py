@@ -37,16 +37,11 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     an error, or without ``close``, it does not appear.
 
     Args:
-        path: Folder of the bag, made here.
         compression: ``zstd`` or ``none``.
         overwrite: Replace a bag of this writer that is there.
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
         origin: Where the recording comes from, in words, noted with the bag.
         inputs: Files and folders that it is made of, which it must not replace.
-
-    Raises:
-        BagError: If the folder exists (without ``overwrite``), holds other things than a bag of
-            this writer, or cannot be made.
     """
 
     def __init__(
@@ -87,17 +82,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._open = True
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos = DEFAULT_QOS) -> None:
-        """Announce a topic.
-
-        Args:
-            topic: Name of the topic.
-            msgtype: Message type.
-            qos: Quality of service noted with it.
-
-        Raises:
-            BagError: If the topic is already there, or the bag is closed.
-            MessageTypeError: If the type is unknown.
-        """
+        """Announce a topic."""
         self._check_open()
         if topic in self._topics:
             raise BagError(f"{topic} is added to {self.path} a second time", "each topic once")
@@ -122,14 +107,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         """Append messages of one topic.
 
         Args:
-            topic: A topic that was added.
             log_time_ns: Log time of each message, shape (n,). [ns]
             rows: Complete serialized messages: uint8, shape (n, size), or n byte strings.
-
-        Raises:
-            MissingTopicError: If the topic was not added.
-            ShapeError: If times and messages do not match, or a time is negative.
-            BagError: If the bag is closed or the disk refuses; nothing is left of it then.
         """
         self._check_open()
         if topic not in self._channels:
@@ -148,9 +127,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         Args:
             messages: Log time, not negative [ns]; topic that was added; complete serialized
                 message.
-
-        Raises:
-            BagError: As `write`.
         """
         self._check_open()
         channels, counts, add = self._channels, self._counts, self._writer.add_message
@@ -166,11 +142,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._first, self._last = first, last
 
     def close(self) -> None:
-        """Write index and metadata and put the bag in place; a second call does nothing.
-
-        Raises:
-            BagError: If the disk refuses; nothing is left of the bag then.
-        """
+        """Write index and metadata and put the bag in place; a second call does nothing."""
         if not self._open:
             return
         try:

@@ -66,7 +66,6 @@ class BandCalibration:
     """Scores the readings of a meter and scales the bands.
 
     Attributes:
-        location: Where the meter sits.
         counts: Readings by phase: scored, of these within the band that was in force, within the
             band of the standard deviation alone, shape (P, 3).
     """
@@ -91,11 +90,7 @@ class BandCalibration:
         return int(self.counts[:, 2].sum())
 
     def meter(self, location: MeterLocation) -> None:
-        """Say where the meter sits.
-
-        Args:
-            location: Unknown: no reading has come yet, which changes nothing.
-        """
+        """Say where the meter sits."""
         if location is not MeterLocation.UNKNOWN:
             self.location = location
 
@@ -131,9 +126,6 @@ class BandCalibration:
         """Take power samples and what became comparable; set the bands of the means.
 
         Args:
-            held: Integrals of deviations that became complete.
-            open_ns: Where the next one began. [ns]
-            compared: In the order of time.
             means: Periods that ended; their bands are written in place.
         """
         if self.location is MeterLocation.UNKNOWN:
@@ -300,11 +292,7 @@ class BandCalibration:
         return None
 
     def finish(self, means: MeanBlock) -> None:
-        """Set the bands of periods after which nothing follows.
-
-        Args:
-            means: The periods; their bands are written in place.
-        """
+        """Set the bands of periods after which nothing follows."""
         if self.location is not MeterLocation.UNKNOWN:
             self._set([], means, slice(0, len(means)))
 
@@ -332,11 +320,7 @@ class BandCalibration:
         )
 
     def restore(self, kept: Calibrated) -> None:
-        """Go on from an earlier state, unless more was read since.
-
-        Args:
-            kept: As `state` gave it; of another number of phases it is of no use.
-        """
+        """Go on from an earlier state, unless more was read since."""
         if len(kept.log_scale) != len(Phase) or len(kept.readings) != len(Phase):
             return
         if kept.readings[POOLED] >= self._count[POOLED]:

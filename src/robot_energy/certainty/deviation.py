@@ -105,7 +105,9 @@ class PowerDeviation:
         cabinet = model.cabinet
         self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         form = FORM_AT_REST * model.constant_power()
+        fan = 0.0 if cabinet.fan is None else figure_std(cabinet.fan.power, "loss_grid")
         self._loss_grid = float(np.hypot(figure_std(cabinet.loss_grid, "loss_grid"), form))
+        self._loss_grid = float(np.hypot(self._loss_grid, fan))
         returned = cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
         bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
@@ -154,7 +156,7 @@ class PowerDeviation:
         balance: Balance,
         stamp_ns: Int,
     ) -> Float:
-        """Return the deviations of the power that a meter at the grid sees.
+        """Return the deviations of the power that a meter at the grid sees, shape (N, K).
 
         Args:
             motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
@@ -168,9 +170,6 @@ class PowerDeviation:
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
-
-        Returns:
-            First ``CABINET_DEVIATIONS``, then ``JOINT_DEVIATIONS`` of every joint, shape (N, K).
         """
         size, n_joints = rigid_power.shape
         first = len(CABINET_DEVIATIONS)
@@ -217,7 +216,7 @@ class PowerDeviation:
         np.multiply(self._payload, of_payload, out=payload)
         np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
-        loss_grid[:] = self._loss_grid
+        np.hypot(self._loss_grid, balance.unsure_power, out=loss_grid)
         unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
         np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
         squares = squares + bodies**2 + payload**2 + loss_dc**2
@@ -380,11 +379,7 @@ def payload_shares(model: RobotModel) -> Float:
 
 
 def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
-    """Return words for every column but ``bus``, in their order.
-
-    Args:
-        joint_names: In model order.
-    """
+    """Return words for every column but ``bus``, in their order."""
     return (
         "bodies",
         "payload",

@@ -84,13 +84,10 @@ class EnergyCalibration:
             self._squares += (squares - self._squares) / len(self._windows)
 
     def half(self, deviation: Float) -> float | None:
-        """Return half the width of the 90 % band of an energy from the grid.
+        """Return half the 90 % band of an energy from the grid [J]; None if too little was read.
 
         Args:
             deviation: Integrals of the deviations, shape (K,). [J]
-
-        Returns:
-            None if too little was read. [J]
         """
         if len(self._windows) < MIN_WINDOWS or self._squares is None:
             return None

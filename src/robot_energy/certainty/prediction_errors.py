@@ -30,11 +30,7 @@ class PowerErrorSums:
         self._open: Int = np.zeros(3, dtype=np.int64)  # of the newest reading, see `_close`
 
     def step(self, compared: Compared) -> None:
-        """Take what became comparable.
-
-        Args:
-            compared: In the order of time.
-        """
+        """Take what became comparable."""
         if not len(compared):
             return
         first = np.flatnonzero(differences(compared.available_ns, self._open_ns))
@@ -102,11 +98,7 @@ class TorqueErrorSums:
         self._squares = np.zeros((2, 2, count))  # error, measured; all, moving [(N m)^2]
 
     def step(self, block: PowerBlock) -> None:
-        """Take power samples.
-
-        Args:
-            block: In the order of time.
-        """
+        """Take power samples."""
         measured = block.motor_torque_measured
         error = block.motor_torque - measured
         sound = (block.quality & np.uint32(DOUBTFUL)) == 0
@@ -119,11 +111,7 @@ class TorqueErrorSums:
                 self._squares[part, place] += (np.where(rows, values, 0.0) ** 2).sum(axis=0)
 
     def add(self, other: TorqueErrorSums) -> None:
-        """Take all samples of another recording.
-
-        Args:
-            other: Its sums, of the same joints.
-        """
+        """Take all samples of another recording."""
         self._samples += other._samples
         self._squares += other._squares
 

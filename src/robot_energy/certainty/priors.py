@@ -32,20 +32,12 @@ Copper, iron and inverter losses of a servo axis at work."""
 
 
 def relative_std(quantity: str, tag: Tag) -> float:
-    """Return the standard deviation of a figure that states none, as a share of its value.
-
-    Args:
-        quantity: A key of `SPREAD`.
-    """
+    """Return the standard deviation of a figure that states none, as a share of its value."""
     return SPREAD[quantity] * TAGS[tag]
 
 
 def figure_std(figure: Figure, quantity: str) -> float:
-    """Return the standard deviation of a figure, in its unit: its own, or that of its prior.
-
-    Args:
-        quantity: A key of `SPREAD`.
-    """
+    """Return the standard deviation of a figure, in its unit: its own, or that of its prior."""
     if figure.std is not None:
         return figure.std
     return relative_std(quantity, figure.tag) * abs(figure.value)

@@ -15,15 +15,12 @@ from robot_energy.results.condition import ConditionReport, condition_report
 def condition_over(
     bags: Sequence[str | Path], model: ModelName, **options: Unpack[ReplayOptions]
 ) -> ConditionReport:
-    """Learn from recordings of one robot, each beginning with what the one before has taught.
+    """Return what recordings of one robot teach, each going on from the one before.
 
     Args:
         bags: MCAP files or rosbag2 folders, oldest first.
         model: A model, its file, or the name of a shipped one.
         **options: What is read and how: see `ReplayOptions`.
-
-    Returns:
-        What was learned after the last recording.
 
     Raises:
         BagError: If there is none, or one cannot be read.

@@ -201,14 +201,7 @@ class Contrasts:
 
     @classmethod
     def restored(cls, entry: ContrastEntry) -> Contrasts:
-        """Return the sums that were kept.
-
-        Args:
-            entry: As `state` gave it.
-
-        Raises:
-            StateFileError: If an array has another size.
-        """
+        """Return the sums that were kept."""
         found = cls()
         if not entry.count:
             return found

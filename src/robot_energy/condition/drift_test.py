@@ -82,7 +82,6 @@ class FrictionChange:
     """A change that was found.
 
     Attributes:
-        stamp_ns: When it began. [ns]
         hours: Hours of motion when it began. [h]
         until: Hours of motion when it was complete, or found; those of the step. [h]
         size: Logarithm of the factor when it was found. [-]
@@ -124,8 +123,6 @@ class DriftTest:
     """Tests the records of one joint, or of the whole robot.
 
     Attributes:
-        records: Kept ones, oldest first; the older, the longer.
-        programs: That were seen.
         refused: Records that were not numbers.
     """
 
@@ -139,11 +136,7 @@ class DriftTest:
         self.refused = 0
 
     def step(self, record: WearRecord) -> bool:
-        """Return whether a change is found with one more record.
-
-        Args:
-            record: Newer than all before.
-        """
+        """Return whether a change is found with one more record."""
         if not np.isfinite([record.excess, record.variance, *record.features]).all():
             self.refused += 1
             return False
@@ -208,12 +201,7 @@ class DriftTest:
         contrasts: Contrasts,
         programs: ProgramTable,
     ) -> None:
-        """Continue from what was kept.
-
-        Args:
-            contrasts: Of the records that were merged.
-            programs: That were seen.
-        """
+        """Continue from what was kept."""
         self.records, self.changes = records, changes
         self.contrasts, self.programs = contrasts, programs
         self.drift = self._drift() if changes and records else Drift()

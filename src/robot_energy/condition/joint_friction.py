@@ -80,7 +80,6 @@ class MotionSums:
     """What one part of the samples says of each joint, forward and backward.
 
     Attributes:
-        stamp_ns: Of its last sample. [ns]
         model: Sum of the model's friction torque times the sample period, by bucket of speed,
             shape (2, n, SPEED_BUCKETS). [N m s]
         measured: The same of the measured friction torque. [N m s]
@@ -220,14 +219,7 @@ class FrictionLearner:
         )
 
     def restore(self, record: FrictionRecord) -> None:
-        """Continue from a record.
-
-        Args:
-            record: Of the same joints in the same order.
-
-        Raises:
-            StateFileError: If it is of another number of joints.
-        """
+        """Continue from a record."""
         self.sums, self.newest = filled(record.sums, self.sums), filled(record.newest, self.newest)
         self.parts = filled(record.parts, self.parts)
         self.refused = filled(record.refused, self.refused)

@@ -59,11 +59,6 @@ class ConditionRecord(ConditionPart):
     """What was learned of one robot with one model file.
 
     Attributes:
-        model_id: Identity of the model file.
-        joint_names: Joints in order.
-        end_ns: Newest sample learned from. [ns]
-        friction: From measured torque.
-        meter: From the power meter.
         wear: Records of friction, and the changes found in them.
     """
 
@@ -76,11 +71,7 @@ class ConditionRecord(ConditionPart):
 
     @classmethod
     def from_json(cls, content: bytes) -> Self:
-        """Return a record of JSON text; records of wear of the first format are dropped.
-
-        Raises:
-            StateFileError: If it is not such a record.
-        """
+        """Return a record of JSON text; records of wear of the first format are dropped."""
         return super().from_json(_without_old_wear(content))
 
 
@@ -126,7 +117,6 @@ class ConditionLearner:
     """Learns multipliers on friction and the constant losses from power samples.
 
     Attributes:
-        friction: Per joint, from measured torque.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
 
@@ -174,11 +164,7 @@ class ConditionLearner:
         return self.applies and self._use.any
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings of the meter."""
         if self.learns:
             self._readings.append(block)
 
@@ -187,18 +173,13 @@ class ConditionLearner:
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
-            before_ns: Stamp before the first. [ns]
         """
         if not self.applies:
             return []
         return np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
 
     def begin(self, stamp_ns: int) -> None:
-        """Let what was learned of the parts before a sample count.
-
-        Args:
-            stamp_ns: Of the sample. [ns]
-        """
+        """Let what was learned of the parts before a sample count."""
         if self._part is not None and stamp_ns // PART_NS != self._part:
             self._end_part()
 
@@ -215,11 +196,7 @@ class ConditionLearner:
         return self._multiplier(use, motor_velocity, motor_temperature_degc)
 
     def step(self, block: PowerBlock) -> None:
-        """Take power samples, computed with the multiplier and the offsets in use.
-
-        Args:
-            block: In time order.
-        """
+        """Take power samples, computed with the multiplier and the offsets in use."""
         if not self.learns:
             return
         starts = list[int]()
@@ -266,14 +243,7 @@ class ConditionLearner:
         )
 
     def restore(self, record: ConditionRecord) -> None:
-        """Continue from a record; what was learned since the start is dropped.
-
-        Args:
-            record: Of the same model file.
-
-        Raises:
-            StateFileError: If it is of another model, or does not fit its joints.
-        """
+        """Continue from a record; what was learned since the start is dropped."""
         model = self._model
         if (record.model_id, record.joint_names) != (model.model_id, tuple(model.joint_names)):
             raise StateFileError(

@@ -95,14 +95,7 @@ class MeterFit:
         )
 
     def restore(self, record: MeterRecord) -> None:
-        """Continue from a record.
-
-        Args:
-            record: Of the same robot.
-
-        Raises:
-            StateFileError: If an array has another size.
-        """
+        """Continue from a record."""
         self.information = filled(record.information, self.information)
         self.target = filled(record.target, self.target)
         self.power, self.scale = record.power_watt, record.scale

@@ -28,7 +28,6 @@ class Window(NamedTuple):
     """Energies over one window.
 
     Attributes:
-        stamp_ns: Where it ends. [ns]
         duration: Of its pieces. [s]
         measured: By the meter. [J]
         energies: Predicted ones, in the order they were given, shape (E,). [J]
@@ -41,11 +40,7 @@ class Window(NamedTuple):
 
 
 class MeterWindows:
-    """Predicted and measured energy over the same windows.
-
-    Attributes:
-        location: Where the meter sits.
-    """
+    """Predicted and measured energy over the same windows."""
 
     def __init__(self, energies: int, curve: MeterCurve) -> None:
         self.location = MeterLocation.UNKNOWN
@@ -68,11 +63,7 @@ class MeterWindows:
         self._sum: Float = np.zeros(2 + len(self._totals))  # measured, duration, predicted
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings."""
         self.location = block.location
         for number, part in enumerate(self._curve.step(block)):
             if number:
@@ -80,16 +71,12 @@ class MeterWindows:
             self._pieces = self._pieces.join(part)[slice(-MAX_PIECES, None)]
 
     def step(self, stamp_ns: Int, segment: Int, power: Float, until_ns: int) -> Iterator[Window]:
-        """Take predicted powers and return the windows that are complete.
+        """Yield the windows that are complete with these powers, in order of time.
 
         Args:
             stamp_ns: Rising but for jumps, shape (N,). [ns]
             segment: Shape (N,).
             power: Shape (N, E). [W]
-            until_ns: Pieces that end later wait. [ns]
-
-        Yields:
-            The windows, in order of time.
         """
         bounds = np.flatnonzero(np.diff(segment)) + 1
         for rows in np.split(np.arange(len(stamp_ns)), bounds):

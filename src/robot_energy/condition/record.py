@@ -32,11 +32,7 @@ class ConditionPart(BaseModel):
 
     @classmethod
     def from_json(cls, content: bytes) -> Self:
-        """Return a record of JSON text.
-
-        Raises:
-            StateFileError: If it is not such a record.
-        """
+        """Return a record of JSON text."""
         try:
             return cls.model_validate_json(content)
         except ValidationError as error:
@@ -92,11 +88,7 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
     """Return plain numbers as an array.
 
     Args:
-        values: As `flat` gave them.
         like: An array of the shape and type wanted.
-
-    Raises:
-        StateFileError: If there are more or fewer.
     """
     if len(values) != like.size:
         raise StateFileError(
@@ -109,10 +101,8 @@ class ThermalRecord(ConditionPart):
     """Estimated motor temperatures of one robot with one model file.
 
     Attributes:
-        model_id: Identity of the model file.
         end_ns: End of the newest window that was taken. [ns]
         state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat.
-        covariance: Of these, flattened.
     """
 
     model_id: str

@@ -79,7 +79,6 @@ class ThermalObserver:
         curve: Turns readings of the meter into pieces; None for the usual limits.
 
     Attributes:
-        on: Whether any joint is estimated.
         degc: Estimated temperature of each motor in this window, shape (n,); NaN where there is
             no network. [degC]
         std: Its standard deviation, shape (n,). [K]
@@ -163,11 +162,7 @@ class ThermalObserver:
         return self.on
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings of the meter."""
         if self.geared.any():
             self._windows.measure(block)
 
@@ -176,7 +171,6 @@ class ThermalObserver:
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
-            before_ns: Stamp before the first. [ns]
             rising: Whether no stamp is older than the one before it.
         """
         if not self.on or (rising and before_ns // WINDOW_NS == int(stamp_ns[-1]) // WINDOW_NS):
@@ -187,7 +181,6 @@ class ThermalObserver:
         """Let the window before a sample count, if the sample begins another one.
 
         Args:
-            stamp_ns: Of the sample. [ns]
             stuck: Whose readings stand still, shape (n,).
         """
         if not self.on:
@@ -234,14 +227,7 @@ class ThermalObserver:
         )
 
     def restore(self, record: ThermalRecord) -> None:
-        """Continue from a record.
-
-        Args:
-            record: Of the same model file.
-
-        Raises:
-            StateFileError: If it is of another model, or does not fit its joints.
-        """
+        """Continue from a record."""
         sizes = len(record.state), len(record.covariance)
         fits = sizes == (self._x.size, self._covariance.size)
         if record.model_id != self._model.model_id or not fits:

@@ -89,9 +89,6 @@ class WearState(ConditionPart):
 class WearMonitor:
     """Watches the friction of every joint, or of the whole robot, for lasting changes.
 
-    Args:
-        joint_names: In model order.
-
     Attributes:
         joints: Test of each joint, from measured torque.
     """
@@ -104,11 +101,7 @@ class WearMonitor:
         self.robot = DriftTest(ROBOT)
 
     def step(self, part: MotionSums) -> None:
-        """Take a part of measured torque.
-
-        Args:
-            part: What it says, without what was refused.
-        """
+        """Take a part of measured torque."""
         for joint, record in self._gatherer.step(part).items():
             self.joints[joint].step(record)
 
@@ -118,7 +111,6 @@ class WearMonitor:
         """Take a window of the power meter.
 
         Args:
-            stamp_ns: Its end. [ns]
             duration: [s]
             residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]
@@ -167,14 +159,7 @@ class WearMonitor:
         )
 
     def restore(self, record: WearState) -> None:
-        """Continue from a record.
-
-        Args:
-            record: Of the same joints in the same order.
-
-        Raises:
-            StateFileError: If it is of another number of joints, or of features.
-        """
+        """Continue from a record."""
         if len(record.tests) != len(self.joints) + 1:
             raise StateFileError(
                 f"learned figures of {len(record.tests) - 1} joints", f"{len(self.joints)}"

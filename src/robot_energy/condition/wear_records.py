@@ -48,7 +48,6 @@ class WearRecord(NamedTuple):
     """Minutes of motion of one joint, or of the whole robot.
 
     Attributes:
-        stamp_ns: Their mean. [ns]
         hours: Hours of motion up to the middle. [h]
         time: Motion. [s]
         excess: Logarithm of measured over model friction. [-]
@@ -71,11 +70,7 @@ class WearRecord(NamedTuple):
     program: Numbers = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
-        """Return this and a later record as one; all its figures are means over time.
-
-        Args:
-            later: The record after this one.
-        """
+        """Return this and a later record as one; all its figures are means over time."""
         time = self.time + later.time
         share = later.time / time
 
@@ -111,11 +106,7 @@ class MotionGatherer:
         self._times: Float = np.zeros((2, n_joints))
 
     def step(self, part: MotionSums) -> dict[int, WearRecord]:
-        """Return the records that a part completes, by joint.
-
-        Args:
-            part: What it says, without what was refused.
-        """
+        """Return the records that a part completes, by joint."""
         above = self._above_means(part)
         moved = part.time.sum(axis=2)
         self._times += moved
@@ -278,7 +269,6 @@ class MeterGatherer:
         """Return the record that a window completes, or None.
 
         Args:
-            stamp_ns: Its end. [ns]
             duration: [s]
             residual: Measured minus what the model file predicts. [J]
             friction: Friction energy of the model file that the meter sees. [J]

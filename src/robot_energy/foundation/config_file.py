@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
-from pydantic import BaseModel, ValidationError
 
 from robot_energy.foundation.errors import ModelFileError, RobotEnergyError
 from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
 from robot_energy.foundation.files.xml_encoding import DECLARE
-from robot_energy.foundation.schema_errors import described, listed, refusal
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     _Base = yaml.SafeLoader
 else:
     _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -29,7 +29,7 @@ MAX_NODES = 200_000  # keys and values; a large efficiency map has some thousand
 MAX_DEPTH = 50  # a model file has eight
 MAX_INTEGER = 2**64 - 1  # unsigned registers of 64 bits reach it
 
-M = TypeVar("M", bound=BaseModel)
+M = TypeVar("M", bound="BaseModel")
 
 
 class _Loader(_Base):
@@ -67,19 +67,7 @@ def load(
     what: str = "configuration file",
     remedy: str = "",
 ) -> M:
-    """Return the checked values of one file.
-
-    Args:
-        path: A YAML file.
-        model: Its schema.
-        error: What to raise.
-        what: What the file is, for messages.
-        remedy: Where an example of one is.
-
-    Raises:
-        RobotEnergyError: The error asked for, if the file cannot be read, is not bounded YAML, or
-            does not fit the schema.
-    """
+    """Return the checked values of one file."""
     text = read_text(path, error, what, remedy=remedy)
     return validated(parse_yaml(text, str(path), error), model, str(path), error)
 
@@ -98,10 +86,6 @@ def read_text(
     Args:
         remedy: What the user can do if it cannot be read.
         encoding_of: Finds the encoding from the bytes; by default it is UTF-8.
-
-    Raises:
-        RobotEnergyError: The error asked for, if it is missing, too large, special or not in its
-            encoding.
     """
     try:
         return read_regular_text(path, max_bytes, encoding_of)
@@ -115,14 +99,12 @@ def read_text(
 def validated(
     data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
 ) -> M:
-    """Return plain values as an instance of a schema.
+    """Return plain values as an instance of a schema."""
+    # 10 MB of schemas, which a reader of plain YAML or of bags does not need.
+    from pydantic import ValidationError
 
-    Args:
-        data: What `parse_yaml` returned.
+    from robot_energy.foundation.schema_errors import described, listed, refusal
 
-    Raises:
-        RobotEnergyError: The error asked for, naming keys, what was found and what was expected.
-    """
     if not isinstance(data, dict):
         fields = model.model_fields
         keys = [name for name, field in fields.items() if field.is_required()] or list(fields)
@@ -134,17 +116,7 @@ def validated(
 
 
 def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFileError) -> Any:
-    """Return the plain values of one YAML document.
-
-    Args:
-        text: The document.
-        source: Its name, for messages.
-        error: What to raise.
-
-    Raises:
-        RobotEnergyError: The error asked for, if the text is not YAML, is too large or too deep,
-            or holds tags, aliases or repeated keys.
-    """
+    """Return the plain values of one YAML document."""
     if len(text) > MAX_BYTES:
         raise error(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
     try:

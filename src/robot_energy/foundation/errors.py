@@ -46,11 +46,7 @@ class ModelFileError(RobotEnergyError, ValueError):
 
 
 class UrdfAwaitedError(ModelFileError):
-    """A model file leaves its URDF to a topic, and none was given.
-
-    Args:
-        topic: The topic that it names.
-    """
+    """A model file leaves its URDF to a topic, and none was given."""
 
     def __init__(self, source: str, topic: str) -> None:
         self.topic = topic
@@ -87,9 +83,6 @@ def check_shape(name: str, found: tuple[int, ...], expected: tuple[int, ...]) ->
     Args:
         found: Its shape.
         expected: The shape it must have.
-
-    Raises:
-        ShapeError: If the shapes differ.
     """
     if found != expected:
         raise ShapeError(f"{name} has shape {found}", f"{expected}")

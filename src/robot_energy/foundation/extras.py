@@ -28,24 +28,13 @@ STUDIES = f"{COMPANIONS}studies"
 
 
 def require(library: str, user: str) -> None:
-    """Refuse to go on where a library of an extra is not installed.
-
-    Args:
-        library: A key of `EXTRAS`.
-
-    Raises:
-        MissingExtraError: If it is not there.
-    """
+    """Refuse to go on where a library of an extra is not installed."""
     if find_spec(library) is None:
         raise missing(library, user)
 
 
 def missing(library: str, user: str) -> MissingExtraError:
-    """Return what to say of a module that is not installed, which ours need.
-
-    Args:
-        library: Its name, or that of a module in it.
-    """
+    """Return what to say of a module that is not installed, which ours need."""
     library = library.partition(".")[0]
     found = f"{user} needs {library}, which is not installed"
     if library in EXTRAS:
@@ -64,10 +53,6 @@ def missing(library: str, user: str) -> MissingExtraError:
 
 
 def is_ours(library: str) -> bool:
-    """Whether an extra or the distribution brings a module.
-
-    Args:
-        library: Its name, or that of a module in it.
-    """
+    """Whether an extra or the distribution brings a module."""
     library = library.partition(".")[0]
     return library in EXTRAS or library.startswith(COMPANIONS)

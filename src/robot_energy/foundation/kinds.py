@@ -1,8 +1,6 @@
 """Tables of kinds: everything that is of one kind of drive model, friction law, meter ...
 
-A kind is one object that brings all parts it has: its entry of the model file, its physics,
-its fit, its label. Parts of the shipped kinds that stand in layers above the table are named
-there, see `Part`; a kind of a user brings all parts at once with `Kinds.register`, in one file.
+A kind is one object with all its parts; what stands in layers above its table is a `Part`.
 Nobody compares the name of a kind: who needs to know something of it asks for a field.
 """
 
@@ -28,11 +26,7 @@ VARIABLE = "ROBOT_ENERGY_KINDS"  # of the environment: files that register kinds
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """What every kind says of itself.
-
-    Attributes:
-        name: As in files and parameters.
-    """
+    """What every kind says of itself."""
 
     name: str
     label: str
@@ -68,9 +62,6 @@ class Kinds(dict[str, K], Generic[K]):
     """A table of kinds by name, in the order of registration.
 
     An unknown name is a `KindError` that names the nearest.
-
-    Args:
-        kinds: Those that are shipped.
     """
 
     def __init__(self, what: str, *kinds: K) -> None:
@@ -92,11 +83,7 @@ class Kinds(dict[str, K], Generic[K]):
         return f"write '{near[0]}'" if near else ""
 
     def register(self, kind: K) -> K:
-        """Return a kind, which is known from now on.
-
-        Raises:
-            KindError: If another one has this name.
-        """
+        """Return a kind, which is known from now on."""
         if kind.name in self:
             raise KindError(f"the {self.what} '{kind.name}' is there already", "another name")
         self[kind.name] = kind
@@ -126,9 +113,6 @@ def load_kinds() -> None:
 
     These are the modules of the entry points of `GROUP` and the files that the environment
     variable `VARIABLE` lists.
-
-    Raises:
-        KindError: If a file is missing or cannot be run.
     """
     for entry in installed(GROUP):
         entry.load()

@@ -10,13 +10,10 @@ Verb = TypeVar("Verb", bound=Callable[..., object])
 
 
 def lists(options: type) -> Callable[[Verb], Verb]:
-    """Show the keys of a TypedDict in place of ``**options`` in help and completion.
+    """Return a decorator that shows the keys of a TypedDict in place of ``**options``.
 
     Args:
         options: The TypedDict, whose keys are None by default.
-
-    Returns:
-        A decorator of the verb.
     """
 
     def shown(verb: Verb) -> Verb:

@@ -45,9 +45,6 @@ def end_at_once(program: str) -> None:
     """Have signals to stop end the process while there is nothing to clean up.
 
     An exception could be raised, and lost, inside of any import.
-
-    Args:
-        program: Begins the sentence that is said.
     """
     for number, default in _DEFAULTS.items():
         if signal.getsignal(number) is default:

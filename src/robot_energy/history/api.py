@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from pathlib import Path
@@ -13,13 +12,11 @@ import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import time_zone
-from robot_energy.history.files import open_reader
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy.history.files import reader
 from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.spans import (
     RESOLUTIONS,
     Resolution,
-    SlotSums,
     edges,
     events,
     jobs,
@@ -27,6 +24,7 @@ from robot_energy.history.spans import (
     learned_friction,
     not_resolved,
     robots_of,
+    span_table,
     sums,
 )
 from robot_energy.history.tariffs import day_begin, stored_tariffs
@@ -100,25 +98,21 @@ def history(
             "shifts without a tariff that has some", "a tariff with shifts",
             "robot-energy history tariff --add FILE",
         )  # fmt: skip
-    with closing(open_reader(folder)) as connection:
-        connection.execute("BEGIN")  # one state of the file, whatever is written meanwhile
+    with reader(folder) as connection:
         known = robots_of(connection, robots)
         if by_joint:
-            return _history(_series(joint_sums(connection, known, bounds), JOINT_COLUMNS))
+            return _history(joint_sums(connection, known, bounds))
         if resolution == "minute":
-            return _history(_series(sums(connection, known, bounds, minutes=True), COLUMNS))
-        spans = _series(not_resolved(connection, known, bounds), COLUMNS)
+            return _history(sums(connection, known, bounds, minutes=True))
+        spans = not_resolved(connection, known, bounds)
         cost = costs(connection, known, bounds, tariffs, by_shift) if tariffs else {}
         if by_shift:
             return _by_shift(known, bounds, cost, spans, tariffs[-1].currency)
         found = sums(connection, known, bounds)
     if not tariffs:
-        return _history(_series(found, COLUMNS), spans)
-    place = {name: number for number, name in enumerate(known)}
-    part = {start: number for number, start in enumerate(bounds)}
-    own = [(cost.get((part[one.start_ns], "")), place[one.robot]) for one in found]
-    priced = _columns(own, PRICED)
-    return _history(_series(found, COLUMNS), spans, priced, tariffs[-1].currency)
+        return _history(found, spans)
+    priced = _priced(found, list(known), bounds, cost)
+    return _history(found, spans, priced, tariffs[-1].currency)
 
 
 def history_jobs(
@@ -159,8 +153,7 @@ def job_sums(
         bounds: Where parts of the time begin, and the end of the last. [ns]
         names: Of `JOB_SUMS`, the energy from the grid among them.
     """
-    with closing(open_reader(folder)) as connection:
-        connection.execute("BEGIN")
+    with reader(folder) as connection:
         found = jobs(connection, robots_of(connection, robots), bounds, names)
     columns: dict[str, Column] = {
         "robot": np.array([one.robot for one in found], dtype=str),
@@ -201,7 +194,7 @@ def history_events(
         HistoryError: As of `history`.
     """
     bounds = _bounds(start, stop, "all", timezone)
-    with closing(open_reader(folder)) as connection:
+    with reader(folder) as connection:
         rows = events(connection, robots_of(connection, robots), bounds[0], bounds[1])
     columns: dict[str, Column] = {
         name: np.array([row[place] for row in rows], dtype=str)
@@ -238,8 +231,7 @@ def history_friction(
         HistoryError: As of `history`.
     """
     bounds = _bounds(start, stop, resolution, timezone)
-    with closing(open_reader(folder)) as connection:
-        connection.execute("BEGIN")
+    with reader(folder) as connection:
         rows = learned_friction(connection, robots_of(connection, robots), bounds)
     kinds: tuple[tuple[str, type], ...] = (
         ("stop_ns", np.int64), ("robot", str), ("joint", str), ("model_id", str),
@@ -294,13 +286,29 @@ def _by_shift(
     return _history(TimeSeries(starts, columns, units=units), spans, currency=currency)
 
 
-def _columns(rows: Sequence[tuple[Costs | None, int]], names: Sequence[str]) -> dict[str, Column]:
+def _priced(
+    table: TimeSeries, robots: list[str], bounds: Sequence[int], found: dict[tuple[int, str], Costs]
+) -> dict[str, Column]:
+    """Costs of the rows of a table, which are in order of time."""
+    names, place = np.unique(table["robot"], return_inverse=True)
+    place = np.array([robots.index(name) for name in names.tolist()], np.int64)[place]
+    priced = {name: np.zeros(len(table), _kind(name)) for name in PRICED}
+    firsts = np.searchsorted(table.stamp_ns, bounds)
+    for (part, _), own in found.items():
+        rows = slice(firsts[part], firsts[part + 1])
+        for name, values in priced.items():
+            values[rows] = own[name][place[rows]]
+    return dict(priced)
+
+
+def _kind(name: str) -> type:
+    return np.int64 if name.endswith("_microjoule") else float
+
+
+def _columns(rows: Sequence[tuple[Costs, int]], names: Sequence[str]) -> dict[str, Column]:
     """Columns of costs, a row of each part and place of a robot in it."""
     return {
-        name: np.array(
-            [0 if one is None else one[name][place] for one, place in rows],
-            dtype=np.int64 if name.endswith("_microjoule") else float,
-        )
+        name: np.array([one[name][place] for one, place in rows], dtype=_kind(name))
         for name in names
     }
 
@@ -319,7 +327,7 @@ def _history(
         table.stamp_ns,
         columns,
         units={name: unit for name, unit in units.items() if name in columns},
-        not_resolved=spans or _series([], COLUMNS),
+        not_resolved=span_table([]) if spans is None else spans,
         currency=currency,
     )
 
@@ -338,23 +346,3 @@ def _stamp(instant: Instant, zone: ZoneInfo) -> int:
         return day_begin(instant, zone)
     local = instant if instant.tzinfo else instant.replace(tzinfo=zone)
     return round(local.timestamp() * 1e6) * 1000
-
-
-def _series(rows: Sequence[SlotSums], names: Sequence[str]) -> TimeSeries:
-    columns: dict[str, Column] = {
-        "robot": np.array([one.robot for one in rows], dtype=str),
-        "stop_ns": np.array([one.stop_ns for one in rows], dtype=np.int64),
-    }
-    if names is JOINT_COLUMNS:
-        columns["joint"] = np.array([one.joint for one in rows], dtype=str)
-    for place, name in enumerate(names):
-        columns[name] = np.array([one.values[place] for one in rows], dtype=np.int64)
-    if names is COLUMNS:
-        columns["peak_minute_microjoule"] = np.array(
-            [one.peak_microjoule for one in rows], dtype=np.int64
-        )
-        columns["flags"] = np.array([one.flags for one in rows], dtype=np.int64)
-    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in columns if name in names}
-    return TimeSeries(
-        np.array([one.start_ns for one in rows], dtype=np.int64), columns, units=units
-    )

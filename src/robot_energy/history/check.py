@@ -12,12 +12,12 @@ from typing import Any
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy.history.differences import REPAIRED, CountedSpan, Event
-from robot_energy.history.files import open_reader, open_writer, take_lock
+from robot_energy.history.files import DAMAGED, open_reader, open_writer, take_lock
 from robot_energy.history.jobs import unlike_jobs
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
 from robot_energy.history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
 from robot_energy.history.rows import put_events, reading_from
-from robot_energy.history.schema import FILE, LEVELS, TABLES, VERSION, prepare
+from robot_energy.history.schema import FILE, LEVELS, TABLES, VERSION, prepare, version_of
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
@@ -44,7 +44,7 @@ def check(folder: str | Path) -> list[str]:
                 if row[0] != "ok"
             ]
             return found or [*map(_said, _missing(connection)), *_unlike(connection)]
-        except sqlite3.DatabaseError as error:
+        except DAMAGED as error:
             return [f"the file is damaged: {error}"]
 
 
@@ -84,7 +84,7 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
                 said.append(f"{_said(one)}; it is now one span over all of their time")
             connection.execute("COMMIT")
         return said
-    except sqlite3.Error as error:
+    except DAMAGED as error:
         raise HistoryError(f"{path} cannot be repaired ({error})", "a disk with space") from error
     finally:
         os.close(lock)
@@ -99,12 +99,27 @@ def check_file(path: Path) -> str:
     try:
         with closing(sqlite3.connect(path)) as connection:
             rows = [str(row[0]) for row in connection.execute("PRAGMA quick_check(1)")]
-            version = int(connection.execute("PRAGMA user_version").fetchone()[0])
-    except sqlite3.DatabaseError as error:
+            version = version_of(connection)
+            columns = _columns(connection)
+    except DAMAGED as error:
         return str(error)
     if version > VERSION:
         raise HistoryError(f"{path} has tables of version {version}", f"version {VERSION}")
+    if version == VERSION:
+        with closing(sqlite3.connect(":memory:")) as fresh:
+            fresh.executescript(TABLES)
+            if not _columns(fresh) <= columns:
+                return "its tables have other columns"
     return "" if rows == ["ok"] else rows[0]
+
+
+def _columns(connection: sqlite3.Connection) -> set[tuple[str, str]]:
+    """Names of all tables with those of their columns."""
+    return set(
+        connection.execute(
+            "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c"
+        )
+    )
 
 
 def _missing(connection: sqlite3.Connection) -> list[Missing]:
@@ -245,7 +260,7 @@ def _copied(source: sqlite3.Connection, target: sqlite3.Connection, table: str) 
             for row in sorted(source.execute(f"PRAGMA table_info({table})"), key=lambda r: r[5])
             if row[5]
         )
-    except sqlite3.DatabaseError:
+    except DAMAGED:
         return 1
     marks = ", ".join("?" * len(columns))
     for order in ("ASC", "DESC"):
@@ -253,6 +268,6 @@ def _copied(source: sqlite3.Connection, target: sqlite3.Connection, table: str) 
             by = ", ".join(f"{key} {order}" for key in keys.split(", "))
             for row in source.execute(f"SELECT * FROM {table} ORDER BY {by}"):
                 target.execute(f"INSERT OR IGNORE INTO {table} VALUES ({marks})", row)
-        except sqlite3.DatabaseError:
+        except DAMAGED:
             lost = 1
     return lost

@@ -6,14 +6,16 @@ does not is kept with its true beginning and end, and no energy is spread over i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, OBSERVED, Reading
+from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
+from robot_energy.history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
+from robot_energy.timeline.stamps import MAX_STAMP_NS
 
 SLOT_NS = 15 * MINUTE_NS
 BEHIND_NS = MINUTE_NS  # registers that stay behind what was recorded for longer have gone back [ns]
+MAX_POWER = 10**9  # mean between two readings, meters that count in MWh included [W]
 UNRESOLVED = 1  # flags of a span: it is not a slot; its beginning and end are its own
 CLOCK = 2  # stamps were set meanwhile
 EARLIER = 4  # counted before this robot was recorded at all
@@ -103,6 +105,25 @@ class EpochStep:
     events: tuple[Event, ...] = ()
 
 
+def refuse_nonsense(span: CountedSpan) -> None:
+    """Refuse times and energies that no robot has, as of a register with a flipped bit.
+
+    Raises:
+        OverflowError: If a mean power is over `MAX_POWER`, or the time longer than stamps reach.
+    """
+    time = span.values[OBSERVED] + span.values[GAP] + SECOND_NS
+    limit = MAX_POWER * time // 1000  # W ns = 1e-3 uJ
+    joints = (value for own in span.joints.values() for value in own)
+    if time > MAX_STAMP_NS or any(
+        abs(value) > limit for value in (*_energies(span.values), *joints)
+    ):
+        raise OverflowError(f"over {limit} uJ in {time} ns")
+
+
+def _energies(values: Sequence[int]) -> Iterator[int]:
+    return (value for name, value in zip(COLUMNS, values, strict=True) if name[-3:] != "_ns")
+
+
 def zero_of(reading: Reading) -> Reading:
     """Return registers as they were when they were zero."""
     return replace(
@@ -121,7 +142,7 @@ def begun(reading: Reading, known: bool) -> EpochStep:
         known: Whether this robot was recorded before, with other registers.
     """
     zero = zero_of(reading)
-    begin = reading.stamp_ns - reading.counted_ns
+    begin = max(0, reading.stamp_ns - reading.counted_ns)
     flags = 0 if known else EARLIER
     until = reading.stamp_ns
     span = CountedSpan(min(begin, until), until, reading.values, reading.joints, flags)
@@ -164,7 +185,7 @@ def step(epoch: Epoch, reading: Reading) -> EpochStep | None:
     begin, events, flags = epoch.known_until_ns, list[Event](), 0
     set_by = reading.stamp_ns - counted - last.stamp_ns
     if set_by:
-        begin, flags = reading.stamp_ns - counted, CLOCK
+        begin, flags = max(0, reading.stamp_ns - counted), CLOCK
         text = f"stamps were set by {set_by / 1e9:+.3f} s"
         events.append(Event(reading.stamp_ns, "clock", text))
     none = (0,) * len(JOINT_COLUMNS)

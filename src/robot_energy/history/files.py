@@ -5,13 +5,16 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.schema import FILE, VERSION, version_of
 from robot_energy.store.state_files import open_regular
 
+DAMAGED = (sqlite3.Error, UnicodeError)
+"""What SQLite raises of a damaged file, also where its own words are damaged."""
 BUSY = 5.0  # how long a lock of the file is waited for [s]
 
 
@@ -70,6 +73,18 @@ def open_writer(folder: Path) -> sqlite3.Connection:
     return connection
 
 
+def unusable(folder: Path, error: Exception) -> HistoryError:
+    """Return why a history cannot be written."""
+    damaged = isinstance(error, DAMAGED) and not isinstance(error, sqlite3.OperationalError)
+    return HistoryError(
+        f"the history in {folder} cannot be written ({error})",
+        "a folder that can be written, on a disk with space",
+        f"stop the recorder and run: robot-energy history repair {folder}"
+        if damaged
+        else "counting goes on; this energy is recorded as one span once writing is possible",
+    )
+
+
 def open_reader(folder: str | Path) -> sqlite3.Connection:
     """Return a connection that only reads, also while another process writes.
 
@@ -94,12 +109,8 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
             connection.close()
             connection = sqlite3.connect(f"{uri}&immutable=1", uri=True, isolation_level=None)
             version = version_of(connection)
-    except sqlite3.Error as error:
-        raise HistoryError(
-            f"{path} cannot be read ({error})",
-            "a history",
-            f"robot-energy history check {path.parent}",
-        ) from error
+    except DAMAGED as error:
+        raise _unreadable(path, error) from error
     connection.execute("PRAGMA temp_store = MEMORY")
     if version != VERSION:
         connection.close()
@@ -110,3 +121,28 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
             else "use the release that wrote it",
         )  # fmt: skip
     return connection
+
+
+@contextmanager
+def reader(folder: str | Path) -> Iterator[sqlite3.Connection]:
+    """Give a connection that reads one state of a history, whatever is written meanwhile.
+
+    Args:
+        folder: Folder of a history.
+
+    Raises:
+        HistoryError: As of `open_reader`, or if what is read is damaged.
+    """
+    with closing(open_reader(folder)) as connection:
+        try:
+            connection.execute("BEGIN")
+            yield connection
+        except DAMAGED as error:
+            raise _unreadable(Path(folder) / FILE, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> HistoryError:
+    return HistoryError(
+        f"{path} cannot be read ({error})", "a history",
+        f"robot-energy history check {path.parent}",
+    )  # fmt: skip

@@ -5,13 +5,15 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
 from typing import Any
 
 from robot_energy.foundation.units import DAY_NS
 from robot_energy.history.differences import Event
 from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.jobs import put_job
-from robot_energy.history.rows import put_events, put_friction
+from robot_energy.history.rows import attempt, put_events, put_friction
 
 MAX_JOBS = 24_000  # that wait
 MAX_EVENTS = 10_000  # that wait
@@ -55,19 +57,34 @@ class WaitingNotes:
 
     def write(
         self, connection: sqlite3.Connection, until_ns: int, number: Callable[[str], int]
-    ) -> None:
+    ) -> int:
         """Put all into a history.
 
         Args:
             until_ns: Up to where jobs are rolled up. [ns]
             number: Gives the number of a robot by its name.
+
+        Returns:
+            How many were refused, as the tables cannot hold them.
         """
-        for (robot, _, _), job in self._jobs.items():
-            put_job(connection, until_ns, number(robot), job)
-        for robot, event in self._events:
-            put_events(connection, number(robot), [event])
-        for (robot, _), learned in self._friction.items():
-            put_friction(connection, number(robot), learned)
+        jobs = (
+            (robot, partial(put_job, connection, until_ns), job)
+            for (robot, _, _), job in self._jobs.items()
+        )
+        events = ((robot, partial(put_events, connection), [one]) for robot, one in self._events)
+        friction = ((robot, partial(put_friction, connection), one)
+                    for (robot, _), one in self._friction.items())  # fmt: skip
+        return sum(
+            not attempt(connection, partial(_done, put, number(robot), one))
+            for robot, put, one in chain[tuple[str, Callable[[int, Any], None], Any]](
+                jobs, events, friction
+            )
+        )
+
+
+def _done(put: Callable[[int, Any], None], robot: int, one: Any) -> bool:
+    put(robot, one)
+    return True
 
 
 def _shorten(held: dict[Any, Any], most: int) -> None:

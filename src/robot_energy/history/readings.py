@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.messages.model_messages import FRAME, RECORDING
-from robot_energy.messages.registers import ENERGY_REGISTERS, EXACT_FIELDS, EXACT_JOINT_FIELDS
+from robot_energy.messages.fields import (
+    ENERGY_REGISTERS,
+    EXACT_FIELDS,
+    EXACT_JOINT_FIELDS,
+    FRAME,
+    RECORDING,
+)
+from robot_energy.timeline.stamps import MAX_STAMP_NS, valid_stamps
 
 PHASES = ("hold", "motion", "generating")  # from PHASE_HOLD on
 FROM_MESSAGE = (
@@ -90,6 +96,7 @@ class ReadingDecoder:
         """
         decoded = self._decoder.decode(batch)
         self.malformed += len(decoded.malformed)
+        self.malformed += sum(int((~_usable(run)).sum()) for run in decoded.runs)
         rows = [
             (int(row), one, run.columns[FRAME] == RECORDING)
             for run in decoded.runs
@@ -105,7 +112,7 @@ class ReadingDecoder:
 
 def _readings(run: Run) -> Iterator[tuple[int, Reading]]:
     times = [stamp_ns(run, path) for path in _STAMPS]
-    kept = _kept(run, *times)
+    kept = _kept(run, *times) & _usable(run)
     stamps, starts, minutes = (one[kept].tolist() for one in times)
     plain = [run.array(name)[kept].tolist() for name in FROM_MESSAGE]
     phases = [run.array(name)[kept, 1:].tolist() for name in ("phase_microjoule", "phase_ns")]
@@ -131,6 +138,16 @@ def _readings(run: Run) -> Iterator[tuple[int, Reading]]:
                 joints=dict(zip(names, own, strict=True)),
             ),
         )
+
+
+def _usable(run: Run) -> NDArray[np.bool_]:
+    """Which readings have stamps, and have not counted more time than there was since 1970."""
+    usable = np.ones(len(run.rows), dtype=bool)
+    for path in _STAMPS:
+        usable &= valid_stamps(stamp_ns(run, path))
+    for counted in (run.array(name) for name in ("observed_ns", "gap_ns")):
+        usable &= (counted >= 0) & (counted <= MAX_STAMP_NS)
+    return usable & (stamp_ns(run, _STAMPS[0]) > 0)
 
 
 def _kept(

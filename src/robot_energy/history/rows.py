@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 from robot_energy.foundation.units import DAY_NS
 from robot_energy.history.differences import CountedSpan, Epoch, Event
 from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
 from robot_energy.history.schema import LEVELS
+
+T = TypeVar("T")
 
 
 def _upsert(table: str, key: str, columns: Sequence[str], further: str = "") -> str:
@@ -35,6 +37,25 @@ SLOTS = {
 JOINTS = {
     level: _upsert(f"joint{level}", f"{_KEY} joint", JOINT_COLUMNS) for level in (15, *LEVELS)
 }
+
+
+def attempt(connection: sqlite3.Connection, work: Callable[[], T]) -> T | None:
+    """Do work on the tables, or none of it where they cannot hold a value.
+
+    So what one robot sends keeps no other from being written. A disk in trouble is no such case.
+
+    Returns:
+        What the work does; None where it was refused.
+    """
+    connection.execute("SAVEPOINT attempt")
+    try:
+        done = work()
+    except (OverflowError, UnicodeError, sqlite3.IntegrityError):
+        connection.execute("ROLLBACK TO attempt")
+        connection.execute("RELEASE attempt")
+        return None
+    connection.execute("RELEASE attempt")
+    return done
 
 
 def put_slot(

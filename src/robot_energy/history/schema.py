@@ -10,7 +10,6 @@ from pathlib import Path
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
-from robot_energy.history.tariffs import Tariff, add_tariffs
 
 VERSION = 3
 FILE = "history.sqlite"
@@ -87,6 +86,8 @@ CREATE INDEX irregular ON slot15 (robot, start) WHERE flags & 1;
 
 def _rolled_up(connection: sqlite3.Connection) -> None:
     """Version 2: hours, days and curves, which the writer fills day by day; tariffs have a file."""
+    from robot_energy.history.tariffs import Tariff, add_tariffs  # 10 MB of schemas, used once
+
     for statement in ROLLED.split(";"):
         connection.execute(statement)
     folder = Path(connection.execute("PRAGMA database_list").fetchone()[2]).parent

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from itertools import pairwise
-from operator import add, itemgetter
+from operator import add
 from typing import Any, Literal
 from zoneinfo import ZoneInfo
+
+import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
@@ -18,6 +20,7 @@ from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy.history.rollup import FLAGS, REGULAR, Rolled
 from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.tariffs import day_begin
+from robot_energy.timeline.time_series import Column, TimeSeries
 
 Resolution = Literal["minute", "quarter", "hour", "day", "week", "month", "year", "all"]
 RESOLUTIONS: tuple[Resolution, ...] = (
@@ -28,6 +31,7 @@ MAX_BUCKETS = 200_000
 SUMS = ", ".join(f"sum(s.{name})" for name in COLUMNS)
 JOINT_SUMS = ", ".join(f"sum(s.{name})" for name in JOINT_COLUMNS)
 PEAK = "max(s.peak_microjoule)"
+_SLOT_COLUMNS = (*COLUMNS, "peak_minute_microjoule", "flags")
 _WITHIN = "{on}.start >= p.start AND {on}.start < p.stop AND {on}.stop <= p.stop"
 _SPANS = (
     "piece p CROSS JOIN some r CROSS JOIN {table}1 s ON s.robot = r.id AND "
@@ -54,29 +58,6 @@ _JOBS = (
     ),
 )  # fmt: skip
 """Where jobs are counted by pieces of each length, and how many jobs rows are."""
-
-
-@dataclass(frozen=True)
-class SlotSums:
-    """What one robot used in a time.
-
-    Attributes:
-        start_ns: Begin of the time. [ns]
-        stop_ns: End of it; of a span in no slot its own. [ns]
-        robot: Its name.
-        values: By `COLUMNS`, or by `JOINT_COLUMNS` of one joint. [ns], [uJ]
-        flags: Of the slots.
-        peak_microjoule: Most energy from the grid within a minute; 0 if no minute is known. [uJ]
-        joint: Its name; empty for the whole robot.
-    """
-
-    start_ns: int
-    stop_ns: int
-    robot: str
-    values: tuple[int, ...]
-    flags: int = 0
-    peak_microjoule: int = 0
-    joint: str = ""
 
 
 @dataclass(frozen=True)
@@ -154,7 +135,7 @@ def robots_of(connection: sqlite3.Connection, names: Sequence[str] = ()) -> dict
 def sums(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], *,
     minutes: bool = False,
-) -> list[SlotSums]:  # fmt: skip
+) -> TimeSeries:  # fmt: skip
     """Return the sums of all slots that lie within each part, in order of time and robot.
 
     Args:
@@ -166,7 +147,7 @@ def sums(
 
 def joint_sums(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
-) -> list[SlotSums]:
+) -> TimeSeries:
     """Return the same of every joint; the sums of a joint are by `JOINT_COLUMNS`."""
     return _added(connection, robots, bounds, "joint", minutes=False)
 
@@ -174,29 +155,41 @@ def joint_sums(
 def _added(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], table: str,
     minutes: bool,
-) -> list[SlotSums]:  # fmt: skip
+) -> TimeSeries:  # fmt: skip
     """Add up days, hours and quarters that each part is made of, and spans that lie within it."""
-    parts = list(pairwise(bounds))
-    _put_pieces(connection, robots, parts, minutes)
-    by = ", s.joint" if table == "joint" else ""
-    values = ", s.joint, 0, 0, " + JOINT_SUMS if by else f", '', {FLAGS}, {PEAK}, {SUMS}"
-    found: dict[tuple[int, str, str], tuple[int, ...]] = {}
+    _put_pieces(connection, robots, list(pairwise(bounds)), minutes)
+    by_joint = table == "joint"
+    by, values = (", s.joint", JOINT_SUMS) if by_joint else ("", f"{SUMS}, {PEAK}, {FLAGS}")
+    rows: list[tuple[Any, ...]] = []
     for source in _SPANS if minutes else (*_REGULAR, _IRREGULAR):
         number = "p.id" if source is _IRREGULAR else "p.part"
-        for part, robot, joint, flags, peak, *own in connection.execute(
-            f"SELECT {number}, r.name{values} FROM {source.format(table=table)} "
+        rows += connection.execute(
+            f"SELECT r.name, {number}{by or ', 0'}, {values} FROM {source.format(table=table)} "
             f"GROUP BY p.id, r.id{by}"
-        ):
-            key = (part, robot, joint)
-            if key in found:
-                old_flags, old_peak, *old = found[key]
-                flags, peak = flags | old_flags, max(peak, old_peak)
-                own = [a + b for a, b in zip(own, old, strict=True)]
-            found[key] = (flags, peak, *own)
-    return [
-        SlotSums(*parts[part], robot, tuple(own), flags, peak, joint)
-        for (part, robot, joint), (flags, peak, *own) in sorted(found.items(), key=itemgetter(0))
-    ]
+        )
+    names = JOINT_COLUMNS if by_joint else _SLOT_COLUMNS
+    robot, part, joint, *numbers = _transposed(rows, 3 + len(names))
+    keys = [np.array(part, np.int64), np.array(robot, str), np.array(joint, str)]
+    order = np.lexsort(keys[::-1] if by_joint else keys[1::-1])
+    keys = [key[order] for key in keys]
+    new = np.ones(len(order), bool)
+    new[1:] = np.any([key[1:] != key[:-1] for key in keys], axis=0)
+    firsts = np.flatnonzero(new)
+    part, robot, joint = (key[firsts] for key in keys)
+    edges = np.array(bounds, np.int64)
+    columns: dict[str, Column] = {"robot": robot, "stop_ns": edges[1:][part]}
+    if by_joint:
+        columns["joint"] = joint
+    ways = {"peak_minute_microjoule": np.maximum, "flags": np.bitwise_or}
+    for name, column in zip(names, numbers, strict=True):
+        own = np.array(column, np.int64)[order]
+        columns[name] = ways.get(name, np.add).reduceat(own, firsts) if len(own) else own
+    return TimeSeries(edges[:-1][part], columns, units=_units(columns))
+
+
+def _units(names: Iterable[str]) -> dict[str, str]:
+    units = {"_ns": "ns", "_microjoule": "uJ", "_meter": "uJ"}
+    return {name: unit for name in names for end, unit in units.items() if name.endswith(end)}
 
 
 def _put_pieces(
@@ -243,7 +236,7 @@ def pieces(start_ns: int, stop_ns: int, until_ns: int) -> Iterator[tuple[int, in
 
 def not_resolved(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
-) -> list[SlotSums]:
+) -> TimeSeries:
     """Return the spans that lie in no part, with their true begin and end, in order of time.
 
     Args:
@@ -253,19 +246,31 @@ def not_resolved(
     put_parts(connection, robots, pairwise(bounds))
     kept = min(Rolled.of(connection).quarters_from_ns, last)
     columns = ", ".join(f"s.{name}" for name in COLUMNS)
-    rows = connection.execute(
+    rows: list[tuple[Any, ...]] = connection.execute(
         " UNION ALL ".join(
-            f"SELECT s.start, s.stop, r.name, {columns}, s.flags FROM some r CROSS JOIN {table} s "
-            f"ON s.robot = r.id AND s.start >= ? AND s.start < ? WHERE {which} AND s.stop > ? "
-            f"AND NOT EXISTS (SELECT 1 FROM part p WHERE {_WITHIN.format(on='s')})"
+            f"SELECT s.start, s.stop, r.name, {columns}, 0, s.flags FROM some r CROSS JOIN "
+            f"{table} s ON s.robot = r.id AND s.start >= ? AND s.start < ? WHERE {which} "
+            f"AND s.stop > ? AND NOT EXISTS (SELECT 1 FROM part p WHERE {_WITHIN.format(on='s')})"
             for table, which in (("slot15", "s.flags & 1"), ("slot60", "1"))
         ) + " ORDER BY 1, 3",
         (-1, last, first, first - HOUR_NS, kept, first),
-    )  # fmt: skip
-    return [
-        SlotSums(start, stop, name, tuple(values), flags)
-        for start, stop, name, *values, flags in rows
-    ]
+    ).fetchall()  # fmt: skip
+    return span_table(rows)
+
+
+def span_table(rows: Sequence[tuple[Any, ...]]) -> TimeSeries:
+    """Return spans: of each begin, end [ns], robot, by `COLUMNS`, peak [uJ], flags."""
+    start, stop, robot, *values = _transposed(rows, 3 + len(_SLOT_COLUMNS))
+    columns: dict[str, Column] = {
+        "robot": np.array(robot, str), "stop_ns": np.array(stop, np.int64)
+    }  # fmt: skip
+    for name, column in zip(_SLOT_COLUMNS, values, strict=True):
+        columns[name] = np.array(column, np.int64)
+    return TimeSeries(np.array(start, np.int64), columns, units=_units(columns))
+
+
+def _transposed(rows: Sequence[tuple[Any, ...]], width: int) -> list[tuple[Any, ...]]:
+    return list(zip(*rows, strict=True)) or [()] * width
 
 
 def jobs(

@@ -13,6 +13,7 @@ import sqlite3
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -27,16 +28,17 @@ from robot_energy.history.differences import (
     finished,
     gone_back,
     is_behind,
+    refuse_nonsense,
     step,
     supersedes,
     thinned,
 )
-from robot_energy.history.files import open_writer, take_lock
+from robot_energy.history.files import open_writer, take_lock, unusable
 from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.notes import WaitingNotes
 from robot_energy.history.readings import OBSERVED, Reading
 from robot_energy.history.rollup import Rolled, forget_minutes, put_span, roll, thin
-from robot_energy.history.rows import put_epoch, put_events, reading_from
+from robot_energy.history.rows import attempt, put_epoch, put_events, reading_from
 from robot_energy.history.schema import FILE, prepare
 
 MAX_ROBOTS = 200
@@ -60,11 +62,12 @@ Waiting = dict[tuple[str, str], list[Reading]]
 
 @dataclass(frozen=True)
 class _Written:
-    """What a transaction has written: robots as they stand, readings of each, and ignored ones."""
+    """What a transaction has written: robots as they stand, readings of each, how many were not."""
 
     robots: dict[str, _Robot]
     done: dict[tuple[str, str], int]
     ignored: int
+    refused: int
 
 
 class HistoryStore:
@@ -81,6 +84,7 @@ class HistoryStore:
 
     Attributes:
         ignored: Readings that were late or doubled.
+        refused: Readings, jobs and events with values that no robot has.
         dropped: Readings in between that were dropped as the disk took none.
         commits: Transactions that were written.
         size: Of the file and its journal, at the last write. [bytes]
@@ -93,7 +97,7 @@ class HistoryStore:
     ) -> None:
         self.folder, self._keep_ns, self._min_free = folder, int(keep_days * DAY_NS), min_free
         self._keep_quarters_ns = int(keep_quarters * DAY_NS)
-        self.ignored = self.dropped = self.commits = self.size = 0
+        self.ignored = self.refused = self.dropped = self.commits = self.size = 0
         self.trouble = ""
         self.notices: list[str] = []
         self._lock: int | None = None
@@ -123,7 +127,7 @@ class HistoryStore:
             self._disconnect()
             if isinstance(error, HistoryError):
                 raise
-            raise _unusable(self.folder, error) from error
+            raise unusable(self.folder, error) from error
 
     def close(self) -> None:
         """Give up the lock; what waits must have been written with `write`."""
@@ -219,7 +223,7 @@ class HistoryStore:
                 connection.execute("ROLLBACK")
                 raise
         except sqlite3.Error as error:
-            raise _unusable(self.folder, error) from error
+            raise unusable(self.folder, error) from error
         self._robots = self._read()
         return left_out
 
@@ -237,6 +241,7 @@ class HistoryStore:
             taken, self._writing, self._waiting = self._waiting, self._waiting, {}
             notes, self._notes = self._notes, WaitingNotes()
         written: _Written | None = None
+        fault: Exception | None = None
         try:
             if self._connection is None:
                 self.open()
@@ -250,8 +255,11 @@ class HistoryStore:
             )
         except (HistoryError, sqlite3.Error, OSError) as error:
             self._disconnect()
-            wrapped = error if isinstance(error, HistoryError) else _unusable(self.folder, error)
+            wrapped = error if isinstance(error, HistoryError) else unusable(self.folder, error)
             self.trouble = str(wrapped)
+        except Exception as error:  # a fault of the program costs no reading
+            self._disconnect()
+            fault = error
         with self._mutex:
             since, self._waiting, self._writing = self._waiting, {}, {}
             for key, readings in taken.items():
@@ -263,9 +271,12 @@ class HistoryStore:
             if written is None:
                 notes.add(self._notes)
                 self._notes = notes
+                if fault is not None:
+                    raise fault
                 return False
             self._robots = written.robots
         self.ignored += written.ignored
+        self.refused += written.refused
         self.trouble = ""
         self.commits += 1
         return True
@@ -280,7 +291,7 @@ class HistoryStore:
     ) -> _Written:
         robots = {name: replace(one, epochs=dict(one.epochs)) for name, one in self._robots.items()}
         done: dict[tuple[str, str], int] = {}
-        ignored = 0
+        ignored = refused = 0
         connection.execute("BEGIN IMMEDIATE")
         try:
             rolled = Rolled.of(connection)
@@ -289,8 +300,11 @@ class HistoryStore:
                 done[name, origin] = count
                 for reading in waiting[:count]:
                     robot = self._robot(connection, robots, name)
-                    ignored += not self._record(connection, rolled, name, robot, origin, reading)
-            notes.write(
+                    work = partial(self._record, connection, rolled, name, robot, origin, reading)
+                    new = attempt(connection, work)
+                    refused += new is None
+                    ignored += new is False
+            refused += notes.write(
                 connection,
                 rolled.until_ns,
                 lambda name: self._robot(connection, robots, name).number,
@@ -306,7 +320,7 @@ class HistoryStore:
             with suppress(sqlite3.Error):
                 connection.execute("ROLLBACK")
             raise
-        return _Written(robots, done, ignored)
+        return _Written(robots, done, ignored, refused)
 
     def _robot(
         self, connection: sqlite3.Connection, robots: dict[str, _Robot], name: str
@@ -344,13 +358,14 @@ class HistoryStore:
         number = put_epoch(
             connection, robot.number, origin, taken.epoch, 0 if taken.new else number
         )
-        robot.epochs[key] = number, taken.epoch
         if taken.span is not None:
             span = taken.span
+            refuse_nonsense(span)
             if robot.has_bags and span.values[OBSERVED]:
                 give_way(connection, rolled, robot.number, span.begin_ns, span.end_ns)
             put_span(connection, rolled, robot.number, number, taken.span)
         put_events(connection, robot.number, taken.events)
+        robot.epochs[key] = number, taken.epoch  # once all of it is in the tables
         return True
 
     def _read(self) -> dict[str, _Robot]:
@@ -383,16 +398,3 @@ class HistoryStore:
             with suppress(sqlite3.Error):
                 self._connection.close()
             self._connection = None
-
-
-def _unusable(folder: Path, error: Exception) -> HistoryError:
-    damaged = isinstance(error, sqlite3.DatabaseError) and not isinstance(
-        error, sqlite3.OperationalError
-    )
-    return HistoryError(
-        f"the history in {folder} cannot be written ({error})",
-        "a folder that can be written, on a disk with space",
-        f"stop the recorder and run: robot-energy history repair {folder}"
-        if damaged
-        else "counting goes on; this energy is recorded as one span once writing is possible",
-    )

@@ -27,9 +27,6 @@ def resolve(bag: BagReader, name: str) -> str | None:
 
     Args:
         name: Name of a topic, as in the parameters of a node.
-
-    Raises:
-        MissingTopicError: If several namespaces have it.
     """
     plain = name.removeprefix("~/")
     for exact in (plain, f"/{plain}"):
@@ -48,11 +45,7 @@ def resolve(bag: BagReader, name: str) -> str | None:
 
 
 def topics_of_other_robots(bag: BagReader, joint_states: Collection[str]) -> frozenset[str]:
-    """Return the topics in namespaces of joint states that are not used and hold no used topic.
-
-    Args:
-        joint_states: Topics of the joint states that are used.
-    """
+    """Return the topics in namespaces of joint states that are not used and hold no used topic."""
     present = (topic for topic, info in bag.topics.items() if info.msgtype == JOINT_STATE)
     used, foreign = (
         {topic[: topic.rfind("/") + 1] for topic in topics} for topics in (joint_states, present)
@@ -72,20 +65,12 @@ def find_temperatures(
     sources: Mapping[str, TemperatureSource] | None,
     foreign: Collection[str] = (),
 ) -> tuple[dict[str, TemperatureSource], list[str]]:
-    """Find the sources of motor temperatures in a bag.
+    """Return the sources of motor temperatures in a bag by name, and what the user should know.
 
     Args:
         topics: Their topics as the user named them; None to go by the sources, or by type.
         sources: Those of the node that the bag is to be read like; None to go by type.
         foreign: Topics of other robots, which are not found by type.
-
-    Returns:
-        The sources by name, with the full names of their topics, and what the user should know
-        of them.
-
-    Raises:
-        MissingTopicError: If a named topic is absent, of another type or of one that needs
-            settings, or a topic of a source is there with another type, or several times.
     """
     held: dict[str, TemperatureSource] = {}
     notes: list[str] = []
@@ -129,20 +114,12 @@ def find_meter(
     others: Collection[str] = (),
     foreign: Collection[str] = (),
 ) -> tuple[MeterSource | None, list[str]]:
-    """Find the power meter in a bag.
+    """Return the power meter of a bag, None if there is none, and what the user should know.
 
     Args:
         topic: Its topic as the user named it; None to go by the source, or by type.
         source: The meter of the node that the bag is to be read like; None to go by type.
-        others: Topics that are known to be something else.
         foreign: Topics of other robots, which are not found by type.
-
-    Returns:
-        The meter with the full names of its topics, None if there is none, and what the
-        user should know of it.
-
-    Raises:
-        MissingTopicError: If a topic is absent or of another type, or there are several.
     """
     if topic is not None:
         other = source if source is not None and not source.pair else MeterSource()
@@ -180,17 +157,10 @@ def find_meter(
 def find_auxiliary(
     bag: BagReader, loads: Sequence[AuxiliaryLoad], inputs: AuxiliaryInputs | None
 ) -> tuple[dict[str, LoadTopics], list[str]]:
-    """Find meters and states of loads in a bag.
+    """Return topics of every load by its name, and a sentence for what is missing or names none.
 
     Args:
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-
-    Returns:
-        Topics of every load by its name, and one sentence for each meter that is missing and each
-        entry that names no load.
-
-    Raises:
-        MissingTopicError: If a topic is there with another type, or several times.
     """
     inputs = inputs or AuxiliaryInputs()
     found: dict[str, LoadTopics] = {}

@@ -12,11 +12,10 @@ from typing import Any, cast
 
 from robot_energy.foundation.config_file import parse_yaml, read_text
 from robot_energy.foundation.errors import ParameterError
-from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
+from robot_energy.inputs.parameters import MAX_BYTES, Parameter, assemble, refuse_renamed
 from robot_energy.inputs.sources import Inputs
 from robot_energy.presets import ROBOTS, RobotPreset
 
-MAX_BYTES = 1024 * 1024
 MISSPELT = 0.85  # likeness of two names above which one is a misspelling of the other
 ROS_PARAMETERS = "ros__parameters"
 
@@ -30,11 +29,6 @@ def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inp
     Args:
         path: A YAML file of ROS parameters, or the name of a robot in `ROBOTS`, whose inputs
             are known.
-        robot: A robot whose inputs count where the file says nothing.
-
-    Raises:
-        ParameterError: If the file cannot be read or holds no ROS parameters, two nodes
-            disagree, or a value is wrong or has a name of an earlier version.
     """
     if str(path) in ROBOTS and not Path(path).is_file():
         path = ROBOTS[str(path)].inputs

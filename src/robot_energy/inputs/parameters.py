@@ -1,9 +1,6 @@
 """Dataclasses whose fields are parameters: described once, read from a node or from a file.
 
-`assemble` walks such a class and asks for every value by name. Nodes declare a ROS
-parameter for each; a replay reads the same names from the node's own parameter file. What
-no single value can determine (one setting that needs another) is checked by ``__post_init__``,
-which raises a `ParameterError` about its own field names; `assemble` adds whose they are.
+`assemble` asks for every value by name, and adds whose they are to the errors of `__post_init__`.
 """
 
 from __future__ import annotations
@@ -29,6 +26,7 @@ KINDS: dict[Any, str] = {
     tuple[str, ...]: "a list of texts",
     tuple[float, ...]: "a list of numbers",
 }
+MAX_BYTES = 1024 * 1024  # of a parameter file
 HEADER, RECEIVE = "header", "receive"  # sources of stamps, the same words for every input
 MESSAGES, POSITIONS = "messages", "positions"  # sources of velocities
 RENAMED = {  # parameters of earlier versions, and what they are called now
@@ -50,7 +48,6 @@ class Parameter:
 
     Attributes:
         name: Full name, such as ``motors.topic``.
-        kind: Its type, one of `KINDS`.
         default: Value where none is given; ``dataclasses.MISSING`` if it is required.
         low: Least value allowed, or None.
         high: Greatest value allowed, or None.
@@ -79,9 +76,6 @@ class Parameter:
         Args:
             value: As given; an integer serves as a number, a list as a tuple. Empty texts
                 in a list count for nothing, as some formats cannot say an empty list.
-
-        Raises:
-            ParameterError: If it has a wrong type, is out of its range or no choice.
         """
         given = value
         if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
@@ -125,7 +119,6 @@ def parameter(
     """Return a field that describes one parameter; without a default it is required.
 
     Args:
-        default: Value where none is given.
         low: Least value allowed; None for no bound. [unit of the parameter]
         high: Greatest value allowed; None for no bound. [unit of the parameter]
         choices: The texts allowed, or a table of kinds; empty for any.
@@ -151,7 +144,6 @@ def named_groups(
 
     Args:
         cls: The dataclass of one group; all its fields must have defaults.
-        names: The groups there are where none are named.
         check: Raises a `ParameterError` if the groups do not fit together.
     """
     metadata = {
@@ -173,23 +165,13 @@ def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> 
     Args:
         cls: A dataclass whose fields were made by the functions of this module.
         value_of: Gives the value of a parameter, checked; called once for each, in order.
-
-    Raises:
-        ParameterError: If the values do not fit together, and what ``value_of`` raises.
     """
     taken = {entry.name for entry in fields(cls)}
     return _assemble(cls, value_of, owner, "", taken)
 
 
 def refuse_renamed(given: Iterable[str], known: Collection[str], owner: str) -> None:
-    """Refuse parameters by the names of earlier versions, which would count for nothing.
-
-    Args:
-        given: Names that were set.
-
-    Raises:
-        ParameterError: If one was renamed.
-    """
+    """Refuse parameters by the names of earlier versions, which would count for nothing."""
     for name in given:
         group_name, dot, last = name.rpartition(".")
         new = RENAMED.get(name)

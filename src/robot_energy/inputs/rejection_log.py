@@ -23,11 +23,7 @@ Value = TypeVar("Value")
 
 
 def remember_names(kept: set[str], names: Iterable[str]) -> None:
-    """Add names, as they can be shown, while there is room for them.
-
-    Args:
-        kept: The names so far; it is changed.
-    """
+    """Add names, as they can be shown, while there is room for them."""
     for name in names:
         if len(kept) >= MAX_NAMES:
             return
@@ -40,11 +36,7 @@ class ByNames(dict[tuple[str, ...], Value], Generic[Value]):
     _characters = 0
 
     def put(self, names: tuple[str, ...], value: Value) -> Value:
-        """Return a value, remembered now; when there is no room, the others are forgotten.
-
-        Args:
-            names: The list, in its order.
-        """
+        """Return a value, remembered now; when there is no room, the others are forgotten."""
         size = sum(map(len, names)) + len(names)
         if len(self) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
             self.clear()
@@ -60,8 +52,6 @@ class RejectionLog:
     """Counts of one input.
 
     Attributes:
-        received: Messages that arrived.
-        accepted: Messages that were used.
         rejected: Messages that were not, by reason.
         waiting: Messages of which it is not known yet.
     """

@@ -1,10 +1,5 @@
 """What the inputs are: topics, types, units and meanings, the same live and in replay.
 
-Each source is a frozen dataclass made of `parameter` fields; its ``__post_init__`` refuses
-what does not fit together. The ``...Inputs`` classes say how sources are named among the
-parameters of a node; a node's parameters inherit those it needs, and `Inputs` is all of
-them, as `robot_energy.inputs.inputs_file.read_inputs` reads them for a replay.
-
 A new kind of source is one dataclass here, one ``...Inputs`` class with a `group` or
 `named_groups` field, and its name among the bases of `Inputs`; nodes then
 declare its parameters, and the parameter file of the node serves replay.
@@ -96,11 +91,7 @@ class JointStateSource:
             raise ParameterError("joint_names has a name twice", "each name once")
 
     def names_of(self, joints: Sequence[str]) -> tuple[str, ...]:
-        """Return what the messages call the joints of a model.
-
-        Raises:
-            ParameterError: If there are fewer or more names than joints.
-        """
+        """Return what the messages call the joints of a model."""
         if self.joint_names and len(self.joint_names) != len(joints):
             raise ParameterError(
                 f"joint_states.joint_names has {len(self.joint_names)} names",
@@ -110,11 +101,7 @@ class JointStateSource:
         return self.joint_names or tuple(joints)
 
     def corrections_of(self, joints: Sequence[str]) -> tuple[JointCorrection, ...]:
-        """Return what corrects position, velocity and effort of a model's joints.
-
-        Raises:
-            ParameterError: If there are neither one entry nor as many as joints.
-        """
+        """Return what corrects position, velocity and effort of a model's joints."""
         found = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
         for name, correction in found.items():
             correction.check(joints, f"joint_states.{name}")

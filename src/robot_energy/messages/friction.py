@@ -29,11 +29,7 @@ ARRAYS = (
 
 
 class FrictionWriter:
-    """Serialises friction blocks, one message per row.
-
-    Args:
-        model: The robot's model.
-    """
+    """Serialises friction blocks, one message per row."""
 
     def __init__(self, model: RobotModel) -> None:
         n_joints = len(model.joints)
@@ -49,11 +45,7 @@ class FrictionWriter:
         )
 
     def encode(self, block: FrictionBlock) -> NDArray[np.uint8]:
-        """Return one serialised message per row, shape (N, size).
-
-        Args:
-            block: N rows of friction, in model order.
-        """
+        """Return one serialised message per row, shape (N, size)."""
         measured = ~np.isnan(block.motor_temperature_degc)
         source = np.where(measured, TemperatureOrigin.MEASURED, TemperatureOrigin.FALLBACK)
         columns = {name: getattr(block, name) for name in ARRAYS}
@@ -82,11 +74,7 @@ class FrictionReader(ModelMessageReader[FrictionBlock]):
         super().__init__(JOINT_FRICTION, model.joint_names, model.model_id, ARRAYS, fields, reach)
 
     def decode(self, batch: RawBatch) -> FrictionBlock | None:
-        """Return the rows of a batch in order of arrival, or None if there are none.
-
-        Args:
-            batch: Messages of one topic, in order of arrival.
-        """
+        """Return the rows of a batch in order of arrival, or None if there are none."""
         block = self._read(batch)
         if block is None:
             return None

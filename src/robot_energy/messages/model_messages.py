@@ -12,25 +12,22 @@ from numpy.typing import NDArray
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.messages.fields import FRAME, RECORDING
 from robot_energy.timeline.blocks import Block
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.stamps import BAD_STAMP
 from robot_energy.timeline.streams import StreamSplitter
 
 B = TypeVar("B", bound=Block)
-FRAME = "header.frame_id"
 HEADER = (
     *("header.stamp.sec", "header.stamp.nanosec", FRAME, "model_id", "joint_names", "quality"),
 )
-RECORDING = "recording"  # as a frame: of a recording that is played, not of a robot
 
 
 class ModelMessageReader(Generic[B]):
     """Reads messages of one model; refuses those of others and of other times.
 
     Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file; messages of another model are rejected.
         arrays: Fields with one number per joint.
 
     Attributes:

@@ -52,7 +52,6 @@ class SetPayloadAnswer:
     """What to answer, and what to publish.
 
     Attributes:
-        success: Whether the payload was accepted.
         message: What was accepted, or why not.
         change: The change; None if it was refused, and the old payload stays.
     """
@@ -68,15 +67,10 @@ class SetPayloadAnswer:
 
 
 def answer_set_payload(set_payload: SetPayload, request: Any) -> SetPayloadAnswer:
-    """Carry out a request; it never raises for what the request holds.
+    """Return the answer to a request, carried out; it never raises for what the request holds.
 
     Args:
-        set_payload: `TorqueStage.set_payload` of the stage that computes the torque.
         request: Of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it.
-
-    Returns:
-        The answer. Where ``change`` is not None, publish `PayloadWriter.encode` of it on
-        ``energy/payload``, latched.
     """
     header, inertia = request.payload.header, request.payload.inertia
     seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
@@ -107,21 +101,13 @@ def answer_set_payload(set_payload: SetPayload, request: Any) -> SetPayloadAnswe
 
 
 class PayloadWriter:
-    """Serialises changes of the payload.
-
-    Args:
-        model_id: Identity of the model file.
-    """
+    """Serialises changes of the payload."""
 
     def __init__(self, model_id: str) -> None:
         self._model_id = model_id
 
     def encode(self, change: PayloadChange) -> NDArray[np.uint8]:
-        """Return one serialised message, shape (1, size).
-
-        Args:
-            change: The payload, and the stamp from which it holds.
-        """
+        """Return one serialised message, shape (1, size)."""
         body = change.payload
         values = (body.mass, *body.centre_of_mass, *body.inertia)
         encoder = Encoder(PAYLOAD, {"header.frame_id": body.link, "model_id": self._model_id})
@@ -142,12 +128,9 @@ class PayloadReader:
     source has their definition.
 
     Args:
-        set_payload: `TorqueStage.set_payload`.
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
-        rejections: Received, accepted and rejected messages.
-        changes: What was accepted, in order of arrival.
         refused: Why the last refused message was, one sentence; empty if none was.
     """
 
@@ -162,11 +145,7 @@ class PayloadReader:
         self._decoder = Decoder(PAYLOAD, (*STAMP, *self._fields), store)
 
     def step(self, batch: RawBatch) -> None:
-        """Take messages in order of arrival.
-
-        Args:
-            batch: Serialised Payload messages.
-        """
+        """Take messages in order of arrival."""
         self.rejections.received += len(batch)
         decoded = self._decoder.decode(batch)
         self.rejections.reject("malformed", len(decoded.malformed))

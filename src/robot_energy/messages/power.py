@@ -22,9 +22,6 @@ class PowerStateWriter:
     """Serialises means, one message per period.
 
     Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file.
-        loads: Auxiliary loads in model order.
         unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
     """
 
@@ -47,12 +44,7 @@ class PowerStateWriter:
         )
 
     def encode(self, block: MeanBlock, location: MeterLocation) -> NDArray[np.uint8]:
-        """Return one serialised message per period, shape (W, size).
-
-        Args:
-            block: The means.
-            location: Where the meter sits.
-        """
+        """Return one serialised message per period, shape (W, size)."""
         rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
         loss = block.joint_mean("drive_loss")
         shaft, lacking = rigid + friction, self._unmodelled

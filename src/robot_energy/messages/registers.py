@@ -18,43 +18,23 @@ from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.foundation.units import MAX_COUNTER
-from robot_energy.messages.model_messages import FRAME, RECORDING
+from robot_energy.messages.fields import (
+    ENERGY_REGISTERS,
+    EXACT_FIELDS,
+    EXACT_JOINT_FIELDS,
+    FRAME,
+    JOINT_FIELDS,
+    RECORDING,
+    SHAFT_FIELDS,
+)
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, known_part
-
-ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
-JOINT_FIELDS = {
-    "shaft_positive": "shaft_energy_positive",
-    "shaft_negative": "shaft_energy_negative",
-    "rigid": "rigid_energy",
-    "friction": "friction_energy",
-    "drive_loss": "drive_loss_energy",
-}
-SHAFT_FIELDS = {
-    "measured_positive": "shaft_energy_positive_measured",
-    "measured_negative": "shaft_energy_negative_measured",
-    "predicted_positive": "shaft_energy_positive_compared",
-    "predicted_negative": "shaft_energy_negative_compared",
-}
-
-
-EXACT_FIELDS = {
-    "grid_import": "predicted_import_microjoule",
-    "grid_return": "predicted_return_microjoule",
-    "brake": "brake_microjoule",
-    "loss_dc": "loss_dc_microjoule",
-    "loss_grid": "loss_grid_microjoule",
-    "capacitor": "capacitor_microjoule",
-}
-EXACT_JOINT_FIELDS = {name: f"{name}_microjoule" for name in JOINT_REGISTERS}
 
 
 class RegistersWriter:
     """Serialises the registers as they stand.
 
     Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file.
         loads: Auxiliary loads in model order, those of the accounts that are encoded.
         unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; NaN while they are 0.
     """
@@ -89,7 +69,6 @@ class RegistersWriter:
         """Return one serialised message, shape (1, size); None before the first sample.
 
         Args:
-            account: The energy account.
             persisted: Whether they are on disk as they stand.
             minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
             recording: Whether they count a recording that is played.
@@ -142,11 +121,7 @@ class RegistersWriter:
 
 
 def load_fields(counted: Totals) -> list[dict[str, Any]]:
-    """Return the fields of ``LoadEnergy`` of every auxiliary load, in order.
-
-    Args:
-        counted: By all counters, or between two instants.
-    """
+    """Return the fields of ``LoadEnergy`` of every auxiliary load, in order."""
     return [
         {
             "name": name,
@@ -161,11 +136,7 @@ def load_fields(counted: Totals) -> list[dict[str, Any]]:
 
 
 def outlet_fields(counted: Totals) -> dict[str, float]:
-    """Return the fields of the outlet; NaN where no auxiliary loads are counted.
-
-    Args:
-        counted: By all counters, or between two instants.
-    """
+    """Return the fields of the outlet; NaN where no auxiliary loads are counted."""
     unit = 1.0 / PER_JOULE if counted.auxiliary else np.nan
     return {
         "outlet_energy": counted.outlet_energy_microjoule * unit,
@@ -180,18 +151,7 @@ def interval_fields(
     calibration: BandCalibration,
     unmodelled: Collection[str] = (),
 ) -> dict[str, Any]:
-    """Return the plain fields of the message; ``start_ns`` and ``end_ns`` stay integers.
-
-    Args:
-        interval: What was counted.
-        joint_names: Joints in model order.
-        calibration: Of the bands of the account.
-        unmodelled: As of `RegistersWriter`.
-
-    Returns:
-        Fields by name; ``joints`` is a list of the fields of `JointEnergy`, ``auxiliary`` one of
-        those of `LoadEnergy`.
-    """
+    """Return the plain fields of the message, its joints and its loads; stamps stay integers."""
     counted, nan = interval.counted, math.nan
     cabinet = {name: value / PER_JOULE for name, value in counted.cabinet_energy_microjoule.items()}
     observed, compared = counted.observed_ns * NANOSECOND, counted.compared_ns * NANOSECOND

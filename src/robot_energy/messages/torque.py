@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
-from robot_energy.messages.model_messages import FRAME, RECORDING, ModelMessageReader
+from robot_energy.messages.fields import FRAME, RECORDING
+from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer
@@ -31,12 +32,7 @@ ARRAYS = (
 
 
 class TorqueWriter:
-    """Serialises torque blocks, one message per sample.
-
-    Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file.
-    """
+    """Serialises torque blocks, one message per sample."""
 
     def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
         self._encoders = [
@@ -52,7 +48,6 @@ class TorqueWriter:
         """Return one serialised message per sample, shape (N, size).
 
         Args:
-            block: N samples of torque, in model order.
             recording: Whether they are of a recording that is played.
         """
         columns = {name: getattr(block, name) for name in ARRAYS}
@@ -77,13 +72,8 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
     they are for joint states (two writers, one sample twice).
 
     Args:
-        joint_names: Joints in model order.
-        model_id: Identity of the model file; messages of another model are rejected.
         max_gap: Longest time between two samples that is bridged; 0: five median periods,
             0.1 s to 1 s. [s]
-
-    Attributes:
-        order: Gaps and backward jumps of the stamps.
     """
 
     def __init__(
@@ -98,11 +88,7 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
         self._breaks = 0  # segments that ended by the writer's word alone
 
     def decode(self, batch: RawBatch) -> TorqueBlock | None:
-        """Return the samples of a batch in order of arrival, or None if there are none.
-
-        Args:
-            batch: Messages of one topic, in order of arrival.
-        """
+        """Return the samples of a batch in order of arrival, or None if there are none."""
         block = self._read(batch)
         return None if block is None else self._taken(self._stream.step(block))
 

@@ -1,8 +1,4 @@
-"""Table of the drive models: from shaft power to electrical input, motor side.
-
-Here stand the entries of the model file; `robot_energy.physics.drive` adds the physics and
-`robot_energy_identify.drives` the fits.
-"""
+"""Table of the drive models: from shaft power to electrical input, motor side."""
 
 from __future__ import annotations
 

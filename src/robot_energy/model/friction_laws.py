@@ -1,8 +1,4 @@
-"""Table of the laws of viscous friction over motor temperature, motor side.
-
-Here stand the entries of the model file; curves are those of `robot_energy.physics.friction`,
-fits those of `robot_energy_identify.friction.laws` and `robot_energy_fleet.merged_laws`.
-"""
+"""Table of the laws of viscous friction over motor temperature, motor side."""
 
 from __future__ import annotations
 

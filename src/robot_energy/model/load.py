@@ -1,8 +1,4 @@
-"""Read, validate and write model files.
-
-A wrong file is refused with the path of the bad key, what was found and what was
-expected.
-"""
+"""Read, validate and write model files."""
 
 from __future__ import annotations
 
@@ -24,9 +20,7 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
     """Return plain values as a model, with its URDF attached.
 
     Args:
-        data: What `parse_yaml` returned.
         source: Its name, for messages; a relative URDF path starts at its folder.
-        urdf_xml: URDF text that replaces the one named in the file.
 
     Raises:
         ModelFileError: Naming the key, what was found and what was expected.

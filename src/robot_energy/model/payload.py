@@ -81,14 +81,9 @@ def payload(
     """Return a payload of plain values, as a message has them, tagged ``assumed``.
 
     Args:
-        link: Link or frame of the URDF that carries it.
         mass: 0 for nothing. [kg]
         centre_of_mass: In the frame of ``link``, 3 values. [m]
         inertia: As in `Payload`, 6 values. [kg m^2]
-        source: Where the figures come from.
-
-    Raises:
-        PayloadError: If no such body exists.
     """
     fields = {
         "link": link,

@@ -17,14 +17,10 @@ AnySpring = TorsionSpring | LeverSpring | GasSpring
 
 
 def counterbalance_torque(entry: AnySpring, joint_position: Float) -> Float:
-    """Return what the drive adds against one counterbalance.
+    """Return what the drive adds against one counterbalance, joint side. [N m] or [N]
 
     Args:
-        entry: Of the model file.
         joint_position: q, shape (N,). [rad] or [m]
-
-    Returns:
-        Joint side, shape (N,). [N m] or [N]
     """
     return torque_columns(entry, joint_position) @ coefficients(entry)
 
@@ -33,7 +29,6 @@ def counterbalance_energy(entry: AnySpring, joint_position: Float) -> Float:
     """Return the energy that one counterbalance holds, up to a constant.
 
     Args:
-        entry: Of the model file.
         joint_position: q, shape (N,). [rad] or [m]
 
     Returns:
@@ -57,7 +52,6 @@ def torque_columns(entry: AnySpring, joint_position: Float) -> Float:
     They are those of `coefficients`; the geometry of a gas spring is given.
 
     Args:
-        entry: Of the model file.
         joint_position: q, shape (N,). [rad] or [m]
     """
     q = np.asarray(joint_position, dtype=np.float64)
@@ -77,9 +71,6 @@ def coefficients(entry: AnySpring) -> Float:
 
     Spring: k [N m/rad] and -k q0 [N m]; lever: moment times cosine and sine of its angle [N m];
     gas spring: force [N] and rate [N/m].
-
-    Args:
-        entry: Of the model file.
     """
     match entry:
         case TorsionSpring():
@@ -95,15 +86,12 @@ def coefficients(entry: AnySpring) -> Float:
 def add_counterbalance(
     torque: Float, joint_position: Float, entries: Sequence[AnySpring | None]
 ) -> Float:
-    """Add the counterbalances of all joints to a torque, in place, and return it.
+    """Return a torque to which all counterbalances were added in place, shape (N, n). [N m] or [N]
 
     Args:
         torque: Joint side, shape (N, n). [N m] or [N]
         joint_position: Shape (N, n). [rad] or [m]
         entries: One per joint.
-
-    Returns:
-        The same array, shape (N, n). [N m] or [N]
     """
     for joint, entry in enumerate(entries):
         if entry is not None:

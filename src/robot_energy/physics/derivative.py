@@ -43,7 +43,6 @@ class Derivative:
     Args:
         window: Length of the window. [s]
         lag: How far the window reaches ahead; half of it by default. [s]
-        neighbours: Least number of samples in a full window.
         wraps: Joints that turn without end, shape (n,); None: no joint does.
 
     Raises:
@@ -78,14 +77,7 @@ class Derivative:
         self._turns: Float = np.empty((0, 0))  # of _pending, see _follow
 
     def step(self, block: JointBlock) -> list[JointBlock]:
-        """Take samples and return those whose window is complete.
-
-        Args:
-            block: Joint states in time order.
-
-        Returns:
-            Completed samples, one block for each segment touched; may be empty.
-        """
+        """Return the samples whose window is complete, one block for each segment touched."""
         out: list[JointBlock] = []
         segment = block.segment
         starts = ((segment[1:] != segment[:-1]).nonzero()[0] + 1).tolist()
@@ -404,14 +396,10 @@ class _QuadraticFit:
 
 
 def windows_of(values: NDArray[Any], size: int) -> NDArray[Any]:
-    """Return every run of neighbours without a copy; ten times quicker than numpy's own.
+    """Return a view of every run of neighbours, shape (N - size + 1, size), as numpy's but faster.
 
     Args:
         values: Any quantity, contiguous, shape (N,), N >= size. [-]
-        size: Values in a run.
-
-    Returns:
-        Shape (N - size + 1, size), not to be written to.
     """
     step = values.strides[0]
     return np.ndarray((len(values) - size + 1, size), values.dtype, values, 0, (step, step))

@@ -30,16 +30,13 @@ class Drive(Protocol):
         motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:
-        """Return the electrical input.
+        """Return the electrical input, shape (N, n) [W], and where it is extrapolated, if at all.
 
         Args:
             shaft_power: Shape (N, n). [W]
             motor_velocity: Shape (N, n). [rad/s]
             motor_torque: Rigid plus friction, shape (N, n). [N m]
             motor_temperature_degc: Of the windings, shape (N, n). [degC]
-
-        Returns:
-            Input power, shape (N, n), and where it is extrapolated (None: nowhere). [W]
         """
         ...
 
@@ -224,18 +221,7 @@ def ideal(entries: list[object]) -> Ideal:
 
 
 def drive_from_model(model: RobotModel) -> Drive:
-    """Build the drive model that a model file names.
-
-    Args:
-        model: The robot's model.
-
-    Returns:
-        The drives of all joints, in model order.
-
-    Raises:
-        ModelFileError: If a joint lacks the figures of that model.
-        KindError: If the kind has no physics.
-    """
+    """Return the drives that a model file names, joints in model order."""
     kind = DRIVE_MODELS[model.drive]
     entries = kind.entries(model.joints)
     if kind.entry is not None and len(entries) < len(model.joints):

@@ -24,9 +24,6 @@ class Drivetrain:
     Args:
         transmission: C, shape (n, n). [motor turns per joint turn]
         rotor_inertia: Motor side, shape (n,). [kg m^2]
-
-    Raises:
-        ModelFileError: If C cannot be inverted.
     """
 
     def __init__(self, transmission: Float, rotor_inertia: Float) -> None:
@@ -39,14 +36,7 @@ class Drivetrain:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Drivetrain:
-        """Build the drivetrain that a model file describes.
-
-        Args:
-            model: The robot's model.
-
-        Returns:
-            Transmission and rotor inertias, joints in model order.
-        """
+        """Return transmission and rotor inertias of a model file, joints in model order."""
         names = model.joint_names
         transmission = np.diag([joint.gear_ratio.value for joint in model.joints])
         for entry in model.coupling:
@@ -55,57 +45,42 @@ class Drivetrain:
         return cls(transmission, inertia)
 
     def motor_velocity_from_joint(self, joint_velocity: Float) -> Float:
-        """Return motor velocities; also serves accelerations, the map being constant.
+        """Return motor velocities, or accelerations likewise, shape (N, n). [rad/s]
 
         Args:
             joint_velocity: Shape (N, n). [rad/s] or [m/s]
-
-        Returns:
-            Shape (N, n). [rad/s]
         """
         return mapped(self.transmission, joint_velocity)
 
     def joint_velocity_from_motor(self, motor_velocity: Float) -> Float:
-        """Return joint velocities.
+        """Return joint velocities, shape (N, n). [rad/s] or [m/s]
 
         Args:
             motor_velocity: Shape (N, n). [rad/s]
-
-        Returns:
-            Shape (N, n). [rad/s] or [m/s]
         """
         return mapped(self._torque_map.T, motor_velocity)
 
     def motor_torque_from_joint(self, joint_torque: Float) -> Float:
-        """Return the motor torque that balances a joint torque, without rotor inertia.
+        """Return motor torque that balances a joint torque, rotors apart, shape (N, n). [N m]
 
         Args:
             joint_torque: Shape (N, n). [N m] or [N]
-
-        Returns:
-            Shape (N, n). [N m]
         """
         return mapped(self._torque_map, joint_torque)
 
     def joint_torque_from_motor(self, motor_torque: Float) -> Float:
-        """Return the joint torque that balances a motor torque, without rotor inertia.
+        """Return joint torque that balances a motor torque, rotors apart, (N, n). [N m] or [N]
 
         Args:
             motor_torque: Shape (N, n). [N m]
-
-        Returns:
-            Shape (N, n). [N m] or [N]
         """
         return mapped(self.transmission.T, motor_torque)
 
     def rotor_torque(self, joint_acceleration: Float) -> Float:
-        """Return the torque that accelerates the rotors (not in paper A; ours).
+        """Return what accelerates the rotors, motor side (ours, not paper A's), shape (N, n). [N m]
 
         Args:
             joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
-
-        Returns:
-            Motor side, shape (N, n). [N m]
         """
         return mapped(self.transmission, joint_acceleration) * self.rotor_inertia
 
@@ -114,18 +89,11 @@ def motor_rest(model: RobotModel) -> Float:
     """Return the speeds below which motion says nothing of friction, shape (n,). [rad/s]
 
     Noise of a reported velocity stays below.
-
-    Args:
-        model: The robot's model.
     """
     return ABOVE_STANDSTILL * motor_standstill(model)
 
 
 def motor_standstill(model: RobotModel) -> Float:
-    """Return the speeds below which motors stand, shape (n,). [rad/s]
-
-    Args:
-        model: The robot's model.
-    """
+    """Return the speeds below which motors stand, shape (n,). [rad/s]"""
     still = np.asarray([joint.standstill_velocity for joint in model.joints])
     return np.abs(Drivetrain.from_model(model).transmission) @ still

@@ -25,8 +25,6 @@ class Effort:
       before it, and neither does the result.
 
     Args:
-        meaning: What the driver reports.
-        drivetrain: Motor side <-> joint side.
         torque_constant: Shape (n,); needed for ``motor_current`` only. [N m/A]
     """
 
@@ -41,18 +39,10 @@ class Effort:
     def from_model(
         cls, model: RobotModel, meaning: EffortMeaning, drivetrain: Drivetrain
     ) -> Effort:
-        """Take what the meaning needs from a model file.
+        """Return the conversion from effort to motor torque, with what it needs of a model file.
 
         Args:
-            model: The robot's model.
             meaning: What the effort of a joint state is.
-            drivetrain: Motor and joint side of the robot.
-
-        Returns:
-            The conversion from effort to motor torque.
-
-        Raises:
-            ModelFileError: If the effort is a current and a joint has no torque constant.
         """
         if meaning is not EffortMeaning.MOTOR_CURRENT:
             return cls(meaning, drivetrain)

@@ -28,11 +28,6 @@ class EffortCheck:
 
     With the motor torque ``m`` of one meaning and the rigid-body motor torque ``r``, all
     joints together: ``factor = sum(m r) / sum(r r)``. The right meaning has a factor near 1.
-
-    Args:
-        meaning: The configured meaning.
-        model: The robot's model.
-        drivetrain: Motor side <-> joint side.
     """
 
     def __init__(self, meaning: EffortMeaning, model: RobotModel, drivetrain: Drivetrain) -> None:

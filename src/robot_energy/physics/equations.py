@@ -35,6 +35,7 @@ class Balance:
         brake_power: Into the brake resistor, >= 0.
         capacitor_power: Into the capacitor, signed.
         grid_power: From the grid; negative while a regenerative supply feeds back.
+        unsure_power: Deviation of a load whose state is not known.
     """
 
     loss_dc: Float
@@ -42,6 +43,7 @@ class Balance:
     brake_power: Float
     capacitor_power: Float
     grid_power: Float
+    unsure_power: Float
 
     def at(self, rows: NDArray[np.int64]) -> Balance:
         """Return the flows at some samples.
@@ -97,14 +99,11 @@ def exponential_viscous(
 
 
 def table_curve(points_degc: Sequence[float], viscous: Sequence[float]) -> PchipInterpolator:
-    """Return the monotone curve through identified points, to be evaluated often.
+    """Return the monotone curve through identified points; outside it extrapolates. [N m s/rad]
 
     Args:
         points_degc: Rising, shape (K,). [degC]
         viscous: fv at each, shape (K,). [N m s/rad]
-
-    Returns:
-        A callable over temperatures; outside the points it extrapolates. [N m s/rad]
     """
     from scipy.interpolate import PchipInterpolator  # heavy to import
 
@@ -241,7 +240,7 @@ def loss_model_power(
 def grid_balance(
     bus_power: ArrayLike,
     loss_dc: float = 0.0,
-    loss_grid: float = 0.0,
+    loss_grid: ArrayLike = 0.0,
     capacitor_power: ArrayLike = 0.0,
     regeneration_efficiency: float | None = None,
 ) -> Balance:
@@ -254,7 +253,7 @@ def grid_balance(
     Args:
         bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
         loss_dc: P_l,dc, constant. [W]
-        loss_grid: P_l,grid, constant. [W]
+        loss_grid: P_l,grid, one value or shape (N,). [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
         regeneration_efficiency: Share that a regenerative supply returns; None: the supply
             returns nothing and a resistor brakes. [-]
@@ -266,16 +265,17 @@ def grid_balance(
     capacitor = np.zeros_like(demand) + _float(capacitor_power)
     supplied = demand + capacitor
     excess = np.maximum(-supplied, 0.0)
-    brake, grid_side = excess, np.full_like(demand, loss_grid)
+    brake, grid_side = excess, np.zeros_like(demand) + _float(loss_grid)
     if regeneration_efficiency is not None:
         brake = excess * 0.0
-        grid_side = loss_grid + excess * (1 - regeneration_efficiency)
+        grid_side = grid_side + excess * (1 - regeneration_efficiency)
     return Balance(
         loss_dc=np.full_like(demand, loss_dc),
         loss_grid=grid_side,
         brake_power=brake,
         capacitor_power=capacitor,
         grid_power=supplied + brake + grid_side,
+        unsure_power=np.zeros_like(demand),
     )
 
 

@@ -46,7 +46,6 @@ class ViscousLaw:
 
     Attributes:
         lower_degc: Lower end of the fitted range. [degC]
-        upper_degc: Upper end. [degC]
         formula: fv of temperatures in ``used_degc``. [N m s/rad]
         deviation: Standard deviation of ``formula`` at temperatures in ``known_degc``; None for
             unknown. [N m s/rad]
@@ -68,13 +67,10 @@ class ViscousLaw:
         return self.used_degc or (self.lower_degc, self.upper_degc)
 
     def viscous(self, motor_temperature_degc: Float | float) -> Float:
-        """Return the viscous coefficient.
+        """Return the viscous coefficient, motor side; NaN where the temperature is. [N m s/rad]
 
         Args:
             motor_temperature_degc: Any shape. [degC]
-
-        Returns:
-            Same shape, motor side; NaN where the temperature is NaN. [N m s/rad]
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
         return self.formula(np.clip(values, *self.used))
@@ -129,29 +125,20 @@ class ViscousLaw:
         return float(np.sqrt(np.trapezoid(off, span) / (self.upper_degc - self.lower_degc)))
 
     def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
-        """Whether a temperature is outside the fitted range.
+        """Whether a temperature is outside the fitted range, same shape.
 
         Args:
             motor_temperature_degc: Any shape (...). [degC]
-
-        Returns:
-            Same shape.
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
         return (values < self.lower_degc) | (values > self.upper_degc)
 
 
 def viscous_law(entry: LawEntry) -> ViscousLaw:
-    """Build the law that a model file names.
+    """Return the law that a model file names.
 
     Args:
         entry: The ``viscous`` entry of a joint.
-
-    Returns:
-        The law.
-
-    Raises:
-        KindError: If the law is unknown or has no curve.
     """
     kind = FRICTION_LAWS[entry.law]
     if kind.curve is None:
@@ -160,21 +147,13 @@ def viscous_law(entry: LawEntry) -> ViscousLaw:
 
 
 def constant_law(entry: ConstantLaw) -> ViscousLaw:
-    """Return one viscous coefficient for all temperatures.
-
-    Args:
-        entry: Of the model file.
-    """
+    """Return one viscous coefficient for all temperatures."""
     value, std = entry.viscous.value, _level(entry.viscous.std)
     return ViscousLaw(-np.inf, np.inf, partial(constant_viscous, viscous=value), std)
 
 
 def exponential_law(entry: ExponentialLaw) -> ViscousLaw:
-    """Return ``a + b exp(-T/c)``, as far outside the fitted range as the entry says.
-
-    Args:
-        entry: Of the model file.
-    """
+    """Return ``a + b exp(-T/c)``, as far outside the fitted range as the entry says."""
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
     formula = partial(exponential_viscous, a=a, b=b, c=c)
@@ -219,11 +198,7 @@ def _exponential_std(degc: Float, b: float, c: float, covariance: Float) -> Floa
 
 
 def table_law(entry: TableLaw) -> ViscousLaw:
-    """Return the monotone curve through identified points.
-
-    Args:
-        entry: Of the model file.
-    """
+    """Return the monotone curve through identified points."""
     points, std = entry.motor_temperature_degc, entry.std
     deviation = None if std is None else partial(np.interp, xp=points, fp=std)
     return ViscousLaw(points[0], points[-1], table_curve(points, entry.viscous), deviation)
@@ -259,24 +234,14 @@ class FrictionModel:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> FrictionModel:
-        """Build the friction that a model file describes.
-
-        Args:
-            model: The robot's model.
-
-        Returns:
-            The friction of all joints, in model order.
-        """
+        """Return the friction that a model file describes, joints in model order."""
         return cls([joint.friction for joint in model.joints])
 
     def viscous(self, motor_temperature_degc: Float) -> Float:
-        """Return viscous coefficients.
+        """Return viscous coefficients, motor side; NaN where the temperature is. [N m s/rad]
 
         Args:
             motor_temperature_degc: Shape (..., n). [degC]
-
-        Returns:
-            Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
         inside = np.clip(motor_temperature_degc, *self._used_degc)
         columns = [law.formula(inside[..., i]) for i, law in enumerate(self.laws)]
@@ -295,24 +260,18 @@ class FrictionModel:
         return np.stack(columns, axis=-1)
 
     def viscous_spread(self, assumed_degc: float) -> Float:
-        """Return what an unknown temperature adds to the deviations, see `ViscousLaw.spread`.
+        """Return what an unknown temperature adds, see `ViscousLaw.spread`, shape (n,). [N m s/rad]
 
         Args:
             assumed_degc: Used for every motor. [degC]
-
-        Returns:
-            Motor side, shape (n,). [N m s/rad]
         """
         return np.asarray([law.spread(assumed_degc) for law in self.laws])
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
-        """Whether a law is used outside its fitted range.
+        """Whether a law is used outside its fitted range, shape (..., n).
 
         Args:
             motor_temperature_degc: Shape (..., n). [degC]
-
-        Returns:
-            Shape (..., n).
         """
         below = motor_temperature_degc < self._lower_degc
         return below | (motor_temperature_degc > self._upper_degc)
@@ -325,7 +284,7 @@ class FrictionModel:
         viscous: Float,
         standing: NDArray[np.bool_],
     ) -> Float:
-        """Return the friction torque that the drive must overcome.
+        """Return the friction torque to overcome, motor side, sign of w, shape (N, n). [N m]
 
         Args:
             motor_velocity: w, shape (N, n). [rad/s]
@@ -333,9 +292,6 @@ class FrictionModel:
             coulomb: fc, shape (N, n). [N m]
             viscous: fv at the present temperature, shape (N, n). [N m s/rad]
             standing: Where the axis counts as standing still: torque 0, shape (N, n).
-
-        Returns:
-            Motor side, with the sign of w, shape (N, n). [N m]
         """
         return friction_torque(
             motor_velocity,
@@ -358,13 +314,9 @@ def with_fixed_friction(
     operating point, used at every temperature. They are known as the laws are.
 
     Args:
-        model: Any model.
         motor_temperature_degc: The operating point. [degC]
         viscous_std: Standard deviations of the coefficients, motor side, shape (n,); None for
             those that the laws state. [N m s/rad]
-
-    Returns:
-        The same model with constant laws.
     """
     joints = list(model.joints)
     for index, joint in enumerate(joints):

@@ -29,7 +29,6 @@ class HoldTorque:
     """Torque of the motors of one robot at rest.
 
     Args:
-        model: The robot's model.
         effort: What the measured torque was made of; NONE if that is not known.
 
     Attributes:
@@ -109,7 +108,6 @@ class HoldTorque:
         """Return the deviation of the losses at rest that an unknown torque makes, (N, n). [W]
 
         Args:
-            drive: Of all axes.
             motor_torque: That heats the windings, shape (N, n). [N m]
             torque_std: Its deviation, 0 for motors that turn, same shape. [N m]
             motor_temperature_degc: Of the windings, same shape. [degC]

@@ -22,8 +22,6 @@ class LimitUse:
     The torque is that of the drive at the joint: bodies, rotor and friction.
 
     Args:
-        model: The robot's model.
-        limits: Of its URDF.
         start_ns: Stamp of the start of the motion. [ns]
 
     Attributes:
@@ -42,11 +40,7 @@ class LimitUse:
         self._when = {name: np.zeros(size) for name in ("speed", "torque", "outside")}  # s
 
     def motion(self, block: TorqueBlock) -> None:
-        """Take positions and speeds.
-
-        Args:
-            block: Samples of the motion.
-        """
+        """Take positions and speeds."""
         limits, position = self._limits, block.joint_position
         outside = np.maximum(limits.lower - position, position - limits.upper)
         self._outside = self._greater("outside", self._outside, outside, block.stamp_ns)
@@ -54,11 +48,7 @@ class LimitUse:
         self.speed = self._greater("speed", self.speed, speed, block.stamp_ns)
 
     def drives(self, block: PowerBlock) -> None:
-        """Take the torques of the drives.
-
-        Args:
-            block: Samples of the motion.
-        """
+        """Take the torques of the drives."""
         torque = np.abs(self._drivetrain.joint_torque_from_motor(block.motor_torque))
         use = torque / self._limits.effort
         self.torque = self._greater("torque", self.torque, use, block.stamp_ns)
@@ -72,13 +62,10 @@ class LimitUse:
         return np.where(more, found, known)
 
     def sentences(self, given: LimitUse | None = None) -> list[str]:
-        """Say where the motion exceeds a limit, one sentence per joint and limit.
+        """Return one sentence for each joint and limit that the motion exceeds.
 
         Args:
             given: Of a motion that the robot makes; what uses no more than it is left out.
-
-        Returns:
-            The sentences; empty where the motion is within all limits.
         """
         found: list[str] = []
         most = (1.0, 1.0) if given is None else (given.speed + SAME, given.torque + SAME)

@@ -23,15 +23,7 @@ _SEED = 1
 
 
 def implausible(model: RobotModel, robot: Robot) -> list[str]:
-    """Say what in a model or its URDF contradicts the rest, as wrong units do.
-
-    Args:
-        model: The model.
-        robot: Its rigid bodies, which were built from it.
-
-    Returns:
-        What the user should look at, a sentence each.
-    """
+    """Return a sentence for all in a model or its URDF that contradicts the rest: wrong units."""
     limits = robot.limits
     gravity = np.max(np.abs(gravity_torques(robot)[1]), axis=0)
     root = parse(model.urdf_xml)

@@ -1,11 +1,10 @@
 """Rigid-body dynamics of one robot in the joint order of its model file.
 
-With `collision` the only module that imports Pinocchio.
+Its models of Pinocchio come from `pinocchio_model`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -18,6 +17,14 @@ from robot_energy.model.payload import Payload
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics import kernels
 from robot_energy.physics.counterbalance import AnySpring, add_counterbalance
+from robot_energy.physics.pinocchio_model import (
+    attach,
+    check_mass,
+    frame_of,
+    full_model,
+    kernel_table,
+    reduced,
+)
 from robot_energy.physics.urdf.checks import (
     for_dynamics,
     joint_limits,
@@ -63,9 +70,9 @@ class Robot:
         self.n_joints = len(self.joint_names)
         self.inventory = take_inventory(root, self.joint_names, massless_links)
         self.limits = joint_limits(root, self.joint_names)
-        self._full = _build(for_dynamics(root))
-        self._unloaded = _reduce(self._full, self.inventory.locked_joints)
-        _check_mass(self._unloaded, self.joint_names, moved_mass(root, self.joint_names))
+        self._full = full_model(for_dynamics(root))
+        self._unloaded = reduced(self._full, self.inventory.locked_joints)
+        check_mass(self._unloaded, self.joint_names, moved_mass(root, self.joint_names))
         self._unloaded.gravity.linear = np.asarray(gravity, dtype=np.float64)
         self._bodies = [self._unloaded.getJointId(name) for name in self.joint_names]
         indices = [self._unloaded.joints[body].idx_v for body in self._bodies]
@@ -80,11 +87,11 @@ class Robot:
         if payload:
             loaded = pin.Model(self._full)
             for body in payload:
-                _attach(loaded, body)
-            self._model = _reduce(loaded, self.inventory.locked_joints)
+                attach(loaded, body)
+            self._model = reduced(loaded, self.inventory.locked_joints)
             self._model.gravity.linear = self._unloaded.gravity.linear
         self._begin()
-        self._table = _table_of(self._model) if kernels.compiled is not None else None
+        self._table = kernel_table(self._model) if kernels.compiled is not None else None
 
     def _begin(self) -> None:
         """Make room of its own to compute in; models of Pinocchio are only read."""
@@ -257,7 +264,7 @@ class Robot:
         Args:
             link: The name.
         """
-        return bool(self._model.existFrame(_frame_of(link), pin.FrameType.BODY))
+        return bool(self._model.existFrame(frame_of(link), pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:
         """Position of a link's frame in the base frame at one configuration.
@@ -336,7 +343,7 @@ class Robot:
             pin.computeJointJacobians(self._model, data, q)
         else:
             pin.forwardKinematics(self._model, data, q)
-        frame = int(self._model.getFrameId(_frame_of(link), pin.FrameType.BODY))
+        frame = int(self._model.getFrameId(frame_of(link), pin.FrameType.BODY))
         pin.updateFramePlacement(self._model, data, frame)
         return data, frame
 
@@ -351,104 +358,3 @@ def _robot_of(
 ) -> Robot:
     """Read a URDF once for many bags of one robot."""
     return Robot(urdf_xml, joint_names, gravity, payload, massless_links)
-
-
-def _build(urdf_xml: str) -> pin.Model:
-    try:
-        model = pin.buildModelFromXML(urdf_xml)
-        for frame in model.frames:  # a link and a joint may have one name, frames may not
-            if frame.type == pin.FrameType.BODY:
-                frame.name = _frame_of(frame.name)
-        return model
-    except (ValueError, RuntimeError, IndexError) as error:
-        raise RobotDescriptionError(
-            f"the URDF is not accepted: {error}", "a URDF that Pinocchio reads"
-        ) from error
-
-
-def _frame_of(link: str) -> str:
-    """Name of the frame of a link, which no joint can have: XML holds no such character."""
-    return f"\x1f{link}"
-
-
-def _reduce(full: pin.Model, locked_joints: Sequence[str]) -> pin.Model:
-    """Return a model without the locked joints."""
-    try:
-        locked = [full.getJointId(name) for name in locked_joints]
-        return pin.buildReducedModel(full, locked, pin.neutral(full))
-    except (ValueError, RuntimeError, IndexError) as error:
-        raise RobotDescriptionError(
-            f"the URDF is not accepted: {error}", "a URDF that Pinocchio reads"
-        ) from error
-
-
-def _table_of(model: pin.Model) -> Float | None:
-    """Return the joints and bodies as the kernel takes them; None where it cannot.
-
-    The kernel has the z axis of each frame along the axis of its joint, so frames are turned.
-    """
-    if model.njoints - 1 > kernels.MAX_JOINTS:
-        return None
-    turns: list[Float] = [np.eye(3)]  # of each frame of the kernel in that of Pinocchio
-    rows: list[list[float]] = []
-    for body in range(1, model.njoints):
-        joint = model.joints[body]
-        if (joint.nq, joint.nv) != (1, 1):
-            return None
-        data = joint.createData()
-        joint.calc(data, np.zeros(1))
-        linear, angular = np.asarray(data.S, dtype=np.float64).reshape(2, 3)
-        prismatic = bool(linear.any())
-        parent, place = int(model.parents[body]), model.jointPlacements[body]
-        inertia = model.inertias[body]
-        above, turn = turns[parent].T, _onto_z(linear if prismatic else angular)
-        rotation = above @ np.asarray(place.rotation) @ turn
-        tensor = turn.T @ np.asarray(inertia.matrix())[3:, 3:] @ turn  # about the origin
-        rows.append(
-            [
-                float(parent),
-                float(prismatic),
-                *rotation.flat,
-                *(above @ np.asarray(place.translation)),
-                float(inertia.mass),
-                *(turn.T @ (inertia.mass * np.asarray(inertia.lever))),
-                *tensor.flat,
-            ]
-        )
-        turns.append(turn)
-    return np.array(rows)
-
-
-def _onto_z(axis: Float) -> Float:
-    """Return a rotation that turns z onto a unit vector."""
-    first = np.zeros(3)
-    first[int(np.argmin(np.abs(axis)))] = 1.0
-    first -= axis * (axis @ first)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first), axis], axis=1)
-
-
-def _check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[float]) -> None:
-    """Refuse a model that lost or found mass on the way; the URDF parser says nothing."""
-    for name, expected in zip(joint_names, mass, strict=True):
-        found = float(model.inertias[model.getJointId(name)].mass)
-        if not math.isclose(found, expected, rel_tol=1e-9, abs_tol=1e-12):
-            raise RobotDescriptionError(
-                f"the body that joint '{name}' moves has {expected:g} kg in the URDF but "
-                f"{found:g} kg once read",
-                "the same mass",
-                "check the inertials of its links",
-            )
-
-
-def _attach(model: pin.Model, body: Payload) -> None:
-    """Add a rigid body to the joint that carries a link."""
-    if not model.existFrame(_frame_of(body.link), pin.FrameType.BODY):
-        raise RobotDescriptionError(
-            f"the payload sits on the link '{body.link}' that the URDF lacks", "a link of the URDF"
-        )
-    frame = model.frames[model.getFrameId(_frame_of(body.link), pin.FrameType.BODY)]
-    inertia = pin.Inertia.Zero()  # its constructor refuses moments a rounding below zero
-    inertia.mass, inertia.lever = body.mass, np.asarray(body.centre_of_mass)
-    inertia.inertia = body.tensor
-    model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)

@@ -28,8 +28,6 @@ class BusExchange:
 
     Attributes:
         stamp_ns: Shape (N,). [ns]
-        own: Of each robot with its own supply.
-        shared: Of all on one bus.
     """
 
     stamp_ns: Int
@@ -42,35 +40,19 @@ class BusExchange:
         return float(self._energy(np.ones_like(self.shared.grid_power)))
 
     def grid_energy(self, flows: Balance) -> float:
-        """Return the energy from the grid, less what a regenerative supply returns. [J]
-
-        Args:
-            flows: Those of one robot, or of the bus.
-        """
+        """Return the energy from the grid, less what a regenerative supply returns. [J]"""
         return self._energy(flows.grid_power)
 
     def brake_energy(self, flows: Balance) -> float:
-        """Return the energy into the brake resistor. [J]
-
-        Args:
-            flows: Those of one robot, or of the bus.
-        """
+        """Return the energy into the brake resistor. [J]"""
         return self._energy(flows.brake_power)
 
     def peak_power(self, flows: Sequence[Balance]) -> float:
-        """Return the greatest power from the grid of several supplies together. [W]
-
-        Args:
-            flows: Of each supply.
-        """
+        """Return the greatest power from the grid of several supplies together. [W]"""
         return float(np.nanmax(sum(one.grid_power for one in flows)))
 
     def after(self, start_ns: int) -> BusExchange:
-        """Return the part from an instant on, such as a cycle after one that charged capacitors.
-
-        Args:
-            start_ns: Its first stamp. [ns]
-        """
+        """Return the part from an instant on, such as a cycle after one that charged capacitors."""
         rows = np.flatnonzero(self.stamp_ns >= start_ns)
         own = tuple(one.at(rows) for one in self.own)
         return BusExchange(self.stamp_ns[rows], own, self.shared.at(rows))
@@ -93,12 +75,6 @@ def shared_cabinet(cabinets: Sequence[Cabinet]) -> Cabinet:
     Constant losses add up, as each robot keeps its controller; capacitances add up between the
     highest rectified voltage, at which the bus stands, and the lowest chopper voltage, at which the
     first resistor starts. Where some supply is regenerative, the best one returns what is left.
-
-    Args:
-        cabinets: Of each robot, at least one.
-
-    Raises:
-        MotionError: If a chopper of one robot starts below the rectified voltage of another.
     """
     capacitors = [one.capacitor for one in cabinets if one.capacitor is not None]
     capacitor = None
@@ -136,9 +112,6 @@ def exchange(stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet]) -> Bu
         bus_power: P_dc of each robot, drive inputs without constant losses, shape (R, N); NaN
             where one is not known, which is not counted for any. [W]
         cabinets: Of each robot; capacitors are empty at the start.
-
-    Raises:
-        MotionError: If the buses of these robots cannot be one.
     """
     known = bus_power + 0.0 * bus_power.sum(axis=0)  # NaN for all where one is
     segment = np.zeros(len(stamp_ns), dtype=np.int64)

@@ -14,18 +14,9 @@ from robot_energy.timeline.blocks import JointBlock, TorqueBlock
 def rigid_torque(
     block: JointBlock, robot: Robot, drivetrain: Drivetrain, effort: Effort
 ) -> TorqueBlock:
-    """Compute the torque that moves the bodies and rotors, and convert the measured one.
+    """Return the torque that moves the bodies and rotors, and the measured one; NaN of NaN.
 
     ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
-
-    Args:
-        block: Joint motion with accelerations.
-        robot: Rigid-body dynamics.
-        drivetrain: Motor side <-> joint side.
-        effort: What the driver's effort means.
-
-    Returns:
-        Torques at the same instants; NaN where an input is NaN.
     """
     joint_torque = robot.joint_torque(
         block.joint_position, block.joint_velocity, block.joint_acceleration

@@ -19,7 +19,6 @@ class TorqueLimitWatch:
 
     Args:
         limits: Of the URDF; joints without an effort limit are never beyond it.
-        drivetrain: Of the model.
 
     Attributes:
         most: Greatest torque or force over its limit, shape (n,). [-]

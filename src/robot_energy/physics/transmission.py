@@ -76,17 +76,11 @@ def rotor_torque(
 
 
 def torque_map(transmission: Float) -> Float:
-    """Return ``C^-T``, which maps joint torques to motor torques.
+    """Return ``C^-T``, which maps joint to motor torques, shape (n, n), in the inverse unit.
 
     Args:
         transmission: C, motor velocity per joint velocity, shape (n, n). [-], or [rad/m] where
             the joint is prismatic
-
-    Returns:
-        Shape (n, n), in the inverse unit.
-
-    Raises:
-        ShapeError: If C cannot be inverted.
     """
     if not np.linalg.cond(transmission) < MAX_CONDITION:
         raise ShapeError(

@@ -42,7 +42,6 @@ class FallbackUse:
             temperature_degc: In use, shape (N, n); NaN where the fallback is. [degC]
             seen_ns: Stamps of the temperatures known at the last sample, shape (n,); 0 where
                 none is. [ns]
-            timeline: Where the temperatures to come are.
         """
         self.samples += len(stamp_ns)
         if np.isfinite(temperature_degc.sum()):
@@ -77,11 +76,7 @@ class FallbackUse:
         return far and ahead_ns is not None and abs(ahead_ns) > APART_NS
 
     def sentence(self, ahead_ns: int | None) -> str:
-        """Return what a user should know of it; empty if every sample had its temperatures.
-
-        Args:
-            ahead_ns: As in `of_another_time`.
-        """
+        """Return what a user should know of it; empty if every sample had its temperatures."""
         count = self.missing + self.stale
         if not count:
             return ""

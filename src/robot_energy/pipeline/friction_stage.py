@@ -43,9 +43,6 @@ class FrictionStage:
     Readings that are not finite, implausible, a step without cause or older than the last
     one of their motor are counted and change nothing.
 
-    Args:
-        model: The robot's model.
-
     Attributes:
         rejections: Values of motors that arrived, that were used and that were not, by reason.
     """
@@ -85,13 +82,10 @@ class FrictionStage:
         }
 
     def step(self, block: TemperatureBlock) -> FrictionBlock | None:
-        """Take temperatures and return the friction from each of them onward.
+        """Return the friction from each temperature onward that changes something, or None.
 
         Args:
             block: Readings, in order of their stamps as far as they arrived in time.
-
-        Returns:
-            One row per reading that changed something, or None.
         """
         if not len(block):
             return None

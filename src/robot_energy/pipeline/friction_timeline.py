@@ -49,11 +49,7 @@ class FrictionTimeline:
         return len(self._line) + (0 if self._before is None else len(self._before))
 
     def add(self, block: FrictionBlock) -> None:
-        """Take rows in order of arrival, without those of stamp zero (before any temperature).
-
-        Args:
-            block: Friction, each row valid from its stamp on.
-        """
+        """Take rows in order of arrival, without those of stamp zero (before any temperature)."""
         block = block[block.stamp_ns != 0]
         if not len(block):
             return
@@ -87,11 +83,7 @@ class FrictionTimeline:
         self._alone_ns = None
 
     def jump_back(self, stamp_ns: int) -> None:
-        """Note that the stamps of torque have jumped back; the row in use goes on.
-
-        Args:
-            stamp_ns: First stamp after the jump. [ns]
-        """
+        """Note that the stamps of torque have jumped back; the row in use goes on."""
         self._first = None
         used, seen = self._used, self._used.temperature_stamp_ns
         carried = replace(
@@ -153,14 +145,7 @@ class FrictionTimeline:
         return FrictionBlock.concatenate([first, line]), np.where(held, 0, row + 1)
 
     def next_ns(self, stamp_ns: int) -> int | None:
-        """Stamp of the first row after a time.
-
-        Args:
-            stamp_ns: The time. [ns]
-
-        Returns:
-            The stamp; None if there is no later row. [ns]
-        """
+        """Return the stamp of the first row after a time; None if there is none. [ns]"""
         row = int(np.searchsorted(self._line.stamp_ns, stamp_ns, side="right"))
         return int(self._line.stamp_ns[row]) if row < len(self._line) else None
 

@@ -23,7 +23,6 @@ class PayloadChange:
     Attributes:
         from_ns: First instant of validity; 0: from the start. [ns]
         payload: The body that its link carries from then on, instead of any before.
-        carried: All bodies that the robot carries then.
     """
 
     from_ns: int
@@ -52,25 +51,18 @@ class PayloadTimeline:
         return tuple(self._coming)
 
     def carried_at(self, stamp_ns: int) -> tuple[Payload, ...]:
-        """Return the bodies that the robot carries at a stamp after the newest torque.
-
-        Args:
-            stamp_ns: The stamp. [ns]
-        """
+        """Return the bodies that the robot carries at a stamp after the newest torque."""
         carried = {body.link: body for body in self.robot.payload}
         due = [change.payload for change in self._coming if change.from_ns <= stamp_ns]
         carried |= {body.link: body for body in due}
         return tuple(body for body in carried.values() if body.mass)
 
     def set(self, payload: Payload, from_ns: int) -> PayloadChange:
-        """Take a change.
+        """Return a change with the instant from which it really counts, and take it.
 
         Args:
             from_ns: First instant of validity; one that has passed means the next
                 sample. [ns]
-
-        Returns:
-            The change with the instant from which it really counts.
 
         Raises:
             RobotDescriptionError: If the URDF lacks the link; nothing changes then.
@@ -90,14 +82,7 @@ class PayloadTimeline:
         return replace(change, carried=self.carried_at(change.from_ns))
 
     def pieces(self, block: JointBlock) -> Iterator[tuple[Robot, JointBlock]]:
-        """Cut samples where the payload changes.
-
-        Args:
-            block: Joint states in time order.
-
-        Yields:
-            The robot as it is loaded, and the samples for which that holds.
-        """
+        """Yield samples between changes of the payload, with the robot as it is loaded."""
         self._done_ns = int(block.stamp_ns[-1])
         start = 0
         while self._coming:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.certainty.deviation import (
@@ -16,16 +15,13 @@ from robot_energy.condition.learner import ConditionLearner, Learning
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage
-from robot_energy.physics.drive import drive_from_model
-from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
+from robot_energy.pipeline.supply import OF_CABINET, SupplyStage
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
@@ -33,17 +29,14 @@ from robot_energy.timeline.blocks import (
     FrictionBlock,
     Int,
     MeterBlock,
-    Phase,
     PowerBlock,
     Quality,
     TorqueBlock,
     differences,
     mark,
-    sum_over_joints,
 )
 from robot_energy.timeline.held_rows import HeldRows
 
-MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
 HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns]
 NO_SLOT = -1  # before the first sample
@@ -56,28 +49,20 @@ class PowerStage:
     which arrives a little late still counts from its own stamp. The result therefore
     does not depend on the order in which topics were delivered.
 
-    Args:
-        model: The robot's model.
-        settings: The waiting time.
-
     Attributes:
         watch: Which temperatures are stuck; they are flagged, and stay in use where ``thermal``
             has no estimate, as the motor is at least as warm.
         fallback_use: How many samples had to do without a temperature, and why.
-        condition: What is learned of the robot.
-        thermal: Motor temperatures from the model's own losses.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
         settings = settings or Settings()
+        self._settings = settings
         self._friction = FrictionModel.from_model(model)
-        self._hold = HoldTorque(model, settings.effort)
-        self._drive = drive_from_model(model)
-        self._cabinet = CabinetStage(model.cabinet)
+        self._supply = SupplyStage(model, settings)
+        self._hold = self._supply.hold
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
-        self._standstill = motor_standstill(model)
-        self._fallback_degc = model.temperature.fallback_degc
         self._assumed = settings.temperature_assumed
         stale_after = NEVER if self._assumed else min(model.temperature.stale_after, NEVER)
         self._stale_ns = round(stale_after / NANOSECOND)
@@ -104,18 +89,11 @@ class PowerStage:
 
         Rows of stamp zero, what holds before any temperature, are known here already; a
         restarted friction monitor repeats them, which must not undo what came later.
-
-        Args:
-            block: Rows in order of arrival.
         """
         self._timeline.add(block)
 
     def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter, to learn from.
-
-        Args:
-            block: In order of arrival.
-        """
+        """Take readings of the meter, to learn from."""
         self.condition.measure(block)
         self.thermal.measure(block)
 
@@ -125,14 +103,7 @@ class PowerStage:
         return self._timeline.rows
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
-        """Take torques and return the power at those that have settled.
-
-        Args:
-            block: Torques in time order.
-
-        Returns:
-            Power samples, or None while every sample still waits.
-        """
+        """Return the power at torques that have settled; None while every sample still waits."""
         block = block.motor_side()
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])
@@ -189,7 +160,7 @@ class PowerStage:
         friction_degc = degc
         if self.thermal.geared.any():
             friction_degc = self._follow_gears(degc, quality, viscous, *deviations)
-        standing = np.abs(speed) <= self._standstill
+        standing = self._supply.standing(speed)
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
         learned = self.condition.multiplier(speed, friction_degc)
         if learned is not None:
@@ -201,12 +172,9 @@ class PowerStage:
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)
             wound, held_std = self._hold.in_winding(torque, block.motor_torque_measured, standing)
         rigid_power, friction_power = rigid * speed, friction * speed
-        shaft = rigid_power + friction_power
-        winding = np.where(np.isnan(degc), self._fallback_degc, degc)
-        electrical, extrapolated = self._drive.input_power(shaft, speed, wound, winding)
-        if extrapolated is not None:
-            mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
-        drive_loss = electrical - shaft
+        shaft, winding = rigid_power + friction_power, self._supply.winding(degc)
+        drawn = self._supply.drawn(shaft, speed, wound, winding, quality)
+        drive_loss = drawn - shaft
         stuck = self.watch.step(
             block.stamp_ns,
             block.segment,
@@ -215,24 +183,17 @@ class PowerStage:
         )
         if stuck is not None and not self._assumed:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
-        bus = sum_over_joints(electrical)
-        bus[np.abs(bus) > MAX_POWER] = np.nan
-        self._cabinet.offset_dc, self._cabinet.offset_grid = self.condition.offsets
+        cabinet = self._supply.cabinet
+        cabinet.offset_dc, cabinet.offset_grid = self.condition.offsets
         if self.condition.in_use:
             quality |= np.uint32(Quality.LEARNED)
-        balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
-        finite = np.isfinite(balance.grid_power)
-        mark(quality, ~finite, Quality.NOT_FINITE)
-        phase = np.full(len(block), Phase.MOTION, dtype=np.uint8)
-        phase[standing.all(axis=1)] = Phase.HOLD
-        phase[bus + balance.loss_dc < 0] = Phase.GENERATING
-        phase[~finite] = Phase.UNKNOWN
+        bus, balance, phase = self._supply.balance(block, drawn, standing, degc, quality)
         turning = np.where(standing, 0.0, speed)
         of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
         held = np.zeros_like(torque)
-        if held_std is not None:
-            held = self._hold.loss_std(self._drive, wound, held_std, winding)
-        deviation = self._deviations(block, (*of_motors, held), balance, finite)
+        if held_std is not None and self._settings.deviations:
+            held = self._hold.loss_std(self._supply.drive, wound, held_std, winding)
+        deviation = self._deviations(block, (*of_motors, held), balance)
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
@@ -250,22 +211,19 @@ class PowerStage:
             motor_temperature_degc=degc,
             payload_mass=block.payload_mass,
             bus_power=bus,
-            loss_dc=balance.loss_dc,
-            loss_grid=balance.loss_grid,
-            brake_power=balance.brake_power,
-            capacitor_power=balance.capacitor_power,
-            grid_power=balance.grid_power,
             deviation=deviation,
+            **{name: getattr(balance, name) for name in OF_CABINET},
         )
         self.thermal.take(power, measured_degc[-1])
         return power
 
     def _deviations(
-        self, block: TorqueBlock, of_motors: tuple[Float, ...], balance: Balance,
-        finite: NDArray[np.bool_],
-    ) -> HeldRows:  # fmt: skip
+        self, block: TorqueBlock, of_motors: tuple[Float, ...], balance: Balance
+    ) -> HeldRows:
         """Deviations of the power from the first finite sample of each 10 ms on, or after NaN."""
-        slot = block.stamp_ns // HELD_NS
+        if not self._settings.deviations:
+            return HeldRows(self._held, np.zeros(len(block), np.int64), np.zeros(len(block), bool))
+        slot, finite = block.stamp_ns // HELD_NS, np.isfinite(balance.grid_power)
         begins = differences(slot, self._slot) != 0
         if not (self._finite and finite.all()):
             begins[0] |= not self._finite
@@ -337,11 +295,8 @@ class PowerStage:
 
         Args:
             degc: Motor temperatures, shape (N, n). [degC]
-            quality: Set where a law is used outside its range.
             viscous: Of the motor temperatures, its deviation, and the part of it that errs alike at
                 all joints; own copies, changed in place, shape (N, n).
-            std: See above.
-            shared: See above.
         """
         gears = self.thermal.gears
         waiting = self.thermal.geared & ~gears

@@ -26,6 +26,7 @@ class Settings(AccountSettings):
         temperature_assumed: Temperatures are assumed, as in a prediction: they never become
             stale and are never taken for stuck, and nothing is learned.
         learning: What is learned of the robot while it runs, and whether it is used.
+        deviations: Whether those of the power are computed; else they are 0, as for a fit.
     """
 
     derivative_window: float = 0.02
@@ -36,6 +37,7 @@ class Settings(AccountSettings):
     temperature_wait: float = 0.1
     temperature_assumed: bool = False
     learning: Learning = Learning.OBSERVE
+    deviations: bool = True
 
     def with_meter(self, max_power: float, wraps_at: float | None, unit: str) -> Settings:
         """Return the settings with what a source says of its meter.

@@ -21,16 +21,7 @@ class TorqueStage:
     The effort of the driver, if its meaning is set, becomes measured motor torque.
 
     Args:
-        model: The robot's model.
         settings: Window and lag of the derivative, meaning of the effort.
-
-    Attributes:
-        effort_check: Whether the effort fits its meaning.
-
-    Raises:
-        RobotDescriptionError: If the URDF cannot be used.
-        UnknownJointError: If the URDF lacks a joint of the model.
-        ModelFileError: If the effort is a current and a torque constant is missing.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -64,58 +55,33 @@ class TorqueStage:
         return self._payload.carried_at(0 if self._newest_ns is None else self._newest_ns + 1)
 
     def set_payload(self, payload: Payload, from_ns: int | None = None) -> PayloadChange:
-        """Change what one link carries, for all samples from a stamp on.
+        """Return the change of what one link carries, with the instant from which it counts.
 
         It replaces all that the link carried before, also what the model file says; other
         links keep theirs. A mass of 0 takes it off.
 
         Args:
-            payload: The body; `robot_energy.model.payload.payload` makes one.
             from_ns: First instant of validity, in the time of the joint states; None: from
                 the next joint state on. One that has passed counts from the next torque
                 on. [ns]
-
-        Returns:
-            The change with the instant from which it counts, to be published.
-
-        Raises:
-            RobotDescriptionError: If the URDF lacks the link; the old payload stays.
         """
         if from_ns is None:
             from_ns = 0 if self._newest_ns is None else self._newest_ns + 1
         return self._payload.set(payload, from_ns)
 
     def arrived(self, block: JointBlock) -> None:
-        """Note joint states that `step` takes later: a payload set now counts after them.
-
-        Args:
-            block: In time order, at least one.
-        """
+        """Note joint states that `step` takes later: a payload set now counts after them."""
         self._newest_ns = int(block.stamp_ns[-1])
 
     def step(self, block: JointBlock) -> TorqueBlock | None:
-        """Take joint states and return the torques whose window is complete.
-
-        Args:
-            block: Joint states in time order.
-
-        Returns:
-            Torques, or None while every sample still waits.
-        """
+        """Return the torques whose window is complete; None while every sample still waits."""
         if not len(block):
             return None
         self.arrived(block)
         return self._torque(self._derivative.step(block))
 
     def plan(self, block: JointBlock) -> TorqueBlock | None:
-        """Return the torques of a planned motion, whose accelerations are known exactly.
-
-        Args:
-            block: Motion in time order, accelerations included.
-
-        Returns:
-            Torques at the same instants; None where there are none.
-        """
+        """Return the torques of a planned motion, whose accelerations are exact; None for none."""
         if not len(block):
             return None
         self.arrived(block)

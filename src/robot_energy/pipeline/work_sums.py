@@ -27,9 +27,6 @@ class WorkSums:
     steps below 0.2 mm, which are counted once they have added up; arcs count as their chords, 1.5 %
     less at 6 rad/s.
 
-    Args:
-        robot: With its kinematics.
-
     Attributes:
         body_work: W. [J]
         tool_path: Path of the frame ``tool0``; NaN where the robot has none, or positions are not
@@ -45,11 +42,7 @@ class WorkSums:
         self.tool_path = 0.0 if robot.has_link(TOOL) else np.nan
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: In time order.
-        """
+        """Take what a step of the pipeline gave."""
         if output.power is not None and len(output.power):
             block = output.power
             stamp, segment, before = self._last

@@ -23,7 +23,6 @@ class RobotPreset(Kind):
     """A robot with its driver.
 
     Attributes:
-        file: Parameter file of the driver, without its ending.
         model: Name of the shipped model; empty where none is shipped.
     """
 
@@ -46,9 +45,6 @@ class RobotPreset(Kind):
 
         Args:
             given: Model file or name of a shipped model; None or empty for the preset's own.
-
-        Raises:
-            ModelFileError: If none is given and none is shipped.
         """
         if given or self.model:
             return given or self.model

@@ -236,9 +236,6 @@ def fixed_friction(
 
     Args:
         temperature: The operating point, or ``fallback`` for that of the model. [degC]
-
-    Raises:
-        ParameterError: If no motor can be at that temperature.
     """
     degc = model.temperature.fallback_degc if temperature == FALLBACK else float(temperature)
     low, high = FRICTION_DEGC
@@ -269,18 +266,13 @@ def run_replay(
     on_reading: Callable[[EnergyAccount, int], None] | None = None,
     **options: Unpack[ReplayOptions],
 ) -> Replay:
-    """Replay a bag with the options of the command.
+    """Return the accounting of a replay with the options of the command.
 
     Args:
-        bag: MCAP file or rosbag2 folder.
         power_period: Averaging period; None: that of the pipeline. [s]
         keep_curves: Whether to keep energies over time for figures.
         keep_compared: Whether to keep all that was compared with the meter.
-        on_output: Called with what each step of the pipeline gave.
         on_reading: Called with the account as it stands at each UTC minute, and at the end.
-
-    Returns:
-        The accounting of the replay.
 
     Raises:
         TypeError: If there is no such option.

@@ -33,7 +33,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import PayloadReader
+from robot_energy.messages.payload import PayloadReader
 from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.torque_limits import TorqueLimitWatch
@@ -59,7 +59,6 @@ class Replay:
 
     Attributes:
         payload: Accounting of the payloads set at run time, and the changes.
-        pipeline: The pipeline after its last step.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
         predicted_curve: Predicted energy from the grid over time, where curves were asked for.
@@ -119,14 +118,10 @@ def replay(
     processes: int = 1,
     on_reading: Callable[[EnergyAccount, int], None] | None = None,
 ) -> Replay:
-    """Run a bag through the pipeline.
+    """Return the energy account of a bag, and the rejection log of every input.
 
     Args:
-        path: MCAP file or rosbag2 folder.
-        model: The robot's model.
         topics: Topics to use where they cannot be found by type.
-        settings: Settings of the pipeline.
-        out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         keep_curves: Whether to return energies over time for plots (in bounded memory).
         progress: Called with the share done, 0 to 1.
@@ -138,22 +133,11 @@ def replay(
         learned: What an earlier recording of the robot has taught; None begins with nothing.
         time_range: Part of the bag; None for all. Temperatures are read from as long before it as
             they stay in use, payloads from the beginning.
-        jobs: Jobs and cycles to count, in order of time.
         calibration: Of the bands, from an earlier account of the same model and meter.
         processes: 2: reading and torque are a process of their own; 3: two; which changes
             no figure.
         on_reading: Called with the account, and the UTC minute up to which it has counted all
             samples or 0, as `EnergyAccount.on_reading`, and at the end.
-
-    Returns:
-        The energy account and the rejection log of every input.
-
-    Raises:
-        BagError: If the bag cannot be read or holds no usable joint state, or nothing of it can
-            be predicted.
-        MissingTopicError: If a topic is missing or ambiguous.
-        UnknownJointError: If the joint states lack joints of the model.
-        RobotEnergyError: If the model cannot be used.
     """
     settings = settings or Settings()
     if out is None and not keep_curves and not keep_means:

@@ -10,18 +10,12 @@ import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagWriter
-from robot_energy.messages import (
-    FrictionWriter,
-    PayloadWriter,
-    PowerStateWriter,
-    RegistersWriter,
-    TorqueWriter,
-)
-from robot_energy.messages.friction import JOINT_FRICTION
-from robot_energy.messages.payload import PAYLOAD
-from robot_energy.messages.power import POWER_STATE
-from robot_energy.messages.registers import ENERGY_REGISTERS
-from robot_energy.messages.torque import JOINT_TORQUE
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.friction import JOINT_FRICTION, FrictionWriter
+from robot_energy.messages.payload import PAYLOAD, PayloadWriter
+from robot_energy.messages.power import POWER_STATE, PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter
+from robot_energy.messages.torque import JOINT_TORQUE, TorqueWriter
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.payload_timeline import PayloadChange
@@ -34,7 +28,6 @@ class EnergyBagWriter:
     Args:
         overwrite: Whether an existing one may be replaced.
         origin: Where the recording comes from; empty if unknown.
-        source: The bag that is replayed.
     """
 
     TOPICS: ClassVar = {
@@ -63,11 +56,7 @@ class EnergyBagWriter:
     def write(
         self, output: Output, account: EnergyAccount, payloads: Sequence[PayloadChange]
     ) -> None:
-        """Write what one step of the pipeline gave.
-
-        Args:
-            account: The energy account after the step.
-        """
+        """Write what one step of the pipeline gave."""
         torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:
             self._frictions.append(output.friction)

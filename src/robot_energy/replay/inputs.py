@@ -27,9 +27,6 @@ def model_of(model: ModelName) -> RobotModel:
 
     Args:
         model: A model, its file, or the name of a shipped one.
-
-    Raises:
-        ModelFileError: If there is none, or it cannot be used.
     """
     return model if isinstance(model, RobotModel) else load(model)
 
@@ -40,30 +37,18 @@ def effort_meaning(effort: str) -> EffortMeaning:
 
 
 def member_named(kind: type[Member], what: str, name: str) -> Member:
-    """Return the member of an enumeration.
-
-    Raises:
-        ParameterError: If there is none.
-    """
+    """Return the member of an enumeration."""
     if name not in tuple(kind):
         raise ParameterError(f"{what} is '{name}'", f"one of {', '.join(kind)}")
     return kind(name)
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
-    """Read the inputs of a parameter file, of a known robot, or of both.
+    """Return the inputs of a file, a robot, or both, and a sentence for each misspelt name.
 
     Args:
         path: Parameter file of a monitor, whose values override these; None for none.
         robot: Name of a robot in `ROBOTS`; None for none.
-
-    Returns:
-        The inputs, None where neither is given, and one sentence for each name that is probably
-        misspelt.
-
-    Raises:
-        KindError: If the robot is unknown.
-        ParameterError: If the file cannot be used.
     """
     if robot is None:
         return (None, []) if path is None else read_inputs(path)
@@ -73,10 +58,6 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
 
 @contextmanager
 def silent(label: str) -> Generator[Callable[[float], None]]:
-    """Show no progress.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
+    """Yield what is called with the share done, 0 to 1, and shows nothing."""
     del label
     yield lambda share: None

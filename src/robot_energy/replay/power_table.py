@@ -58,17 +58,10 @@ def sample_table(
     compared: Sequence[Compared] | None = None,
     unmodelled: Collection[str] = (),
 ) -> TimeSeries:
-    """Return every sample.
+    """Return every sample; measured power is the mean from reading to reading, NaN without one.
 
     Args:
-        block: Power samples in time order.
-        joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
-
-    Returns:
-        One row per sample. The measured power is the mean over the interval between two
-        readings of the meter that holds the sample; NaN where no interval does.
     """
     return _table(
         block,
@@ -93,16 +86,10 @@ def period_table(
     compared: Sequence[Compared] | None = None,
     unmodelled: Collection[str] = (),
 ) -> TimeSeries:
-    """Return means over averaging periods; the stamp is that of the last sample of a period.
+    """Return means over periods, columns as `sample_table`; motor quantities at their end.
 
     Args:
-        joint_names: In model order.
         compared: What was compared with the meter; None: the table has no measured columns.
-        unmodelled: As of `sample_table`.
-
-    Returns:
-        One row per period, with the columns of `sample_table`; motor quantities are those of
-        the last sample.
     """
     rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
     loss = block.joint_mean("drive_loss")
@@ -124,11 +111,7 @@ def period_table(
 
 
 def empty_table(joint_names: Sequence[str]) -> TimeSeries:
-    """Return the columns of `sample_table` without a row and without a meter.
-
-    Args:
-        joint_names: Joints of the model, in its order.
-    """
+    """Return the columns of `sample_table` without a row and without a meter."""
     shape = (0, len(joint_names))
     names = [name for name in UNITS if name not in MEASURED]
     first = names.index("joint_shaft_power")

@@ -31,9 +31,6 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
     The items are those of the iterator, in their order. What it changes, it changes in its own
     process only: what must come back is part of an item.
 
-    Args:
-        items: Not begun yet; its items can be pickled.
-
     Raises:
         BagError: If the process ended before its last item.
         Exception: What the iterator raises.

@@ -31,7 +31,6 @@ class Job(ModelEntry):
     """One job or cycle.
 
     Attributes:
-        name: Equal for all of one kind.
         begin: Stamp of its first instant. [s since 1970]
         end: Stamp of its last instant. [s since 1970]
     """
@@ -72,11 +71,7 @@ class JobList(ModelEntry):
 
 
 def load_jobs(path: str | Path) -> tuple[Job, ...]:
-    """Return the jobs of a file, in order of time.
-
-    Raises:
-        RegisterError: If it cannot be read or used.
-    """
+    """Return the jobs of a file, in order of time."""
     return load(path, JobList, RegisterError, "list of jobs").jobs
 
 
@@ -84,12 +79,6 @@ class RecordedJobs:
     """Opens and closes intervals of an account at the stamps of a list of jobs.
 
     A job that the recording does not hold from begin to end is left out.
-
-    Args:
-        jobs: In order of time.
-
-    Attributes:
-        left_out: How many were there in part only.
     """
 
     def __init__(self, jobs: Sequence[Job]) -> None:
@@ -136,11 +125,7 @@ class RecordedJobs:
         return cuts[(before >= 0) & (since_ns < LAG_NS)]
 
     def step(self, account: EnergyAccount) -> None:
-        """Open and close what is due.
-
-        Args:
-            account: After a step of the pipeline.
-        """
+        """Open and close what is due."""
         end_ns = account.end_ns
         while end_ns is not None and self._next < len(self._names):
             begin_ns, until_ns = self._bounds_ns[self._next].tolist()
@@ -160,11 +145,7 @@ class RecordedJobs:
                 self._is_open = True
 
     def finish(self, account: EnergyAccount) -> None:
-        """Close a job that ends with the recording.
-
-        Args:
-            account: After the last step.
-        """
+        """Close a job that ends with the recording."""
         if self._is_open:
             late_ns = int(self._bounds_ns[self._next, 1]) - (account.end_ns or 0)
             found = account.close_interval(self._names[self._next])

@@ -21,7 +21,7 @@ from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import PayloadReader
+from robot_energy.messages.payload import PayloadReader
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.replay.recorded_jobs import RecordedJobs
@@ -54,14 +54,7 @@ class LoadIngest:
         )
 
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
-        """Take the messages of a part of a bag.
-
-        Args:
-            part: Serialised messages by topic.
-
-        Returns:
-            What came of them.
-        """
+        """Return what comes of the messages of a part of a bag."""
         return self._each(
             lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])
         )
@@ -103,12 +96,9 @@ class BagStep:
 
     Attributes:
         joints: Joint states; None after they have become torque.
-        torque: Torques that became complete.
         auxiliary: What came from each auxiliary load, by its name.
         payload: Messages of payloads, before they are in force.
-        changes: Payloads that were accepted.
         share: How much of the bag is read, 0 to 1; None within a part.
-        inputs: After the last step: what has read.
         stages: After the last step: the stage of the torque, and the reader of payloads.
     """
 
@@ -132,14 +122,10 @@ def read_steps(
     by_second: bool,
     jobs: RecordedJobs,
 ) -> Generator[BagStep]:
-    """Read a bag, part by part.
+    """Yield steps without torque, a part of the bag each; the last one has the inputs.
 
     Args:
         spans: From when to when each topic is read; all of it where it is not named. [ns]
-        by_second: Whether steps end at whole seconds.
-
-    Yields:
-        Steps without torque, the last one with the inputs.
     """
     metered = tuple(inputs.meter.source.topics) if topics.meter else ()
     states = topics.joint_states or ()
@@ -186,14 +172,10 @@ def read_steps(
 def torque_steps(
     steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader, whole: bool
 ) -> Generator[BagStep]:
-    """Compute the torque of what was read.
+    """Yield the steps with torque; the last one has both stages.
 
     Args:
-        steps: From `read_steps`.
         whole: Whether the joint side is of use to anybody; it is left out otherwise.
-
-    Yields:
-        The steps with torque, the last one with both stages.
     """
     for step in steps:
         if step.payload is not None:

@@ -19,7 +19,6 @@ class Topics:
     Attributes:
         joint_states: Topics of the joint states; several where each brings some joints.
         temperatures: Topics of motor temperatures; empty for none.
-        meter: The topic of the power meter.
         payload: The topic of payloads set at run time; empty for none.
     """
 
@@ -30,19 +29,10 @@ class Topics:
 
 
 def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:
-    """Find the topics to use in a bag.
+    """Return the topics to use in a bag; those of temperatures and meter stay as named.
 
     Args:
         inputs: Inputs of the node that the bag is to be read like; None to go by types.
-
-    Returns:
-        The topics; ``payload`` stays None where there is none, and those of temperatures
-        and meter are as the user named them.
-
-    Raises:
-        BagError: If the bag is damaged from its first message on.
-        MissingTopicError: If a named topic is absent or of another type, or the joint
-            states cannot be found without a name.
     """
     if not bag.topics and bag.problems:
         raise BagError(

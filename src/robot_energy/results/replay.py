@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.messages import interval_fields
+from robot_energy.messages.registers import interval_fields
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
 from robot_energy.pipeline.payload_timeline import PayloadChange

@@ -64,8 +64,6 @@ def load_account(
     """Return the account store of a robot.
 
     Args:
-        account: The energy account.
-        model: The robot's model.
         folder: Where the state files lie; None keeps nothing.
         submit: Does work on the disk; jobs must run one after the other.
         node: Full name of the node that counts; its files are its own. Empty for none.
@@ -84,10 +82,7 @@ class AccountStore(SlotStore[AccountRecord]):
     """Keeps an energy account in state files.
 
     Args:
-        account: The energy account.
-        identity: Whose they are.
         slots: Their state files; None keeps nothing.
-        submit: Does work on the disk.
 
     Attributes:
         loaded: Whether the state files were read, so that this is the robot's account.
@@ -151,13 +146,10 @@ class AccountStore(SlotStore[AccountRecord]):
         return outcome
 
     def checkpoint(self, patience: float | None = None) -> bool:
-        """Write the account as it stands to disk.
+        """Whether the account is on disk as it stands now.
 
         Args:
             patience: How long to wait for the disk, twice at most; None for ever. [s]
-
-        Returns:
-            Whether they are on disk.
         """
         self.open(patience)
         if self._slots is None or not self._slots.held:
@@ -165,11 +157,7 @@ class AccountStore(SlotStore[AccountRecord]):
         return self.begin() and bool(self._finish(patience))
 
     def require(self) -> None:
-        """Refuse changes to an account that is not the robot's.
-
-        Raises:
-            RegisterError: While the state files could not be read.
-        """
+        """Refuse changes to an account that is not the robot's."""
         if not self.loaded:
             raise RegisterError(
                 "the registers of this robot have not been read yet",
@@ -178,13 +166,10 @@ class AccountStore(SlotStore[AccountRecord]):
             )
 
     def close(self, patience: float | None = None) -> bool:
-        """Make a last checkpoint and let another monitor write.
+        """Whether the last checkpoint is on disk; let another monitor write.
 
         Args:
             patience: How long to wait for the disk, twice at most. [s]
-
-        Returns:
-            Whether the account is on disk.
         """
         done = self.checkpoint(patience)
         self._release()

@@ -1,9 +1,7 @@
 """State files of an earlier release, named by robot alone: one node takes them, once.
 
-Whoever begins writes its name into a claim, which appears with its content by one rename
-while the lock of the earlier release is held. Only the node in the claim may then rename
-the slots, as often as it is interrupted; the claim is marked complete at the end and
-stays, so that no other node ever takes them, nor any node twice.
+A claim with the name of the node appears by one rename, under the lock of the earlier release, and
+stays: only that node may rename the slots, as often as it is interrupted.
 """
 
 from __future__ import annotations
@@ -23,7 +21,6 @@ class Adoption:
     """Takes the files of an earlier release over.
 
     Args:
-        folder: Where they lie.
         name: How the names of the own files begin, whose lock is held.
     """
 

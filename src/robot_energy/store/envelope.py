@@ -23,14 +23,7 @@ _LINE = re.compile(
 
 
 def wrap(version: int, sequence: int, payload: bytes) -> bytes:
-    """Return the content of a state file.
-
-    Args:
-        sequence: Grows by one with every write.
-
-    Raises:
-        StateFileError: If it is more than can be read back.
-    """
+    """Return the content of a state file."""
     if len(payload) > MAX_READ_BYTES - MAX_LINE:
         raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
@@ -52,12 +45,8 @@ def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
     """Return sequence number and payload of a state file.
 
     Args:
-        version: The newest format that can be read.
         content: All bytes of the file; what stands behind the payload is ignored, since a
             shorter state may have been written over a longer one.
-
-    Raises:
-        StateFileError: If the file is empty, cut, damaged or of a newer format.
     """
     if not content:
         raise StateFileError("an empty file", "a state file")

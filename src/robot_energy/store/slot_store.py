@@ -1,9 +1,7 @@
 """Keeps something in a pair of slots: one job of the disk at a time, taken up when it has ended.
 
-The disk may be full, read-only, gone or held by another monitor, at any time and for any
-time: work goes on in memory, `SlotStore.trouble` says why, and the next write tries again. Work on
-the disk is handed to ``submit``, so that a node can do it outside its ticks; by default it is
-done at once.
+The disk may be full, read-only, gone or held by another monitor at any time: work goes on in
+memory, `SlotStore.trouble` says why, and the next write tries again.
 """
 
 from __future__ import annotations
@@ -39,10 +37,7 @@ class SlotStore(ABC, Generic[T]):
 
     Attributes:
         trouble: Why nothing can be kept at present, and what to do; empty while all is well.
-        cause: The same without what to do.
         remedy: What to do about it, where that is known.
-        failures: Work that failed.
-        checkpoints: Writes that reached the disk.
         notices: What the user should know, oldest first; take them out.
     """
 
@@ -62,11 +57,7 @@ class SlotStore(ABC, Generic[T]):
         """Continue from what is on disk."""
 
     def begin(self) -> bool:
-        """Begin to write what there is to keep, or try to open its folder.
-
-        Returns:
-            Whether a write was begun; False also while the disk is at work.
-        """
+        """Whether a write of what there is to keep was begun; an absent folder is tried again."""
         slots = self._slots
         if slots is None or self._pending is not None:
             return False
@@ -79,12 +70,7 @@ class SlotStore(ABC, Generic[T]):
         return payload is not None
 
     def poll(self) -> bool | None:
-        """Take the result of the disk's work.
-
-        Returns:
-            True if a write has reached the disk, False if the work failed, None if there is
-            nothing to report.
-        """
+        """Return whether the disk's work succeeded; None if there is nothing to report."""
         if self._pending is None or not self._pending.done():
             return None
         job, self._pending = self._pending, None

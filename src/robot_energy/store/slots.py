@@ -33,7 +33,6 @@ class Stored(Generic[T]):
     Attributes:
         value: The newest state, or None where there is none.
         sequence: Its number; 0 where there is none.
-        notices: What was wrong, one sentence each.
         adopted: Whether it was taken over from the files of an earlier release.
     """
 
@@ -48,15 +47,9 @@ class SlotPair(Generic[T]):
 
     Args:
         folder: Where they lie; it is made if it does not exist.
-        name: Begins the name of every file.
-        version: Format of the payload.
         read: Turns a payload into a state; raises `StateFileError` if it cannot.
         earlier: How the files of an earlier release begin, to be adopted once; None for
             none.
-        owner: Who adopts them.
-
-    Attributes:
-        sequence: Number of the newest state on disk.
     """
 
     def __init__(
@@ -83,9 +76,6 @@ class SlotPair(Generic[T]):
 
         A slot that is damaged, or of a newer format, is moved aside and the other one
         used. Nothing is ever deleted.
-
-        Raises:
-            StateFileError: If another process writes here, or the folder cannot be used.
         """
         self.release()
         try:
@@ -102,14 +92,7 @@ class SlotPair(Generic[T]):
         return found
 
     def write(self, payload: bytes) -> None:
-        """Write a state over the older slot; when this returns, it is on disk.
-
-        Args:
-            payload: JSON text.
-
-        Raises:
-            StateFileError: If it is not certain to be on disk; the state before still is.
-        """
+        """Write a state over the older slot; when this returns, it is on disk."""
         slot = 1 - self._newest
         path = self._paths[slot]
         try:
@@ -133,11 +116,7 @@ class SlotPair(Generic[T]):
         self._newest = slot
 
     def set_aside(self) -> list[str]:
-        """Move both slots aside, as they are of something else; return where to, a sentence each.
-
-        Raises:
-            StateFileError: If they cannot be moved.
-        """
+        """Move both slots aside, as they are of something else; return where to."""
         try:
             there = [path for path in self._paths if os.path.lexists(path)]
             notes = [f"moved aside as {_move_aside(path)}" for path in there]

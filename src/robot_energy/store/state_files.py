@@ -19,8 +19,6 @@ def open_regular(path: Path, flags: int, mode: int = 0o644) -> int:
 
     Args:
         path: The file; its last part must not be a link.
-        flags: Of `os.open`.
-        mode: Permissions of a new one.
 
     Raises:
         OSError: If it cannot be opened, or is a link, pipe, device or folder.

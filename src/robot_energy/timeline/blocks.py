@@ -120,11 +120,7 @@ class Block:
 
     @classmethod
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
-        """Join blocks in the order given.
-
-        Returns:
-            One block with all their samples.
-        """
+        """Return blocks joined in the order given."""
         first = blocks[0]
         if len(blocks) == 1:
             return first
@@ -134,13 +130,10 @@ class Block:
 
     @classmethod
     def arranged(cls, blocks: Sequence[Self], rows: Sequence[Int]) -> tuple[Self, Int]:
-        """Join blocks in the order of their samples' numbers.
+        """Return blocks joined in the order of their samples' numbers, and the numbers.
 
         Args:
             rows: Number of each sample, one array per block.
-
-        Returns:
-            The samples and their numbers.
         """
         number = np.concatenate(rows) if len(rows) > 1 else rows[0]
         whole = cls.concatenate(blocks)
@@ -162,8 +155,6 @@ class JointBlock(Block):
 
     Attributes:
         stamp_ns: Measurement time, strictly increasing within a segment, shape (N,). [ns]
-        segment: Segment number, shape (N,).
-        quality: Quality bits, shape (N,).
         joint_position: Shape (N, n). [rad] or [m]
         joint_velocity: Shape (N, n); NaN until derived where not reported. [rad/s] or [m/s]
         joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
@@ -183,8 +174,6 @@ class TorqueBlock(Block):
     """Rigid-body torque at the instants of the joint states.
 
     Attributes:
-        segment: Segment number, shape (N,).
-        quality: Quality bits, shape (N,).
         joint_position: Joint side, shape (N, n). [rad] or [m]
         joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
         joint_acceleration: Joint side, shape (N, n). [rad/s^2] or [m/s^2]
@@ -231,7 +220,6 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
-        quality: Quality bits, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
@@ -261,7 +249,6 @@ class MeterBlock(Block):
         power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
         energy: Counter reading, shape (N,); NaN unless cumulative. [J]
         interval: That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]
-        location: Where in the supply the meter sits.
     """
 
     power: Float
@@ -276,7 +263,6 @@ class SupplyBlock(Block):
     """Predicted power wherever a meter can sit; a tenth of a power block.
 
     Attributes:
-        segment: Segment number, shape (N,).
         grid_power: Drawn from the grid, shape (N,). [W]
         loss_grid: Loss between the grid and the DC bus, shape (N,). [W]
     """
@@ -286,11 +272,7 @@ class SupplyBlock(Block):
     loss_grid: Float
 
     def power_at(self, location: MeterLocation) -> Float:
-        """Return the predicted power at the place of a meter, shape (N,). [W]
-
-        Args:
-            location: Where the meter sits.
-        """
+        """Return the predicted power at the place of a meter, shape (N,). [W]"""
         at_bus = location is MeterLocation.DC_BUS
         return self.grid_power - self.loss_grid if at_bus else self.grid_power
 
@@ -302,8 +284,6 @@ class PowerBlock(Block):
     ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
 
     Attributes:
-        segment: Segment number, shape (N,).
-        quality: Quality bits, shape (N,).
         phase: `Phase` values, shape (N,).
         motor_velocity: Motor side, shape (N, n). [rad/s]
         motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]
@@ -371,13 +351,10 @@ def known_part(name: str, values: Any, unmodelled: Collection[str]) -> Float:
 
 
 def sum_over_joints(values: Float) -> Float:
-    """Sum over joints in a fixed order, so that the sum never depends on ``N``.
+    """Return the sum in a fixed order, that it never depends on ``N``, shape (N,).
 
     Args:
         values: Any quantity of the joints, shape (N, n). [-]
-
-    Returns:
-        Shape (N,).
     """
     total = np.zeros(len(values))
     for joint in range(values.shape[1]):
@@ -386,14 +363,11 @@ def sum_over_joints(values: Float) -> Float:
 
 
 def differences(values: Int, before: int) -> Int:
-    """Return the step from each value's predecessor; quicker on few values than numpy.diff.
+    """Return steps from predecessors, shape (N,); on few values faster than numpy.diff.
 
     Args:
         values: Shape (N,), N >= 1.
         before: What came before the first value.
-
-    Returns:
-        Shape (N,).
     """
     steps = np.empty(len(values), dtype=np.int64)
     steps[0] = values[0] - before

@@ -27,8 +27,6 @@ class Coverage:
         gap_ns: Time between samples that could not be integrated. [ns]
         jumps: Number of jumps of the stamps, backward or forward by more than
             ``MAX_GAP_NS``; no time passes across one.
-        start_ns: First stamp. [ns]
-        end_ns: Last stamp. [ns]
         in_gap: Whether the last sample ended a gap, which may go on.
     """
 
@@ -77,25 +75,14 @@ class Coverage:
             self.end_ns = earlier.end_ns
 
     def surround(self, before_ns: int, after_ns: int) -> None:
-        """Count time at both ends of which no sample could be used as gaps.
-
-        Args:
-            before_ns: Time before the first sample. [ns]
-            after_ns: Time after the last one. [ns]
-        """
+        """Count time at both ends of which no sample could be used as gaps."""
         for time_ns in (before_ns, after_ns):
             self.count(0, time_ns, int(time_ns > 0), 0)
         if self.start_ns is not None and self.end_ns is not None:
             self.start_ns, self.end_ns = self.start_ns - before_ns, self.end_ns + after_ns
 
     def count(self, observed_ns: int, gap_ns: int, gap_count: int, jumps: int) -> None:
-        """Count on; a counter that is full stays so.
-
-        Args:
-            observed_ns: Time that was integrated. [ns]
-            gap_ns: Time that was not. [ns]
-            gap_count: Gaps that began.
-        """
+        """Count on; a counter that is full stays so."""
         self.observed_ns = min(self.observed_ns + observed_ns, MAX_COUNTER)
         self.gap_ns = min(self.gap_ns + gap_ns, MAX_COUNTER)
         self.gap_count = min(self.gap_count + gap_count, MAX_COUNTER)

@@ -29,7 +29,6 @@ class Reach:
     """How far a stamp may lie from the newest one of its stream and still continue it.
 
     Attributes:
-        ahead_ns: Always, ahead of it. [ns]
         max_ahead_ns: At most, where the stream is slow: five median periods count. [ns]
         behind_ns: Less than this behind it: late, not another time. [ns]
         prompt: The first message counts at once, as it does of a state that is latched;
@@ -87,7 +86,6 @@ class Sorted:
     """What became of messages. Rows count those that were held first, then those given.
 
     Attributes:
-        runs: Messages that are known to belong to their epoch, in order of arrival.
         held: Rows that wait for later messages; the caller puts them before the next ones.
     """
 

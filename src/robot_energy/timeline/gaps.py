@@ -25,9 +25,6 @@ def checked_max_gap(max_gap: float) -> float:
 
     Args:
         max_gap: 0 for five median periods, 0.1 s to 1 s; else 0.001 s to 60 s. [s]
-
-    Raises:
-        ParameterError: If it is neither.
     """
     if max_gap != BY_PERIOD and not MIN_MAX_GAP <= max_gap <= MAX_MAX_GAP:
         raise ParameterError(
@@ -70,9 +67,6 @@ class StampOrder:
     Args:
         max_gap: Longest step that is not a gap; 0: five median periods, but at least 0.1 s and at
             most 1 s. [s]
-
-    Raises:
-        ParameterError: If ``max_gap`` cannot be one.
     """
 
     def __init__(self, max_gap: float = BY_PERIOD) -> None:

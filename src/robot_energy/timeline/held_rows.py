@@ -32,11 +32,7 @@ class HeldRows:
 
     @staticmethod
     def concatenate(parts: Sequence[HeldRows]) -> HeldRows:
-        """Join what holds at blocks of samples.
-
-        Returns:
-            One for all their samples.
-        """
+        """Return what holds at blocks of samples, joined."""
         sizes = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
         return HeldRows(
             np.concatenate([part.values for part in parts]),
@@ -55,7 +51,6 @@ def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> A
     """Return some samples of what a block of samples holds of one attribute.
 
     Args:
-        values: Array, first axis along the samples, or `HeldRows`.
         rows: Which samples: a slice, a mask of shape (N,), or numbers.
     """
     if isinstance(rows, slice) or values.ndim != 2:
@@ -65,14 +60,7 @@ def taken(values: Any, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> A
 
 
 def joined(values: Sequence[Any]) -> Any:
-    """Join what blocks of samples hold of one attribute.
-
-    Args:
-        values: Of each block, at least one.
-
-    Returns:
-        Their samples one after the other; of what is one per block, the first.
-    """
+    """Return the samples of one attribute one after the other; of one per block, the first."""
     if isinstance(values[0], np.ndarray):
         if values[0].ndim != 2:
             return np.concatenate(values)

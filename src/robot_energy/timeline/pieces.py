@@ -33,11 +33,7 @@ class CoveredPieces(Block):
         return cls(none, none, nothing, nothing)
 
     def join(self, later: CoveredPieces) -> CoveredPieces:
-        """Return these pieces followed by later ones.
-
-        Args:
-            later: Pieces that begin no earlier than these end.
-        """
+        """Return these pieces followed by later ones."""
         return CoveredPieces.concatenate([self, later]) if len(self) else later
 
     @property
@@ -63,23 +59,15 @@ class CoveredPieces(Block):
         return np.concatenate([self.start_ns[:1], *lonely, self.end_ns])
 
     def after(self, time_ns: int) -> CoveredPieces:
-        """Return the pieces that end after a time.
-
-        Args:
-            time_ns: The time. [ns]
-        """
+        """Return the pieces that end after a time."""
         return self[slice(int(np.searchsorted(self.end_ns, time_ns, side="right")), None)]
 
     def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
-        """Return which piece holds each interval, and whether one does.
+        """Return the last piece begun at each interval, and whether it holds it, shape (M,) each.
 
         Args:
             start_ns: Where each interval begins, shape (M,). [ns]
             end_ns: Where each ends, shape (M,). [ns]
-
-        Returns:
-            Number of the last piece that begins no later than the interval, and whether the
-            interval lies within it; shape (M,) each.
         """
         if not len(self):
             return np.zeros(len(start_ns), dtype=np.int64), np.zeros(len(start_ns), dtype=np.bool_)
@@ -144,7 +132,6 @@ def closed_sums(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
     Args:
         begun: The sum that may go on, shape (0 or 1, columns).
         table: New rows: time [ns], and what is summed; shape (N, columns), N > 0.
-        length_ns: Of a group. [ns]
 
     Returns:
         The sums; the whole second from which each counts, as it is known to be complete when the

@@ -37,11 +37,7 @@ def valid_stamps(stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def bounded(stamp_ns: int) -> int:
-    """Return the nearest stamp within the range, for an output whose stamp is derived. [ns]
-
-    Args:
-        stamp_ns: Any time. [ns]
-    """
+    """Return the nearest stamp within the range, for an output whose stamp is derived. [ns]"""
     return min(max(stamp_ns, MIN_STAMP_NS), MAX_STAMP_NS)
 
 
@@ -57,11 +53,7 @@ def is_valid_time(seconds: int, nanoseconds: int) -> bool:
 
 
 def readable_time(stamp_ns: int) -> str:
-    """Return a stamp for people: date and time in UTC, or seconds in simulated time.
-
-    Args:
-        stamp_ns: Within the range of stamps. [ns]
-    """
+    """Return a stamp for people: date and time in UTC, or seconds in simulated time."""
     seconds, rest = divmod(stamp_ns, SECOND_NS)
     if seconds < MIN_DATE:
         return f"{stamp_ns / SECOND_NS:.3f} s"

@@ -20,8 +20,6 @@ class StreamRun(Generic[B]):
     """Messages that belong together.
 
     Attributes:
-        block: In order of arrival, or of their stamps where the stream is reordered; it may be
-            empty then.
         new_epoch: Whether the stamps jumped back before them.
         restless: Whether they did so within a second after another jump, as they do when
             two clocks take turns.
@@ -44,7 +42,6 @@ class ReorderBuffer(Generic[B]):
 
     Args:
         window_ns: How far a stamp may lie behind the newest one of the same kind. [ns]
-        reject: Counts what is dropped, by its reason.
         kinds: Gives the rows of each kind, as of the messages that have the same joints; None where
             there is one kind only.
     """
@@ -71,11 +68,7 @@ class ReorderBuffer(Generic[B]):
         self._held: B | None = None
 
     def step(self, block: B) -> B:
-        """Return the messages that are in order by now, which may be none.
-
-        Args:
-            block: Of one epoch, in order of arrival.
-        """
+        """Return the messages that are in order by now, which may be none."""
         if not self._window_ns:
             return block
         known = self.waiting
@@ -194,11 +187,7 @@ class StreamSplitter(Generic[B]):
 
 
 def joined(runs: Sequence[StreamRun[B]]) -> B | None:
-    """Return the messages of some runs as one block; None if there are none.
-
-    Args:
-        runs: In the order of their messages.
-    """
+    """Return the messages of some runs as one block; None if there are none."""
     blocks = [run.block for run in runs if len(run.block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
 

@@ -25,11 +25,7 @@ KINDS = {
 
 
 def advice_document(report: AdviceReport, page: Document) -> None:
-    """Add what was seen, what follows in a year, and how to try each.
-
-    Args:
-        page: Where to.
-    """
+    """Add what was seen, what follows in a year, and how to try each."""
     page.paragraph(_verdict(report), "strong")
     for problem in report.problems:
         page.paragraph(problem, "problem")

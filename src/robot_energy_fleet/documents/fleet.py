@@ -44,11 +44,7 @@ CAUSES = {
 
 
 def fleet_document(report: FleetReport, page: Document, settings: PageSettings) -> None:
-    """Add the report of a fleet.
-
-    Args:
-        page: Where to.
-    """
+    """Add the report of a fleet."""
     with page.only("page"):
         page.heading("At a glance")
         page.add(_tiles(report, settings))
@@ -88,11 +84,7 @@ def _is_compared(report: FleetReport) -> bool:
 
 
 def fleet_friction_document(report: FleetFriction, page: Document) -> None:
-    """Add the friction of a fleet, and how good it is on bags that the fit has not seen.
-
-    Args:
-        page: Where to.
-    """
+    """Add the friction of a fleet, and how good it is on bags that the fit has not seen."""
     page.paragraph(
         f"{counted(report.bags, 'bag')} of {counted(report.robots, 'robot')}"
         + (f", without {', '.join(report.left_out)}, which differ" if report.left_out else "")
@@ -307,7 +299,6 @@ def _friction(report: FleetReport, page: Document) -> None:
 
 
 def _is_seen(*lines: Sequence[float | None]) -> bool:
-    """Whether there is anything to draw."""
     return any(value is not None for line in lines for value in line)
 
 

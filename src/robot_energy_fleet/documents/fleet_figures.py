@@ -44,11 +44,7 @@ def energy_of_robots(robots: Sequence[RobotEnergy], path: Target) -> None:
 
 
 def friction_by_temperature(curves: Sequence[FrictionCurve], path: Target) -> None:
-    """Draw friction against the model over the motor temperature, one panel for each joint.
-
-    Args:
-        curves: One or more.
-    """
+    """Draw friction against the model over the motor temperature, one panel for each joint."""
 
     def draw(axes: Any, curve: FrictionCurve) -> None:
         _drawn(axes, curve.degc, (curve.low, curve.middle, curve.high), curve.robots, curve.by_degc)
@@ -74,11 +70,7 @@ def friction_by_week(curves: Sequence[FrictionCurve], path: Target) -> None:
 
 
 def error_by_temperature(errors: Sequence[ModelError], path: Target) -> None:
-    """Draw the error of the model over the mean motor temperature of bags.
-
-    Args:
-        errors: One or more.
-    """
+    """Draw the error of the model over the mean motor temperature of bags."""
     with canvas(path, (8.0, 2.6)) as figure:
         axes: Any = figure.subplots()
         degc = [0.5 * (one.low_degc + one.high_degc) for one in errors]

@@ -30,7 +30,6 @@ class BagSource:
     """Recordings of one robot for identification, and how they are read.
 
     Attributes:
-        bags: MCAP files or rosbag2 folders.
         effort: What the effort in the joint states is; None: as ``inputs`` says.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         progress: Called with what is going on; gives a function of the share done.
@@ -67,11 +66,7 @@ class BagSource:
         return effort_meaning(self.effort or stated), read
 
     def recordings(self, model: RobotModel) -> list[Recording]:
-        """Return the bags as the stages of the monitor read them.
-
-        Raises:
-            RobotEnergyError: If a bag cannot be used.
-        """
+        """Return the bags as the stages of the monitor read them."""
         from robot_energy_identify.data.recordings import read_recording
         from robot_energy_identify.data.thinned import MOST
         from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
@@ -91,8 +86,6 @@ class BagSource:
 
         Raises:
             ModelFileError: If it is not said what the effort means.
-            ImplausibleIdentificationError: If the torque contradicts the model, naming the cause.
-            RobotEnergyError: If a bag cannot be used.
         """
         from robot_energy_identify.causes import refuse_torque, torque_evidence
         from robot_energy_identify.plausibility import check_signs
@@ -127,16 +120,16 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
-        from robot_energy_identify.data.bags import motion_time
+        from robot_energy_identify.data.bags import Kept, motion_time
         from robot_energy_identify.data.recordings import channels_of
 
         recordings = self.with_effort(model)
-        seconds = motion_time(recordings)
+        seconds = motion_time(recordings, len(recordings))
         found: dict[str, list[Channels]] = {}
         rate: float | None = None
         for bag, part in zip(self.lazy(model, None)[0], recordings, strict=True):
-            starts = replace(bag, kept=part).starts(model, seconds)
-            sampled = channels_of(starts, rate)
+            motion = replace(bag, kept=Kept(part)).motion(model, seconds)
+            sampled = channels_of(motion, rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
         return found
@@ -151,9 +144,6 @@ class BagSource:
 
         Returns:
             The bags, and why their effort cannot be used; empty if it can, or was not stated.
-
-        Raises:
-            RobotEnergyError: If a bag or the parameter file cannot be used.
         """
         from robot_energy_identify.data.bags import Bag
         from robot_energy_identify.data.thinned import MOST

@@ -115,7 +115,6 @@ def evaluate(
 def _run(
     path: str | Path, model: RobotModel, change: str | None, options: ReplayOptions
 ) -> tuple[ReplayReport, ScoreSums, tuple[float, float]]:
-    """Replay a bag; return the report, the sums of its errors, and the range of temperatures."""
     torque, low_pass = TorqueErrorSums(model), LowPassTorqueError(model)
     degc = [math.inf, -math.inf]
 
@@ -144,7 +143,6 @@ def _windows(options: Mapping[str, Any]) -> list[float]:
 
 
 def _of_window(given: ScoreSums, wider: ScoreSums, window: float) -> list[str]:
-    """Say by how much a longer window lowers the torque error, if it does."""
     before, after = (float(one.torque.relative_of_all[1]) for one in (given, wider))
     if not after < BETTER * before:
         return []

@@ -317,7 +317,6 @@ def _source(
     progress: Stages,
     sensors: SensorLimits | None,
 ) -> BagSource:
-    """The recordings of a fit, one or more, each once."""
     read = bags
     if not isinstance(read, BagSource):
         paths = [read] if isinstance(read, str | Path) else list(read)
@@ -328,6 +327,5 @@ def _source(
 
 
 def _made_from(model: RobotModel, done: str, read: BagSource) -> RobotModel:
-    """The model with the recordings that it was identified from."""
     bags = [hashed(path) for path in read.paths]
     return model.changed(provenance=identified_from(model.provenance, done, bags))

@@ -20,7 +20,7 @@ from robot_energy_identify.causes import (
     torque_evidence,
 )
 from robot_energy_identify.check.evidence import Evidence
-from robot_energy_identify.data.bags import Bag, BagFacts, Span, facts, folds_of
+from robot_energy_identify.data.bags import Bag, BagFacts, Kept, Span, facts, folds_of
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_identify.plausibility import check_signs
 from robot_energy_identify.provenance import require_distinct
@@ -94,7 +94,7 @@ def identify_all(
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
-        kept.append(replace(bag, kept=recording) if recording.in_order else bag)
+        kept.append(replace(bag, kept=Kept(recording)) if recording.in_order else bag)
         known.append((facts(bag, recording), recording.span_ns))
         evidence.append(torque_evidence(recording, bag.effort))
         if len(known) <= len(fitted):

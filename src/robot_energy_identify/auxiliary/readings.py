@@ -96,12 +96,7 @@ def read_loads(
     """Return the curves of the meters of loads and the changes of their states, by their names.
 
     Args:
-        path: MCAP file or rosbag2 folder.
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-
-    Raises:
-        BagError: If the bag cannot be read.
-        MissingTopicError: If a topic is there with another type, or several times.
     """
     bag = BagReader(path)
     topics, _ = find_auxiliary(bag, loads, inputs)
@@ -141,9 +136,6 @@ def outlet_readings(
     """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
 
     Loads with a meter of their own are taken off by it.
-
-    Args:
-        held: What the same bag holds of them.
 
     Raises:
         NotIdentifiableError: If the recording has no meter.

@@ -143,9 +143,6 @@ def fit_outlet(
     Returns:
         Powers of all states but the first of each load, and how their differences do on what
         the fit has not seen.
-
-    Raises:
-        NotIdentifiableError: If states do not alternate, or only together.
     """
     fit, columns = _regressed(loads, parts, gain)
     states: list[StateFit] = []
@@ -166,11 +163,7 @@ def fit_outlet(
 
 
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
-    """Return a model with the identified powers that are used.
-
-    Args:
-        source: Where the data come from.
-    """
+    """Return a model with the identified powers that are used."""
     found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
 
     loads: list[AuxiliaryLoad] = []
@@ -326,7 +319,6 @@ def _held_out(tried: Sequence[Tried], recordings: int) -> HeldOutStates | None:
 
 
 def _visits(parts: Sequence[StateReadings]) -> Int:
-    """Numbers of the stretches of states, different in every recording."""
     start, found = 0, list[Int]()
     for part in parts:
         found.append(part.visit + start)

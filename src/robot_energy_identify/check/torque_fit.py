@@ -150,7 +150,8 @@ class TorqueFit:
         inertial = train.motor_torque_from_joint(bodies.inertial)
         sensed = evidence.effort is EffortMeaning.JOINT_TORQUE
         speed = train.motor_velocity_from_joint(evidence.velocity)
-        shared = np.zeros((*rigid.shape, groups["gain"].stop))
+        # In memory joint by joint, as it is read.
+        shared = np.zeros((n, len(rigid), groups["gain"].stop)).transpose(1, 0, 2)
         parameters = robot.link_parameters.reshape(n, 10)
         by_parameter = np.einsum("nji,jk->nki", bodies.by_parameter, to_motor)
         for k, own in enumerate(parameters):
@@ -242,7 +243,7 @@ class TorqueFit:
             scaled = columns * self.prior[at]
             noise = float(self.errors.unexplained[j]) * variance
             weight = float(self._independent[j]) / noise / len(target)
-            matrix[np.ix_(at, at)] += weight * (scaled.T @ scaled)
+            self._add(matrix, j, weight * (scaled.T @ scaled))
             right[at] += weight * (scaled.T @ target)
             parts.append((float(self._independent[j]), scaled, target, at, variance))
         values = np.linalg.solve(matrix, right)
@@ -255,6 +256,17 @@ class TorqueFit:
     def _places(self, joint: int) -> Int:
         """Columns that act on a joint."""
         return np.r_[0 : self.groups["gain"].stop, self.groups[f"joint {joint}"]]
+
+    def _add(self, matrix: Float, joint: int, product: Float) -> None:
+        """Add the product of the columns that act on a joint to that of all."""
+        shared = self.groups["gain"].stop
+        parts = (
+            (slice(shared), slice(shared)),
+            (self.groups[f"joint {joint}"], slice(shared, None)),
+        )
+        for row, of_row in parts:
+            for column, of_column in parts:
+                matrix[row, column] += product[of_row, of_column]
 
     @cached_property
     def errors(self) -> Errors:
@@ -308,7 +320,7 @@ class TorqueFit:
             matrix, right = np.eye(width), np.zeros(width)
             for j, product in scaled.items():
                 weight, at = self._independent[j] / noise[j], places[j]
-                matrix[np.ix_(at, at)] += weight * product[:-1, :-1]
+                self._add(matrix, j, weight * product[:-1, :-1])
                 right[at] += weight * product[:-1, -1]
             values = self._bounded(matrix, right)
             for j, product in scaled.items():

@@ -7,7 +7,7 @@ model that the steps before it left.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +20,7 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import Progress
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
+from robot_energy_identify.data.observations import Rows
 from robot_energy_identify.data.recordings import EVER, Recording, read_recording
 from robot_energy_identify.data.thinned import MOST
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower
@@ -30,12 +31,53 @@ from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 Span = tuple[int, int]  # [ns), from and to
 MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more adds little, and memory grows with it
+MIN_PIECE = 20.0  # s of motion in one piece: filters lose some of both of its ends
 HeldOutKind = Literal["test", "recordings", "blocks"]
 MARGIN = 1.0  # s by which the times of messages and of their stamps may differ
 YEAR = 3.2e7  # s
 GUARD = 0.5  # s left out of the fit on both sides of a block
 VIRTUAL = "virtual rig"  # whose stamps are not dates
 YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
+
+
+class Kept:
+    """A bag that was read, and what later models and folds ask of it again.
+
+    Args:
+        recording: As it was read.
+
+    Attributes:
+        rows: Of the dynamics, see `robot_energy_identify.data.observations.observe`.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.rows: Rows = {}
+        self._newest = recording
+        self._pieces: dict[Span, Recording] = {}
+
+    def with_model(self, model: RobotModel) -> Recording:
+        """Return the recording as another model sees it, see `Recording.with_model`.
+
+        Torque and friction are those of the newest model where that is alike.
+        """
+        known = self.recording
+        if model is not known.model and not known.differs_in_supply(model):
+            known = self._newest
+            self._newest = known.with_model(model)
+            return self._newest
+        return known.with_model(model)
+
+    def piece(self, span: Span, read: Callable[[], Recording]) -> Recording:
+        """Return a part of the bag with every sample, which is read once.
+
+        Args:
+            span: From and to. [ns]
+            read: Reads it with the model of the recording.
+        """
+        if span not in self._pieces:
+            self._pieces[span] = read()
+        return self._pieces[span]
 
 
 @dataclass(frozen=True)
@@ -50,7 +92,7 @@ class Bag:
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
         meter_time_constant: Of a low pass in the power meter, undone when read. [s]
         most: Samples of it that are kept, see `robot_energy_identify.data.thinned`.
-        kept: The bag as it was read with some model; None: it is read again with each.
+        kept: The bag as it was read; None: it is read again with each model.
     """
 
     path: Path
@@ -62,7 +104,7 @@ class Bag:
     meter_time_constant: float = 0.0
     sensors: SensorLimits = DEFAULT_LIMITS
     most: float = MOST
-    kept: Recording | None = field(default=None, repr=False)
+    kept: Kept | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
@@ -96,24 +138,43 @@ class Bag:
         )
         return replace(recording, sensors=self.sensors)
 
-    def starts(self, model: RobotModel, seconds: float) -> list[Recording]:
-        """Return the begin of each stretch that counts, with every sample of it.
+    def motion(self, model: RobotModel, seconds: float) -> list[Recording]:
+        """Return motion for the dynamics, with every sample of it.
+
+        All stretches that count, or the begin of each block that the folds hold out: every fold
+        has the same pieces of the others. The begin of the bag where these were too short.
 
         Args:
-            seconds: From the first sample of each. [s]
+            seconds: That all pieces of the bag last together; infinite for all of it. [s]
         """
         whole = self.whole(model)
-        origin, length = int(whole.torque.stamp_ns[0]), round(min(seconds, YEAR) / NANOSECOND)
-        found: list[Recording] = []
-        for part in self._parts(whole):
-            first, last = int(part.torque.stamp_ns[0]), int(part.torque.stamp_ns[-1])
-            last = min(first + length, last)
-            if part.every > 1:
-                since, until = ((at - origin) * NANOSECOND for at in (first, last))
-                around = TimeRange(max(since - MARGIN, 0.0), until + MARGIN)
-                part = self._read(model, time_range=around)
-            found.append(part.between(first, last + 1))
-        return [part for part in found if len(part) > 1]
+        if not np.isfinite(seconds) and whole.every == 1:
+            return self._parts(whole)
+        blocks, guard = blocks_of(whole.span_ns)
+        if seconds < len(blocks) * MIN_PIECE:
+            blocks = [whole.span_ns]
+        length = round(min(seconds, YEAR) / len(blocks) / NANOSECOND)
+        spans = [(a + guard, min(a + guard + length, b - guard)) for a, b in blocks]
+        found = [
+            self._piece(whole, span)
+            for span in spans
+            if any(first <= span[0] and span[1] <= last for first, last in self.spans)
+        ]
+        return [part.with_model(model) for part in found if len(part) > 1]
+
+    def _piece(self, whole: Recording, span: Span) -> Recording:
+        """A part with every sample; what was kept is not all of them where it is thinned."""
+        first, last = span
+        if whole.every == 1 or self.kept is None:
+            return whole.between(first, last + 1)
+        model, origin = self.kept.recording.model, int(whole.torque.stamp_ns[0])
+
+        def read() -> Recording:
+            since, until = ((at - origin) * NANOSECOND for at in span)
+            around = TimeRange(max(since - MARGIN, 0.0), until + MARGIN)
+            return self._read(model, time_range=around).between(first, last + 1)
+
+        return self.kept.piece(span, read)
 
     def read(self, model: RobotModel) -> list[Recording]:
         """Return the stretches that count, each as a recording; argument as in `Bag.whole`."""
@@ -227,16 +288,17 @@ def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
     return [part for bag in bags for part in bag.read(model)]
 
 
-def motion_time(recordings: Sequence[Recording]) -> float:
-    """Return how much of the start of each recording the dynamics are fitted to. [s]
+def motion_time(recordings: Sequence[Recording], bags: int) -> float:
+    """Return how much of each bag the dynamics are fitted to. [s]
 
     `MAX_MOTION_TIME` of all together: an equal share of each where they last longer.
 
     Args:
         recordings: All of the fit.
+        bags: That they come from.
     """
     total = sum(end - start for start, end in (part.span_ns for part in recordings)) * NANOSECOND
-    return MAX_MOTION_TIME / len(recordings) if total > MAX_MOTION_TIME else np.inf
+    return MAX_MOTION_TIME / bags if total > MAX_MOTION_TIME else np.inf
 
 
 def powers_of(
@@ -257,6 +319,18 @@ class Fold:
 
     train: tuple[Bag, ...]
     test: tuple[Bag, ...]
+
+
+def blocks_of(span: Span) -> tuple[list[Span], int]:
+    """Return the blocks of a recording that are held out in turn, and the time around each. [ns]
+
+    Args:
+        span: First and last stamp. [ns]
+    """
+    start, end = span
+    edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
+    guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
+    return [(start + edges[k], start + edges[k + 1]) for k in range(FOLDS)], guard
 
 
 def folds_of(
@@ -287,8 +361,5 @@ def folds_of(
             )
             for number in range(count)
         ]
-    start, end = spans[0]
-    edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
-    guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
-    blocks = [(start + edges[k], start + edges[k + 1]) for k in range(FOLDS)]
+    blocks, guard = blocks_of(spans[0])
     return "blocks", [Fold((bags[0].without(b, guard),), (bags[0].only(b),)) for b in blocks]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,11 @@ class Observations:
         """Time that the rows cover. [s]"""
         return len(self.segment) / self.rate
 
+    @property
+    def equation(self) -> tuple[Float, Float]:
+        """Regressor and torque."""
+        return self.regressor, self.joint_torque
+
     def advanced(self, delay: float) -> Observations:
         """Return the observations with a delay of the torque undone.
 
@@ -102,19 +108,31 @@ class Observations:
         return self.with_columns([self.names.index(name) for name in names])
 
 
+Rows = dict[tuple[bytes, float, tuple[str, ...], Filters], tuple[Trajectory, Float, Float]]
+"""By positions, rate, parameters and filters: motion, regressor and torque of the payload."""
+
+
 def observe(
-    channels: Sequence[Channels], torque_model: TorqueModel, filters: Filters
+    channels: Sequence[Channels],
+    torque_model: TorqueModel,
+    filters: Filters,
+    seen: Rows | None = None,
 ) -> Observations:
     """Return the rows of recorded channels, in the order of the recording.
 
     Args:
         channels: Stretches of the recording without gaps, one rate for all.
         torque_model: Of the robot; its payload is known and taken off the torque.
+        seen: What was made of the same motion of the same robot, and is not made again; more is
+            added. None: nothing.
 
     Raises:
         NotIdentifiableError: If a stretch is too short to be filtered.
     """
-    parts = [_observe(part, number, torque_model, filters) for number, part in enumerate(channels)]
+    made: Rows = {} if seen is None else seen
+    parts = [
+        _observe(part, number, torque_model, filters, made) for number, part in enumerate(channels)
+    ]
     if len(parts) == 1:
         return parts[0]
     return replace(
@@ -125,20 +143,26 @@ def observe(
 
 
 def _observe(
-    channels: Channels, number: int, torque_model: TorqueModel, filters: Filters
+    channels: Channels, number: int, torque_model: TorqueModel, filters: Filters, seen: Rows
 ) -> Observations:
     rate, transmission = channels.rate, torque_model.transmission
+    position = np.ascontiguousarray(channels.joint_position)
+    key = (blake2b(position).digest(), rate, torque_model.names, filters)
     cutoff = min(filters.motion_cutoff, SHARE_OF_RATE * rate)
-    motion = motion_from_position(channels.joint_position, rate, cutoff)
     torque = low_pass(channels.motor_torque @ transmission, rate, cutoff)
     step = max(1, int(rate / (MOTION_PER_RATE * cutoff)))
     rate /= step
-    motion = motion[::step]
+    if (known := seen.get(key)) is None:
+        motion = motion_from_position(position, channels.rate, cutoff)[::step]
+    else:
+        motion = known[0]
     used, compared = usable(motion.joint_velocity, rate, transmission, filters)
     torque = low_pass(torque[::step], rate, filters.cutoff)
     step = max(1, int(rate / (ROWS_PER_RATE * filters.cutoff)))
     rows = slice(None, None, step)
-    regressor, payload = _filtered(motion, rate, step, torque_model, filters.cutoff)
+    if known is None:
+        known = seen[key] = motion, *_filtered(motion, rate, step, torque_model, filters.cutoff)
+    _, regressor, payload = known
     return Observations(
         names=torque_model.names,
         regressor=regressor,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,11 @@ from robot_energy.condition.learner import Learning
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.pipeline import Settings, TorqueStage
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.power_stage import PowerStage
+from robot_energy.pipeline.supply import SupplyStage
 from robot_energy.replay.bag_replay import Progress, Replay, replay
 from robot_energy.replay.replay_steps import ROWS
 from robot_energy.replay.replay_topics import Topics
@@ -35,6 +38,7 @@ from robot_energy.timeline.blocks import (
     JointBlock,
     MeterBlock,
     PowerBlock,
+    Quality,
     TemperatureBlock,
     TorqueBlock,
 )
@@ -46,6 +50,9 @@ from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 EVER: tuple[int, int] = (-(2**62), 2**62)  # ns: all stamps
 MINUTE = 60_000_000_000  # ns
 SPREAD = 600.0  # s of motion for what does not change over a recording: delays, the DC link
+OF_MOTION = (
+    "urdf", "urdf_xml", "gravity", "massless_links", "coupling", "payload", "temperature", "hold",
+)  # fmt: skip  # of a model, besides the joints, decides torque, friction and temperature
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
@@ -54,8 +61,7 @@ class Recording:
     """One recording, run through the stages with one model.
 
     Attributes:
-        torque: Position, velocity, acceleration, rigid-body torque and measured torque of
-            every sample.
+        torque: Motion, rigid-body torque and measured torque of every sample.
         power: Temperature, bus power and phase of the same samples, row by row.
         meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
@@ -63,6 +69,8 @@ class Recording:
         replay: The replay that gave it, with its accounting.
         temperatures: As they came, for another model.
         every: Of how many samples of the recording one is kept.
+        response: Of the meter that its readings are compared with.
+        known: What was compared already; None: computed when it is asked for.
     """
 
     path: Path
@@ -72,12 +80,13 @@ class Recording:
     meter: MeterBlock | None
     origin: str
     problems: tuple[str, ...]
-    compared: tuple[Compared, ...] = ()
+    known: tuple[Compared, ...] | None = None
     limits: MeterLimits = field(default_factory=MeterLimits)
     replay: Replay | None = field(default=None, repr=False)
     sensors: SensorLimits = DEFAULT_LIMITS
     temperatures: TemperatureBlock | None = None
     every: int = 1
+    response: MeterResponse | None = None
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -92,10 +101,22 @@ class Recording:
         """First and last stamp. [ns]"""
         return int(self.torque.stamp_ns.min()), int(self.torque.stamp_ns.max())
 
-    @property
+    @cached_property
     def in_order(self) -> bool:
         """Whether the stamps rise all the way, as `Recording.with_model` needs them."""
         return bool((np.diff(self.torque.stamp_ns) > 0).all())
+
+    @cached_property
+    def compared(self) -> tuple[Compared, ...]:
+        """Predicted and measured energy between readings of the meter, in the order of time."""
+        meter, supply = self.meter, self.power.supply
+        if self.known is not None or meter is None:
+            return self.known or ()
+        comparison = Comparison(**self.limits.__dict__, response=self.response)
+        comparison.measure(meter)
+        power = supply.power_at(meter.location)
+        compared = comparison.predict(supply.stamp_ns, supply.segment, power)
+        return (compared,) if len(compared.duration_ns) else ()
 
     def between(self, start_ns: int, end_ns: int) -> Recording:
         """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out.
@@ -104,7 +125,9 @@ class Recording:
             start_ns: First stamp. [ns]
             end_ns: Behind the last one. [ns]
         """
-        rows = _inside(self.torque.stamp_ns, start_ns, end_ns)
+        stamp, rows = self.torque.stamp_ns, _inside(self.torque.stamp_ns, start_ns, end_ns)
+        if self.in_order:  # then nothing is copied
+            rows = slice(*np.searchsorted(stamp, (start_ns, end_ns)).tolist())
         meter = self.meter
         if meter is not None:
             meter = meter[_inside(meter.stamp_ns, start_ns, end_ns)]
@@ -113,7 +136,7 @@ class Recording:
             torque=self.torque[rows],
             power=self.power[rows],
             meter=meter if meter is not None and len(meter) else None,
-            compared=(),
+            known=(),
         )
 
     def spread(self, seconds: float) -> Recording:
@@ -133,7 +156,7 @@ class Recording:
             self,
             torque=replace(self.torque[rows], segment=segment),
             power=replace(self.power[rows], segment=segment),
-            compared=(),
+            known=(),
         )
 
     def with_meter_earlier(self, delay: float, time_constant: float = 0.0) -> Recording:
@@ -146,18 +169,7 @@ class Recording:
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
         meter = undone(self.meter, delay, time_constant)
-        return replace(self, meter=meter).compared_by(MeterResponse())
-
-    def compared_by(self, response: MeterResponse | None) -> Recording:
-        """The recording, its power compared with its meter."""
-        meter, supply = self.meter, self.power.supply
-        if meter is None:
-            return replace(self, compared=())
-        comparison = Comparison(**self.limits.__dict__, response=response)
-        comparison.measure(meter)
-        power = supply.power_at(meter.location)
-        compared = comparison.predict(supply.stamp_ns, supply.segment, power)
-        return replace(self, compared=(compared,) if len(compared.duration_ns) else ())
+        return replace(self, meter=meter, response=MeterResponse(), known=None)
 
     def with_model(self, model: RobotModel) -> Recording:
         """Return the recording as another model of the same robot sees it.
@@ -173,15 +185,15 @@ class Recording:
         """
         if model is self.model:
             return self
+        seen = replace(self, model=model, response=MeterResponse.of(model), known=None)
         block, limits = self.torque, self.limits
         effort = EffortMeaning.NONE if self.replay is None else self.replay.effort
         settings = Settings(
-            effort=effort,
-            learning=Learning.OFF,
-            meter_max_gap=limits.max_gap,
-            meter_max_power=limits.max_power,
-            meter_wraps_at=limits.wraps_at,
-        )
+            effort=effort, learning=Learning.OFF, deviations=False, meter_max_gap=limits.max_gap,
+            meter_max_power=limits.max_power, meter_wraps_at=limits.wraps_at,
+        )  # fmt: skip
+        if self.differs_in_supply(model):
+            return replace(seen, power=SupplyStage(model, settings).again(self.power))
         stage = TorqueStage(model)
         for change in () if self.replay is None else self.replay.payload.changes:
             stage.set_payload(change.payload, change.from_ns)
@@ -200,8 +212,27 @@ class Recording:
         assert torque is not None
         torque = replace(torque, motor_torque_measured=block.motor_torque_measured)
         powers = _powers(torque, self.temperatures, self.meter, model, settings)
-        again = replace(self, model=model, torque=torque, power=powers)
-        return again.compared_by(MeterResponse.of(model))
+        return replace(seen, torque=torque, power=powers)
+
+    def differs_in_supply(self, model: RobotModel) -> bool:
+        """Return whether a model has but other drives and cabinet, which move no temperature.
+
+        One that is estimated follows the losses; a gear follows the meter if torque is unknown.
+
+        Args:
+            model: Of the same joints.
+        """
+        before, drives = self.model, {kind.key: None for kind in DRIVE_MODELS.values() if kind.key}
+        if any(getattr(before, name) != getattr(model, name) for name in OF_MOTION) or any(
+            old.model_copy(update=drives) != new.model_copy(update=drives)
+            for old, new in zip(before.joints, model.joints, strict=True)
+        ):
+            return False
+        guessed = np.uint32(Quality.TEMPERATURE_ESTIMATED | Quality.TEMPERATURE_STUCK)
+        geared = [joint for joint in model.joints if joint.gear is not None]
+        measured = np.isfinite(self.torque.motor_torque_measured).any(axis=1).all()
+        follows = geared and not (measured and all(joint.thermal is None for joint in geared))
+        return not (follows or (self.power.quality & guessed).any())
 
 
 def _powers(
@@ -334,7 +365,7 @@ def read_recording(
         RobotEnergyError: If bag or model cannot be used.
     """
     kept = Thinned(most)
-    settings = Settings(effort=effort, power_period=None)
+    settings = Settings(effort=effort, power_period=None, deviations=False)
     if inputs is not None:
         gaps = {"max_gap": inputs.max_gap, "meter_max_gap": inputs.meter_max_gap}
         settings = replace(settings, **gaps)
@@ -352,7 +383,7 @@ def read_recording(
     max_power, wraps_at, _ = result.meter.source.limits
     if torque is None or power is None:
         raise BagError(f"{path} gives not one torque", "a recording of several samples")
-    recording = Recording(
+    return Recording(
         Path(path),
         model,
         torque,
@@ -364,5 +395,5 @@ def read_recording(
         replay=result,
         temperatures=kept.temperatures(),
         every=kept.every,
+        response=MeterResponse.of(model),
     )
-    return recording.compared_by(MeterResponse.of(model))

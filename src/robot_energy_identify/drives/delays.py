@@ -71,23 +71,53 @@ def estimate_meter_delay(data: DriveData) -> Delay | None:
 def estimate_time_constant(data: DriveData) -> Delay | None:
     """Return the time constant of a low pass in the meters of all recordings.
 
-    It is applied only where no delay alone explains the readings as well. None where the readings
-    are too few to decide, or are those of a counter.
+    The delay is free at each constant: at a fixed one the constant would take it up, and a low pass
+    that is undone by too much shows less than the grid gives while the drives brake. The constant
+    is applied only where it explains the readings better than a delay alone. None where the
+    readings are too few to decide, or are those of a counter.
     """
     counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
     if counted or not np.isfinite(data.period) or data.period <= 0.0:
         return None
-    span = min(MAX_TIME_CONSTANT, SHARE * len(data) * data.period)
-    columns = _columns(data)
+    length = SHARE * len(data) * data.period
+    span, reach = min(MAX_TIME_CONSTANT, length), min(SPAN, length)
     grid = span * np.arange(STEPS + 1) / STEPS
-    delays = grid[1:] * SPAN / MAX_TIME_CONSTANT
-    tries = [(0.0, _low_passed(data, columns, constant)) for constant in grid.tolist()]
-    error = _errors(data, [*tries, *((lag, columns) for lag in delays.tolist())])
+    lags = reach * np.arange(FINE + 1) / FINE
+    error = _errors_of_both(data, grid, lags)
     if error is None:
         return None
-    filtered, moved = error[:, : len(grid)], error[:, len(grid) :].sum(axis=0).min()
-    found = best_delay(grid, filtered, filtered[:, 0], span, MIN_GAIN)
-    return found if filtered.sum(axis=0).min() < moved else replace(found, applied=0.0)
+    undelayed = _at_best_lags(error)[:, 0]
+    found = best_delay(grid, _at_best_lags(error), undelayed, span, MIN_GAIN)
+    if found.at_edge:
+        return found
+    total = error.sum(axis=0)
+    row, column = np.unravel_index(total.argmin(), total.shape)
+    fine = np.arange(-FINE, FINE + 1) / FINE
+    near = grid[row] + grid[1] * fine
+    error = _errors_of_both(data, near, lags[column] + (lags[1] - lags[0]) * fine)
+    if error is None:
+        return found
+    closer = best_delay(near, _at_best_lags(error), undelayed, span, MIN_GAIN)
+    return found if closer.at_edge else closer
+
+
+def _at_best_lags(error: Float) -> Float:
+    """Errors of each low pass with its best lag, (folds, constants)."""
+    best = error.sum(axis=0).argmin(axis=1)
+    return error[:, np.arange(len(best)), best]
+
+
+def _errors_of_both(data: DriveData, constants: Float, lags: Float) -> Float | None:
+    """Squared error of every fold with each low pass [s] and lag [s], (folds, constants, lags)."""
+    columns = _columns(data)
+    tries = [
+        (lag, passed)
+        for constant in constants.tolist()
+        for passed in [_low_passed(data, columns, constant)]
+        for lag in lags.tolist()
+    ]
+    error = _errors(data, tries)
+    return None if error is None else error.reshape(-1, len(constants), len(lags))
 
 
 def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap
 from robot_energy.timeline.blocks import Float, Int
@@ -64,14 +65,13 @@ def without_outliers(values: Float) -> Float:
     Args:
         values: NaN where missing, shape (N,). [any unit]
     """
-    from scipy.stats import median_abs_deviation
-
     known = values[np.isfinite(values)]
     if not len(known):
         return values
-    scale = float(median_abs_deviation(known, scale="normal"))
+    middle = np.median(known)
+    scale = MEDIAN_TO_STD * float(np.median(np.abs(known - middle)))
     with np.errstate(invalid="ignore"):
-        far = np.abs(values - np.median(known)) > DEVIATIONS * scale
+        far = np.abs(values - middle) > DEVIATIONS * scale
     return np.where(far | ~np.isfinite(values), np.nan, values)
 
 

@@ -18,7 +18,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
-from robot_energy_identify.stats.regression import Fit, independent, regress
+from robot_energy_identify.stats.regression import Fit, independent, qr_r, regress
 from robot_energy_identify.stats.systematic import Changes, with_systematic
 
 if TYPE_CHECKING:
@@ -100,6 +100,7 @@ def fit_losses(
     names: Sequence[str],
     what: str,
     changes: Callable[[dict[str, float]], Changes] | None = None,
+    deviations: bool = True,
 ) -> Losses:
     """Return coefficients that are not negative, with deviations from blocks.
 
@@ -108,6 +109,7 @@ def fit_losses(
         target: Shape (N,). [W]
         block: Contiguous block of each sample, shape (N,).
         changes: What constant errors do to the target, of the coefficients by name.
+        deviations: Whether they are wanted; else they are NaN.
 
     Raises:
         NotIdentifiableError: If there are too few samples or no column is excited.
@@ -119,18 +121,21 @@ def fit_losses(
             "record longer, with power and joint states",
         )
     found = np.zeros(columns.shape[1], dtype=np.bool_)
-    found[independent(columns, MIN_SHARE * _size(columns))] = True
+    found[independent(qr_r(columns), MIN_SHARE * _size(columns))] = True
     if not found.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
     used: list[int] = np.flatnonzero(found).tolist()
     negative: list[int] = []
     while True:
-        fit = regress(columns[:, used], target, block, [names[k] for k in used], what=what)
+        own = [names[k] for k in used]
+        fit = regress(columns[:, used], target, block, own, "irls", what, False)
         worst = int(np.argmin(fit.values * _size(columns[:, used])))
         if fit.values[worst] >= 0.0 or len(used) == 1:
             break
         negative.append(used.pop(worst))
-    if changes is not None:
+    if deviations:
+        fit = regress(columns[:, used], target, block, fit.names, "irls", what)
+    if deviations and changes is not None:
         known = dict.fromkeys(names, 0.0) | dict(zip(fit.names, fit.values.tolist(), strict=True))
         fit = with_systematic(fit, columns[:, used], changes(known))
     width = fit.interval()

@@ -2,18 +2,20 @@
 
 ``P = C + sum_i (P_mech + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2)_i`` over the same
 time as each reading. The constants of drives, DC side and, for a meter at the grid, grid
-side show as one sum. How much of the rest can be distinguished is tried from little to much;
-the simplest structure that no other beats on blocks it has not seen is taken.
+side show as one sum. Losses are taken where they predict blocks that they have not seen better than
+shaft power and a constant. Each axis has those that are most likely: what the readings say
+of it, and for the rest what all axes share (`likely_losses`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
+from robot_energy.certainty.priors import SPREAD
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
@@ -21,6 +23,7 @@ from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int, MeterLocation
 from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
+from robot_energy_identify.drives.likely_losses import likely_losses, moves_of_figures
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy_identify.stats.cross_validation import (
@@ -42,8 +45,9 @@ from robot_energy_identify.stats.systematic import (
     total,
 )
 
-Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
-STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
+Structure = Literal["constant", "shaft", "shared", "axis"]
+STRUCTURES: tuple[Structure, ...] = ("shaft", "shared")  # of which one is chosen
+TOLD = 0.5  # of its prior: a figure whose deviation is less is identified for itself
 
 NO_BETTER = PositiveFigure(
     value=0.0, tag="assumed", source="losses predict held-out readings no better than 0"
@@ -62,6 +66,8 @@ class TotalFit:
         deviations: Standard deviations of them; NaN where not determined, shape (3, n).
         errors: RMS on blocks not seen, of every structure that was tried. [W]
         spread: Coefficients per parameter of the regression, shape (3, n, P).
+        fan: Power of the fan, where data hold when it runs. [W]
+        fan_std: [W]
     """
 
     structure: Structure
@@ -72,11 +78,15 @@ class TotalFit:
     deviations: Float
     errors: dict[Structure, float]
     spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
+    fan: float = 0.0
+    fan_std: float = 0.0
 
 
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
-    """Return the fit of the simplest structure that no other beats on blocks it has not seen.
+    """Return the losses of each axis, or shaft power and a constant where losses help nothing.
+
+    What axes share decides it, on blocks that the fit has not seen.
 
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
@@ -92,13 +102,14 @@ def fit_total(data: Sums) -> TotalFit:
             continue
         errors[structure] = rms_of(predicted - data.measured)
     chosen = simplest(errors) if errors else STRUCTURES[0]
-    return fit_structure(data, chosen, errors)
+    return fit_structure(data, "axis" if chosen == "shared" else chosen, errors)
 
 
 def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
     """Predict every fold as the fit of the others does."""
+    rest = replace(data, deviations=False)
     return predict_held_out(
-        fold, lambda train, test: predict(data.rows(test), fit(data.rows(train)))
+        fold, lambda train, test: predict(data.rows(test), fit(rest.rows(train)))
     )
 
 
@@ -113,29 +124,20 @@ def fit_structure(
     Raises:
         NotIdentifiableError: If the readings are too few.
     """
+    if structure == "axis":
+        return _of_each_axis(data, fit_structure(data, "shared", errors))
     n_joints = len(data.names)
-    columns, names, place = [np.ones(len(data))], ["constant"], [(-1, -1)]
-    for row, term in enumerate(COEFFICIENTS):
-        apart = structure == "axis" or (structure == "axis_copper" and row == 0)
-        if apart:
-            columns += [data.terms[:, row, k] for k in range(n_joints)]
-            names += [f"{term} of {name}" for name in data.names]
-            place += [(row, k) for k in range(n_joints)]
-        elif structure in ("shared", "axis_copper"):
+    columns, names = [np.ones(len(data))], ["constant"]
+    if structure == "shared":
+        for row, term in enumerate(COEFFICIENTS):
             columns.append(data.terms[:, row] @ data.scale[row])
             names.append(f"{term} of all axes")
-            place.append((row, -1))
     shaft = 0.0 if structure == "constant" else data.shaft
 
     def spread(values: dict[str, float]) -> Float:
         """Coefficients of every joint, shape (3, n)."""
-        found = np.zeros((3, n_joints))
-        for name, (row, joint) in zip(names[1:], place[1:], strict=True):
-            if joint < 0:
-                found[row] = values[name] * data.scale[row]
-            else:
-                found[row, joint] = values[name]
-        return found
+        shared = [values[name] for name in names[1:]] or [0.0] * len(COEFFICIENTS)
+        return np.array(shared)[:, None] * data.scale
 
     losses = fit_losses(
         np.column_stack(columns),
@@ -144,6 +146,7 @@ def fit_structure(
         names,
         "the meter's readings",
         lambda values: _changes(data, spread(values), structure),
+        data.deviations,
     )
     coefficients, deviations = spread(losses.values), spread(losses.std)
     none, known = dict.fromkeys(names, 0.0), () if losses.fit is None else losses.fit.names
@@ -155,8 +158,34 @@ def fit_structure(
         coefficients,
         deviations,
         dict(errors or {}),
-        np.stack([spread({**none, name: 1.0}) for name in known], axis=-1),
+        np.stack([spread({**none, name: 1.0}) for name in known], axis=-1).reshape(
+            len(COEFFICIENTS), n_joints, len(known)
+        ),
     )
+
+
+def _of_each_axis(data: Sums, shared: TotalFit) -> TotalFit:
+    """The most likely losses; where the readings say little of one, it has no deviation."""
+    values, covariance = likely_losses(data, shared)
+    moves = moves_of_figures(shared)
+    std = np.sqrt(np.diagonal(covariance)[:-1] + (moves**2).sum(axis=1))
+    coefficients = values[1:-1].reshape(shared.coefficients.shape)
+    names = [f"{term} of {name}" for term in COEFFICIENTS for name in data.names]
+    stopped = (values[1:-1] == 0.0) & (shared.coefficients.ravel() > 0.0)
+    negative = [*shared.losses.negative, *(names[k] for k in np.flatnonzero(stopped))]
+    fit = replace(
+        shared,
+        structure="axis",
+        constant=float(values[0]),
+        coefficients=coefficients,
+        deviations=np.where(
+            np.isfinite(shared.deviations), std[1:].reshape(coefficients.shape), np.nan
+        ),
+        fan=float(values[-1]),
+        fan_std=float(np.sqrt(covariance[-1, -1])),
+    )
+    rms = rms_of(predict(data, fit) - data.measured)
+    return replace(fit, losses=replace(shared.losses, negative=tuple(negative), rms=rms))
 
 
 def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
@@ -182,7 +211,8 @@ def predict(data: Sums, fit: TotalFit) -> Float:
         fit: Losses behind them.
     """
     shaft = 0.0 if fit.structure == "constant" else data.shaft
-    return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
+    losses = np.einsum("krj,rj->k", data.terms, fit.coefficients)
+    return shaft + fit.constant + losses + fit.fan * data.fan
 
 
 @one_thread
@@ -206,7 +236,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
         ways["given"] = lambda: data.given + cabinet
-    ways |= {structure: fitted(structure) for structure in STRUCTURES[1:]}
+    ways["shared"] = fitted("shared")
     ways["identified"] = lambda: _held_out(data, fold, fit_total)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives
@@ -279,13 +309,14 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
     }
     for row, name in enumerate(COEFFICIENTS):
         value, std = float(fit.coefficients[row, joint]), float(fit.deviations[row, joint])
-        shared = f"{name} of all axes"
-        if std == 0.0 and value == 0.0:
-            entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
-        elif not np.isfinite(std):
+        if not np.isfinite(std):
             entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
-        elif shared in fit.losses.values and fit.coefficients.shape[1] > 1:
-            known = f"{100.0 * std / value:.2g} %" if value else "0"
+        elif value == 0.0:
+            entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
+        elif fit.coefficients.shape[1] > 1 and std > TOLD * SPREAD[name] * value:
+            shared = float(fit.losses.std[f"{name} of all axes"])
+            size = float(fit.losses.values[f"{name} of all axes"])
+            known = f"{100.0 * shared / size:.2g} %" if size else "0"
             entries[name] = only_the_sum(value, f"all axes, known to {known}", source)
         else:
             entries[name] = identified(value, std, source)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.data.thinned import few
@@ -19,8 +20,9 @@ from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
 MIN_READINGS = 20
+NEAR = 0.5  # s around a motion, in which delays and low passes that are nearly undone still show
 OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block",
-             "shares")  # fmt: skip
+             "shares", "moved", "warmest_degc", "fan")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,10 @@ class Sums:
         block: Shape (K,).
         scale: Of each joint's coefficients where axes share them, shape (3, n).
         shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
+        moved: Greatest sum of |shaft power| within half a second of each, shape (K,). [W]
+        warmest_degc: Of the motors, shape (K,). [degC]
+        fan: Share of the fan that runs, 0 where none is known, shape (K,). [-]
+        deviations: Whether a fit of it needs them, or only predicts what was held out.
     """
 
     names: tuple[str, ...]
@@ -54,7 +60,11 @@ class Sums:
     block: Int
     scale: Float
     shares: Float
+    moved: Float
+    warmest_degc: Float
+    fan: Float
     sensors: SensorLimits = DEFAULT_LIMITS
+    deviations: bool = True
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -121,14 +131,19 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         recording[first],
         data.block[rows][first],
         _scale(data, model),
-        means[:, 3 + 3 * len(data.names) :],
+        means[:, 3 + 3 * len(data.names) : -2],
+        means[:, -2],
+        means[:, -1],
+        np.zeros(len(means)),
         data.sensors,
     )
     return found.rows(few(len(found)))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
-    """Shaft power, drives as given, measured drives, terms, and shares; shape (N, 3 + 4 n)."""
+    """Shaft power, given and measured drives, terms, shares, moved, warmest; (N, 5 + 4 n)."""
+    from scipy.ndimage import maximum_filter1d
+
     given = np.full(len(data), np.nan)
     if model is not None:
         from robot_energy.physics.drive import drive_from_model
@@ -137,7 +152,11 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     measured = data.drive_power.sum(axis=1)
     terms = data.loss_columns()[:, :, 1:].swapaxes(1, 2).reshape(len(data), -1)
     shares = data.torque_share * data.motor_velocity
-    return np.column_stack([data.supplied_power, given, measured, terms, shares])
+    moved = np.nan_to_num(np.abs(data.shaft_power)).sum(axis=1)
+    near = 2 * round(min(NEAR / data.period, len(data))) + 1 if data.period > 0 else 1
+    moved = maximum_filter1d(moved, near, mode="nearest")
+    warmest = data.motor_temperature_degc.max(axis=1)
+    return np.column_stack([data.supplied_power, given, measured, terms, shares, moved, warmest])
 
 
 def joined(
@@ -213,7 +232,12 @@ class Integrals:
 
 
 def _scale(data: DriveData, model: RobotModel | None) -> Float:
-    """Ratio of the coefficients between axes, from what the model knows."""
+    """Ratio of the coefficients between axes, from what the model knows.
+
+    Where it knows nothing of the losses, motors of all sizes lose the same share of their greatest
+    power ``tau w``: copper losses go with ``w / tau``, linear ones with ``tau``, quadratic ones
+    with ``tau / w``. Limits are those of the URDF, motor side.
+    """
     scale = np.ones((3, len(data.names)))
     if model is None:
         return scale
@@ -224,6 +248,11 @@ def _scale(data: DriveData, model: RobotModel | None) -> Float:
             if values.max() > 0:
                 scale[row] = values
         return scale
+    limits = Robot.from_model(model).limits
+    ratio = np.abs([joint.gear_ratio.value for joint in model.joints])
+    torque, speed = limits.effort / ratio, limits.velocity * ratio
+    if (np.isfinite(torque) & (torque > 0) & np.isfinite(speed) & (speed > 0)).all():
+        scale[:] = speed / torque, torque, torque / speed
     constants = [joint.torque_constant for joint in model.joints]
     known = [figure.value for figure in constants if figure is not None]
     if len(known) == len(constants):

@@ -18,7 +18,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.data.observations import Filters, Observations, observe
+from robot_energy_identify.data.observations import Filters, Observations, Rows, observe
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
@@ -43,10 +43,12 @@ from robot_energy_identify.dynamics.torque_model import (
 from robot_energy_identify.dynamics.validation import (
     TorqueError,
     estimate_delay,
+    folds_of,
     predict_held_out,
     torque_error,
 )
 from robot_energy_identify.stats.autocorrelation import autocorrelated
+from robot_energy_identify.stats.cross_validation import splits
 from robot_energy_identify.stats.lag import NO_DELAY, Delay
 from robot_energy_identify.stats.regression import (
     Fit,
@@ -54,6 +56,7 @@ from robot_energy_identify.stats.regression import (
     estimate,
     factor,
     fit,
+    qr_r,
 )
 from robot_energy_identify.stats.systematic import (
     DEFAULT_LIMITS,
@@ -77,6 +80,7 @@ class DynamicsSettings:
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
             by. Gravity that little motion does not distinguish from an offset stays gravity. [-]
+        seen: Rows that were made before, as of `observe`.
     """
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
@@ -85,6 +89,7 @@ class DynamicsSettings:
     delay_span: float = 0.005
     offset: float = 0.01
     sensors: SensorLimits = DEFAULT_LIMITS
+    seen: Rows | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,7 @@ class Dynamics:
         """
         return torque_error(self.observations, self.predict_held_out())
 
+    @one_thread
     def predict_held_out(self) -> Float:
         """Return what the model file says of every contiguous fold, fitted to the others.
 
@@ -147,12 +153,23 @@ class Dynamics:
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
         prior = _prior(self.model, torque_model, self.settings.offset, rows)
-        weight = _whitening(rows, self.exported)
-
-        def estimator(train: Observations) -> Float:
-            return torque_model.without_offsets(_consistent(train, weight, prior, torque_model))
-
-        return self._held_out(rows, estimator)
+        weight = _whitening(rows, self.exported) * rows.used
+        pairs = list(splits(folds_of(rows), round(rows.rate / self.settings.filters.cutoff)))
+        # rows that belong to the same fits are compressed once, not once for every fit
+        belongs, group = np.unique(
+            np.stack([train for train, _ in pairs], axis=1), axis=0, return_inverse=True
+        )
+        parts = [
+            np.column_stack(factor(*(each[group == g] for each in (*rows.equation, weight))))
+            for g in range(len(belongs))
+        ]
+        predicted = np.full(rows.joint_torque.shape, np.nan)
+        for number, (_, test) in enumerate(pairs):
+            whole = qr_r(np.concatenate([parts[g] for g in np.flatnonzero(belongs[:, number])]))
+            size = whole.shape[1] - 1
+            found = _consistent(whole[:size, :size], whole[:size, size], prior, torque_model)
+            predicted[test] = rows.regressor[test] @ torque_model.without_offsets(found)
+        return predicted
 
     def held_out_given_bodies(self) -> TorqueError:
         """Torque error on contiguous folds held out, with the bodies that it began with.
@@ -250,7 +267,7 @@ def _identify(
 ) -> Dynamics:
     check_channels(channels, model)
     whole = TorqueModel.from_model(model, settings.columns)
-    rows = observe(channels, whole, settings.filters)
+    rows = observe(channels, whole, settings.filters, settings.seen)
     check_motion(rows, whole.robot, settings.filters)
     base = whole.structure()
     independent = rows.with_columns(base.independent)
@@ -285,7 +302,8 @@ def _identify(
         kept = part.with_columns(exported_base.independent)
         exported = fit_rows(kept, settings.method, gains)
     prior = _prior(model, written, settings.offset, part)
-    standard = _consistent(part, _whitening(part, exported), prior, written)
+    weight = _whitening(part, exported) * part.used
+    standard = _consistent(*factor(*part.equation, weight), prior, written)
     in_sample = torque_error(independent, independent.regressor @ result.values)
     poor = poorly_known(base, result, link_prior(whole.robot.link_parameters, 1.0))
     return Dynamics(
@@ -353,10 +371,7 @@ def _whitening(rows: Observations, result: Fit) -> Float:
     return used * share / np.maximum(result.noise, MIN_NOISE * torque)
 
 
-def _consistent(
-    rows: Observations, weight: Float, prior: Prior, torque_model: TorqueModel
-) -> Float:
-    triangle, target = factor(rows.regressor, rows.joint_torque, weight * rows.used)
+def _consistent(triangle: Float, target: Float, prior: Prior, torque_model: TorqueModel) -> Float:
     extra = enumerate(torque_model.extra, torque_model.n_links)
     positive = [place for place, (column, _, _) in extra if column.positive]
     return consistent_fit(triangle, target, prior, torque_model.robot.n_joints, positive)

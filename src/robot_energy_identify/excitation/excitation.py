@@ -100,11 +100,7 @@ class ExcitationCriterion:
         return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
     def cost(self, motion: Trajectory, criterion: Criterion) -> float:
-        """Return the logarithm of the condition number, or minus that of the determinant.
-
-        Args:
-            criterion: Which of both.
-        """
+        """Return the logarithm of the condition number, or minus that of the determinant."""
         rows = self.rows(motion)
         size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
         size = np.maximum(size, np.finfo(np.float64).tiny)
@@ -196,9 +192,6 @@ def optimise_excitation(
     Args:
         limits: What the motion keeps to, at 1 kHz in the end.
         progress: Called with the share done.
-
-    Raises:
-        MotionError: If settings make no sense or no allowed motion is found.
     """
     settings = settings or ExcitationSettings()
     basis = FourierBasis(settings.harmonics, settings.period)
@@ -243,7 +236,6 @@ def _breaks(limits: ExcitationLimits, motion: Trajectory) -> float:
 def _draw_start(
     basis: FourierBasis, limits: ExcitationLimits, random: np.random.Generator
 ) -> Float:
-    """A random motion that uses about half of the limits."""
     count = SAMPLES_PER_HARMONIC * basis.harmonics
     time = np.arange(count) * (basis.period / count)
     for _ in range(MAX_TRIES):

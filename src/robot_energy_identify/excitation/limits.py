@@ -44,10 +44,8 @@ class ExcitationLimits:
     """Limits of one robot, joint side, shape (n,) each.
 
     Args:
-        model: The robot; its payload counts.
         acceleration: Greatest, one or shape (n,); None: full speed in 0.5 s. [rad/s^2] or [m/s^2]
         margin: Share of every limit that may be used, in (0, 1]. [-]
-        floor: A link that must stay above a height.
 
     Attributes:
         middle: Of the position ranges; a joint without end stays within half a turn to
@@ -56,11 +54,9 @@ class ExcitationLimits:
         velocity: Less the margin. [rad/s] or [m/s]
         acceleration: Less the margin, shape (n,). [rad/s^2] or [m/s^2]
         torque: Less the margin, inf where the URDF gives none. [N m] or [N]
-        acceleration_assumed: Whether nobody gave it.
 
     Raises:
         MotionError: If a joint has no position or velocity limit, or a figure makes no sense.
-        RobotDescriptionError: If the URDF lacks the link.
     """
 
     def __init__(

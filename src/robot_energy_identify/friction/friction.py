@@ -298,6 +298,8 @@ def falls(constant: Fit, data: FrictionData) -> bool:
 
 
 def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
+    data = replace(data, deviations=False)
+
     def predict(train: Mask, test: Mask) -> Float:
         law, found, term = fit_falling(data.rows(train), "")
         seen = data.rows(test)
@@ -364,6 +366,7 @@ def held_out_law(
     Args:
         fold: Of each sample, shape (N,).
     """
+    data = replace(data, deviations=False)
 
     def predict(train: Mask, test: Mask) -> Float:
         law, found = fit(data.rows(train))

@@ -82,8 +82,11 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
             data.block,
             ["Coulomb", *names, "offset", *extra],
             data.method,
-            what=f"the motions of {data.name}",
+            f"the motions of {data.name}",
+            data.deviations,
         )
+        if not data.deviations:
+            return fit
         return with_systematic(fit, columns, {k: (v,) for k, v in data.changes.items()})
     except NotIdentifiableError as error:
         if one_speed(data):
@@ -253,7 +256,7 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
         law="table",
         motor_temperature_degc=[round(float(node), 3) for node in nodes],
         viscous=[max(float(value), 0.0) for value in fit.values[1 : 1 + len(nodes)]],
-        std=[float(value) for value in fit.std[1 : 1 + len(nodes)]],
+        std=fit.std[1 : 1 + len(nodes)].tolist() if data.deviations else None,
         tag="identified" if above.any() else "assumed",
         source=source if above.all() else f"{AT_BOUND} at {below} degC: {source}",
     )
@@ -271,7 +274,8 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     """
     degc = data.motor_temperature_degc
     middle = float(degc.mean())
-    root = (fit_constant if len(_nodes(data)) < 2 else fit_table)(data, "")[1].weight
+    free = fit_constant if len(_nodes(data)) < 2 else fit_table
+    root = free(replace(data, deviations=False), "")[1].weight
     fixed = _columns(data, np.ones((len(data), 1)))
 
     def decay(scale: float) -> Float:
@@ -302,7 +306,7 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     shape = np.stack([np.ones(len(degc)), decay(scale)], axis=1)
     found = regress_friction(data, shape, ["hot viscous", "cold viscous"])
     hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
-    tangent = _tangent(data, found, cold, scale, middle)
+    tangent = _tangent(data, found, cold, scale, middle) if data.deviations else None
     lift = float(np.exp(middle / scale))
     # of a, of b = cold exp(middle / c), and of c
     to_law = np.array(

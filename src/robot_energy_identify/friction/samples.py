@@ -55,6 +55,7 @@ class FrictionData:
             [N m]
         saturation: Load beyond which friction by load, the first nuisance, rises no further; NaN
             where it is none of them. [N m]
+        deviations: Whether a fit of it needs them, or only predicts what was held out.
     """
 
     name: str
@@ -71,6 +72,7 @@ class FrictionData:
     method: Method = "irls"
     load: Float = field(default_factory=partial(np.empty, 0))
     saturation: float = float("nan")
+    deviations: bool = True
 
     def __len__(self) -> int:
         return len(self.motor_velocity)

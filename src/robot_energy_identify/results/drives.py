@@ -76,7 +76,6 @@ def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = (
 
     Args:
         found: From the power of each drive, from one meter, or both.
-        torque: Where the torque comes from.
         notes: What was decided for the model file without data, one sentence each.
     """
     total = None if found.total is None else total_power(found.total)
@@ -124,6 +123,6 @@ def _not_determined(fit: TotalFit) -> list[str]:
         notes.append(f"not distinguished from those before, taken as 0: {', '.join(undetermined)}")
     if negative:
         notes.append(f"at the bound 0, negative otherwise: {', '.join(negative)}")
-    if fit.structure in ("shared", "axis_copper"):
-        notes.append("what axes share cannot be distinguished per axis from one meter here")
+    if fit.structure == "axis":
+        notes.append("what the meter does not show of an axis is what all axes share")
     return notes

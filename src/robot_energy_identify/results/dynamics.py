@@ -57,11 +57,7 @@ def dynamics_report(
     given: TorqueError | None = None,
     across: LeaveOneOut | None = None,
 ) -> DynamicsReport:
-    """Return what a recording says of the dynamics.
-
-    Args:
-        consistent: Of the fit that the model file holds.
-    """
+    """Return what a recording says of the dynamics."""
     values, half, std = result.fit.values, result.fit.interval(), result.fit.std
     errors = {"held_out": held_out, "held_out_model_file": consistent}
     return DynamicsReport(

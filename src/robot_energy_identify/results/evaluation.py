@@ -92,11 +92,7 @@ class RecordingScore(Result):
     notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
     def score(self, name: str) -> ModelScore | None:
-        """Return one of the scores; None if there is none of this name.
-
-        Args:
-            name: ``model``, ``fixed_friction`` or ``zero``.
-        """
+        """Return one of the scores; None if there is none of this name."""
         return next((one for one in self.scores if one.name == name), None)
 
 
@@ -117,11 +113,8 @@ class ScoreSums:
     """Sums behind the score of one prediction, of one recording or of several.
 
     Attributes:
-        names: Of the joints.
-        torque: Errors of the motor torque.
         power: Errors of the power at the meter.
         low_pass: Errors of the torque below 10 Hz.
-        change: What was changed about the model.
         shaft: Measured out, measured back, predicted out, predicted back, shape (4, n). [J]
         measured: Energy at the meter; NaN without one. [J]
         predicted: The same, predicted. [J]
@@ -160,11 +153,7 @@ class ScoreSums:
         )
 
     def plus(self, other: "ScoreSums") -> "ScoreSums":
-        """Return the sums of both; what only one of them has counts alone.
-
-        Args:
-            other: Of another recording, same joints.
-        """
+        """Return the sums of both; what only one of them has counts alone."""
         self.torque.add(other.torque)
         self.power.add(other.power)
         self.low_pass.add(other.low_pass)
@@ -176,11 +165,7 @@ class ScoreSums:
         return replace(self, shaft=shaft, measured=measured, predicted=predicted)
 
     def score(self, name: str) -> ModelScore:
-        """Return the errors.
-
-        Args:
-            name: ``model`` or ``fixed_friction``.
-        """
+        """Return the errors."""
         torque, low = self.torque, self.low_pass
         below = np.append(low.relative, low.relative_of_all)
         return self._score(

@@ -45,11 +45,7 @@ class ThermalReport(Result, name="thermal"):
 
 
 def thermal_report(found: ThermalFound) -> ThermalReport:
-    """Return the thermal networks and gears of a robot.
-
-    Args:
-        found: By the identification.
-    """
+    """Return the thermal networks and gears of a robot."""
     return ThermalReport("losses", found.ambient_degc, found.fits, found.refused, found.gears)
 
 
@@ -86,11 +82,7 @@ class FrictionReport(Result, name="friction"):
 
 
 def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
-    """Return the friction of every axis.
-
-    Args:
-        found: By the identification.
-    """
+    """Return the friction of every axis."""
     return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold)
 
 
@@ -205,11 +197,7 @@ class IdentificationReport(Result, name="identification"):
     notes: Annotated[Texts, "What does not fit the model as given, one sentence each."] = ()
 
     def taken(self, subject: str) -> bool:
-        """Whether the model has new figures of a subject.
-
-        Args:
-            subject: Such as ``friction``, as the steps name it.
-        """
+        """Whether the model has new figures of a subject."""
         return any(step.subject == subject and step.taken for step in self.steps)
 
 

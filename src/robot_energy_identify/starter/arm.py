@@ -106,7 +106,6 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
 def _chosen(
     root: ET.Element, wanted: Sequence[str]
 ) -> tuple[tuple[str, ...], list[tuple[str, str]]]:
-    """Joints to model from the base outward, and those left out with the reason."""
     below = moving_joints(root)
     moving = [name for name, joint in below.items() if not joint.mimics]
     others = [(name, "mimics another joint") for name, joint in below.items() if joint.mimics]

@@ -158,7 +158,6 @@ def _from_bag(path: Path) -> RobotText:
 
 
 def _first(bag: BagReader, topic: str) -> Any:
-    """Return the first message of a topic, deserialized."""
     for part in bag.parts([topic]):
         batch = part[topic]
         try:

@@ -33,8 +33,6 @@ class ArmJoint:
     """One joint of the first model, joint side.
 
     Attributes:
-        name: As in the URDF.
-        prismatic: Whether it moves in m.
         effort: Largest torque or force. [N m] or [N]
         effort_source: `GIVEN`, or why another value was taken.
         velocity: Largest speed. [rad/s] or [m/s]
@@ -57,12 +55,7 @@ class ArmJoint:
 def scaled_joints(
     robot: Robot, robot_class: RobotClass, actuators: dict[str, Actuator]
 ) -> list[ArmJoint]:
-    """Return the joints with the limits of the URDF, else with such that fit its masses.
-
-    Args:
-        robot_class: Gives the speed of a joint without limit.
-        actuators: What the URDF states of the drives, by joint.
-    """
+    """Return the joints with the limits of the URDF, else with such that fit its masses."""
     limits = robot.limits
     usual = np.where(limits.prismatic, PRISMATIC_VELOCITY, robot_class.velocity.value)
     velocity = np.where(np.isfinite(limits.velocity), limits.velocity, usual)
@@ -87,9 +80,6 @@ def scaled_joints(
 
 def taken_limits(joints: Sequence[ArmJoint]) -> list[str]:
     """Name the limits that are not those of the URDF, with what was taken.
-
-    Args:
-        joints: From `scaled_joints`.
 
     Returns:
         One sentence for each reason.

@@ -28,7 +28,6 @@ class Share:
     """One prior.
 
     Attributes:
-        value: Most likely value.
         spread: Standard deviation, as a share of the value.
     """
 

@@ -11,6 +11,7 @@ Student's t says (`student`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -26,8 +27,10 @@ HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
 MAX_ROUNDS = 30  # of the Huber weights
 SETTLED = 1e-6  # relative change of what is fitted at which the weights have settled
+ROUGHLY = 1e-4  # the same for a held-out prediction, whose error is a hundred times that
 MIN_NOISE = 1e-12  # below which residuals are rounding
 MIN_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
+CHUNK = 4_000  # rows of all targets compressed at once, so that no copy of all of them is made
 CONFIDENCE = 0.95  # of the intervals at which Student's t and a normal distribution agree
 SCATTER = "scatter"  # the part of a deviation that recordings show themselves
 
@@ -94,9 +97,9 @@ class Fit:
         Args:
             confidence: Share of the intervals that hold the truth. [-]
         """
-        from scipy.stats import norm
+        from scipy.special import ndtri
 
-        return self.std * float(norm.ppf(0.5 + 0.5 * confidence))
+        return self.std * float(ndtri(0.5 + 0.5 * confidence))
 
 
 Covariance = Callable[[Float, Float, Float], tuple[Float, Float, float]]
@@ -110,6 +113,8 @@ def fit(
     covariance: Covariance,
     method: Method = "irls",
     used: NDArray[np.bool_] | None = None,
+    base: tuple[Float, Float] | None = None,
+    settled: float = SETTLED,
 ) -> Fit:
     """Return one set of parameters for one target or several, such as the torques of joints.
 
@@ -121,8 +126,11 @@ def fit(
         method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
             with Huber weights against outliers as well.
         used: Rows of each target that count; None for all, shape of the target.
+        base: QR decomposition of the columns, shapes (N, P) and (P, P) [target/parameter], where
+            all rows count and it is known.
+        settled: Relative change at which the weights of ``irls`` have settled. [-]
     """
-    values, weight = estimate(columns, target, method, used)
+    values, weight = estimate(columns, target, method, used, base, settled)
     residual = target - columns @ values
     matrix, independent, degrees = covariance(columns, residual, weight)
     matrix = matrix * student(degrees) ** 2
@@ -138,33 +146,46 @@ def student(degrees: float) -> float:
     Args:
         degrees: Of freedom; below 1 counts as 1. [-]
     """
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit
 
     level = 0.5 + 0.5 * CONFIDENCE
-    return float(t.ppf(level, max(degrees, 1.0)) / norm.ppf(level))
+    return float(stdtrit(max(degrees, 1.0), level) / ndtri(level))
 
 
 def estimate(
-    columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
+    columns: Float,
+    target: Float,
+    method: Method = "irls",
+    used: NDArray[np.bool_] | None = None,
+    base: tuple[Float, Float] | None = None,
+    settled: float = SETTLED,
 ) -> tuple[Float, Float]:
     """Return values and the weight of each row; arguments as in `fit`."""
     size = len(target)
     wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
     rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used
     if method == "irls":
-        values, weight = _huber(*wide, rows)
+        values, weight = _huber(*wide, rows, base, settled)
     else:
         values, weight = _by_target(*wide, rows, 0 if method == "ols" else WEIGHTINGS)
     return values, weight.reshape(target.shape)
 
 
-def _huber(columns: Float, target: Float, used: NDArray[np.bool_]) -> tuple[Float, Float]:
+def _huber(
+    columns: Float,
+    target: Float,
+    used: NDArray[np.bool_],
+    known: tuple[Float, Float] | None,
+    settled: float,
+) -> tuple[Float, Float]:
     """Solve with weights of one over the noise times the root of the Huber weight."""
-    rows, measured = columns[used], target[used]
+    measured = target[used]
     joint = np.nonzero(used)[1]
-    groups = [joint == number for number in np.unique(joint)]
-    base, triangle = np.linalg.qr(rows)  # orthonormal, so that squares lose nothing
-    inner, weight = base.T @ measured, np.ones(len(rows))
+    every = np.unique(joint)
+    groups = [joint == number for number in every] if len(every) > 1 else [slice(None)]
+    # orthonormal, so that squares lose nothing
+    base, triangle = np.linalg.qr(columns[used]) if known is None else known
+    inner, weight = base.T @ measured, np.ones(len(measured))
     for _ in range(MAX_ROUNDS):
         residual = measured - base @ inner
         for own in groups:
@@ -175,7 +196,7 @@ def _huber(columns: Float, target: Float, used: NDArray[np.bool_]) -> tuple[Floa
             weight[own] = np.sqrt(np.minimum(1.0, reach)) / noise
         weighted = base * (weight * weight)[:, None]
         before, inner = inner, np.linalg.solve(weighted.T @ base, weighted.T @ measured)
-        if np.linalg.norm(inner - before) <= SETTLED * np.linalg.norm(inner):
+        if np.linalg.norm(inner - before) <= settled * np.linalg.norm(inner):
             break
     spread = np.zeros(target.shape)
     spread[used] = weight
@@ -248,9 +269,14 @@ def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
         R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
         squares of x but for a constant; K is P, or less where rows are few.
     """
-    rows = weight != 0.0
-    both = np.concatenate([columns[rows], target[rows][:, None]], axis=1) * weight[rows][:, None]
-    triangle, size = qr_r(both), columns.shape[2]
+    size = columns.shape[2]
+    triangle = np.zeros((0, size + 1))
+    for first in range(0, len(columns), CHUNK):
+        part = slice(first, first + CHUNK)
+        rows = weight[part] != 0.0
+        both = np.column_stack([columns[part][rows], target[part][rows]])
+        both *= weight[part][rows][:, None]
+        triangle = qr_r(both if not len(triangle) else np.concatenate([triangle, both]))
     return triangle[:size, :size], triangle[:size, size]
 
 
@@ -283,17 +309,30 @@ def jackknife(block: Int) -> Covariance:
             rest = weight * residual
             share = float(rest @ rest) / max(len(residual) - n_parameters, 1)
             return np.linalg.inv(whole) * share, count, 0.0
-        change = np.empty((blocks, n_parameters))
-        for number in range(blocks):
-            try:
-                change[number] = np.linalg.solve(whole - slope[number], pull[number])
-            except np.linalg.LinAlgError:  # this block alone determines some parameter
-                change[number] = np.inf
+        try:
+            change = np.linalg.solve(whole - slope, pull[..., None])[..., 0]
+        except np.linalg.LinAlgError:  # some block alone determines some parameter
+            change = np.full((blocks, n_parameters), np.inf)
+            for number in range(blocks):
+                with suppress(np.linalg.LinAlgError):
+                    change[number] = np.linalg.solve(whole - slope[number], pull[number])
         with np.errstate(invalid="ignore"):
             scatter = change.T @ change * (blocks - 1) / blocks
         return np.where(np.isnan(scatter), np.inf, scatter), count, blocks - 1.0
 
     return covariance
+
+
+def undeviated(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
+    """Return NaN for each: a fit that only predicts what was held out needs no covariance.
+
+    Args:
+        columns: Shape (N, P) or (N, n, P). [target/parameter]
+        residual: Shape (N,) or (N, n). [any unit]
+        weight: Same shape. [-]
+    """
+    size = columns.shape[-1]
+    return np.full((size, size), np.nan), np.full(1, np.nan), float("nan")
 
 
 def regress(
@@ -303,6 +342,7 @@ def regress(
     names: Sequence[str],
     method: Method = "irls",
     what: str = "the data",
+    deviations: bool = True,
 ) -> Fit:
     """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
@@ -312,24 +352,29 @@ def regress(
         block: Number of the contiguous block that each sample belongs to, shape (N,).
         names: Name of each parameter, for messages.
         method: As of `fit`.
+        deviations: Whether they are wanted; they take most of the time.
 
     Raises:
         ShapeError: If shapes do not fit.
         NotIdentifiableError: If the data do not excite a parameter; names it.
     """
     check_shape("target", target.shape, (len(columns),))
-    _require_excitation(columns, names, what)
-    return fit(columns, target, names, jackknife(block), method)
+    base, triangle = np.linalg.qr(columns)
+    _require_excitation(columns, triangle, names, what)
+    known = base, triangle
+    if not deviations:
+        return fit(columns, target, names, undeviated, method, base=known, settled=ROUGHLY)
+    return fit(columns, target, names, jackknife(block), method, base=known)
 
 
-def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None:
+def _require_excitation(columns: Float, triangle: Float, names: Sequence[str], what: str) -> None:
     """Refuse columns that are zero, or that the others explain but for rounding."""
     length = np.linalg.norm(columns, axis=0)
     weak = [name for name, size in zip(names, length, strict=True) if not size > 0.0]
     if len(columns) < columns.shape[1]:
         weak = list(names)
     if not weak:
-        _, size, direction = np.linalg.svd(qr_r(columns / length))
+        _, size, direction = np.linalg.svd(triangle / length)
         inverse = direction.T / np.maximum(size, np.finfo(float).tiny)
         unexplained = 1.0 / np.linalg.norm(inverse, axis=1)
         weak = [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite, sqrt
+from math import exp, isfinite, pi, sqrt
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def total(parts: Mapping[str, float]) -> float:
         parts: Deviations by cause. [any unit]
     """
     from scipy.optimize import brentq
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
     reach = ROOT3 * parts.get(METER, 0.0)
     rest = float(np.linalg.norm([part for cause, part in parts.items() if cause != METER]))
@@ -98,7 +98,7 @@ def total(parts: Mapping[str, float]) -> float:
     def beyond(half: float) -> float:
         """Share above ``half``, less what is wanted: the mean of the normal distribution."""
         low, high = (half - reach) / rest, (half + reach) / rest
-        below = [u * norm.cdf(u) + norm.pdf(u) for u in (low, high)]
+        below = [u * float(ndtr(u)) + exp(-0.5 * u * u) / sqrt(2.0 * pi) for u in (low, high)]
         return (below[1] - below[0]) * rest / (2.0 * reach) - (0.5 + 0.5 * CONFIDENCE)
 
     return float(brentq(beyond, 0.0, reach + 10.0 * rest)) / Z95

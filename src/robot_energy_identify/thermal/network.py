@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
+from robot_energy.condition.thermal_observer import AMBIENT_STD
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
@@ -24,11 +24,13 @@ from robot_energy_identify.stats.cross_validation import GAIN, rms_of
 from robot_energy_identify.thermal.windows import ThermalRun
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading
-MIN_WINDOWS = 60  # of 10 s
+MIN_WINDOWS = 60
+LONG = 600.0  # s of windows in all, below which they must last for several
+TIME_CONSTANTS = 5.0  # of the motor
 MIN_GAIN = 0.5  # K of held-out error, as a thermometer is off, that a second node must save
 TRAIN_SHARE = 0.6  # of the only run; the rest is the test
 READING_STD = 0.5  # K
-CORRELATED = 6  # windows whose errors are alike: one minute
+CORRELATED = 6  # windows whose errors are alike: one minute of 10 s each
 START, START_SPREAD = 0.8, 0.3  # structure above the ambient at the start, over the motor above it
 PRIORS = {
     "motor_time": (np.log(900.0), 1.0),
@@ -99,11 +101,7 @@ def fit_network(
             predicts no better than its first reading.
     """
     if not runs or sum(map(len, runs)) < MIN_WINDOWS:
-        raise NotIdentifiableError(
-            f"{name} has {sum(map(len, runs)) * WINDOW:.0f} s with temperatures",
-            f"at least {MIN_WINDOWS * WINDOW:.0f} s",
-            "record longer, from a cold start",
-        )
+        raise _too_short(name, runs)
     readings = np.concatenate([run.motor_temperature_degc for run in runs])
     low, high = float(np.nanmin(readings)), float(np.nanmax(readings))
     if high - low < MIN_RISE:
@@ -119,6 +117,8 @@ def fit_network(
     order = "two nodes" if better else "one node"
     keys = ONE if order == "one node" else TWO
     values, covariance = _fit(runs, keys, ambient_degc)
+    if _length(runs) < min(LONG, TIME_CONSTANTS * float(np.exp(values[0]))):
+        raise _too_short(name, runs)
     _, measured, held = errors[order]
     rms, held_rms = orders[order], rms_of(held - measured)
     if not rms < GAIN * held_rms:
@@ -136,8 +136,21 @@ def fit_network(
         "runs" if len(runs) > 1 else "end of the run",
         orders,
         len(runs),
-        sum(map(len, runs)) * WINDOW / 3600.0,
+        _length(runs) / 3600.0,
         (low, high),
+    )
+
+
+def _length(runs: Sequence[ThermalRun]) -> float:
+    """Time of all windows. [s]"""
+    return sum(len(run) * run.window for run in runs)
+
+
+def _too_short(name: str, runs: Sequence[ThermalRun]) -> NotIdentifiableError:
+    return NotIdentifiableError(
+        f"{name} has {_length(runs):.0f} s with temperatures",
+        f"at least {LONG:.0f} s, or {TIME_CONSTANTS:g} time constants of a small motor",
+        "record longer, from a cold start",
     )
 
 
@@ -204,7 +217,7 @@ def with_ambient(model: RobotModel, ambient_degc: float | None) -> RobotModel:
 
 
 def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START) -> Float:
-    """Return the temperature of a motor at the end of every window, from its first reading on.
+    """Return the temperature of a motor at the reading of every window, from the first one on.
 
     Args:
         heat: Its network, n = 1.
@@ -216,7 +229,7 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
     share = float(heat.share[0])
     motor = run.drive_heat + share * run.friction_heat + float(heat.idle[0]) * run.awake
     power = np.stack([motor, (1.0 - share) * run.friction_heat])
-    transition, gain = (part[0] for part in heat.step(WINDOW))
+    transition, gain = (part[0] for part in heat.step(run.window))
     decay, modes = (np.asarray(part, dtype=np.float64) for part in np.linalg.eig(transition))
     above = run.start_degc - ambient_degc
     begin = np.linalg.solve(modes, np.array([above, start * above]))
@@ -226,7 +239,10 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
         * lfilter([1.0], [1.0, -decay[mode]], driven[mode], zi=[decay[mode] * begin[mode]])[0]
         for mode in range(2)
     ]
-    return ambient_degc + np.sum(above_ambient, axis=0)
+    ends = ambient_degc + np.sum(above_ambient, axis=0)
+    if not len(run.age):
+        return ends
+    return ends - run.age * np.diff(ends, prepend=run.start_degc)
 
 
 def _heat(keys: Sequence[str], values: Float) -> MotorHeat:

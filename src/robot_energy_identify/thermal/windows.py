@@ -1,9 +1,13 @@
-"""What the fit of a thermal network sees: heat and temperature of motors over windows of 10 s."""
+"""What the fit of a thermal network sees: heat and temperature of motors over windows.
+
+A window lasts 10 s, or a sixtieth of a run that lasts less than 10 min, as a small motor needs.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,12 +21,14 @@ from robot_energy_identify.data.recordings import Recording
 if TYPE_CHECKING:
     from robot_energy_logs.recording import LogBlock
 
+WINDOWS = 60  # of a run at least,
+SHORTEST = 1.0  # s, where it is as long as sixty of these
 MAX_GAP = 600.0  # s without samples, beyond which another run begins
 
 
 @dataclass(frozen=True)
 class ThermalRun:
-    """One motor during one run, in windows of 10 s; those without samples have no heat.
+    """One motor during one run, in windows; those without samples have no heat.
 
     Attributes:
         time: Start of each window, shape (N,). [s]
@@ -32,6 +38,9 @@ class ThermalRun:
         awake: Share of the window with samples, shape (N,). [-]
         motor_temperature_degc: Last reading in the window, NaN for none, shape (N,). [degC]
         start_degc: First reading. [degC]
+        window: Length of a window. [s]
+        age: Of the reading at the end of its window, as a share of the window; empty: 0, shape
+            (N,). [-]
     """
 
     time: Float
@@ -40,13 +49,15 @@ class ThermalRun:
     awake: Float
     motor_temperature_degc: Float
     start_degc: float
+    window: float = WINDOW
+    age: Float = field(default_factory=partial(np.empty, 0))
 
     def __len__(self) -> int:
         return len(self.time)
 
     def until(self, row: int) -> ThermalRun:
         """Return the first windows."""
-        names = ("time", "drive_heat", "friction_heat", "awake", "motor_temperature_degc")
+        names = ("time", "drive_heat", "friction_heat", "awake", "motor_temperature_degc", "age")
         return replace(self, **{name: getattr(self, name)[:row] for name in names})
 
 
@@ -109,17 +120,21 @@ def _runs(
         if not len(known):
             continue
         time, rows = time[known[0] :] - time[known[0]], rows[known[0] :]
-        window = (time // WINDOW).astype(np.int64)
+        length = min(WINDOW, max(float(time[-1]) / WINDOWS, SHORTEST))
+        window = (time // length).astype(np.int64)
         count = int(window[-1]) + 1
-        duration = np.minimum(np.diff(time, append=time[-1]), WINDOW)
-        awake = np.bincount(window, duration, count) / WINDOW
+        duration = np.minimum(np.diff(time, append=time[-1]), length)
+        awake = np.bincount(window, duration, count) / length
         heats = [
-            np.bincount(window, np.nan_to_num(heat[rows]) * duration, count) / WINDOW
+            np.bincount(window, np.nan_to_num(heat[rows]) * duration, count) / length
             for heat in (drive, friction)
         ]
         readings = np.full(count, np.nan)
         read = np.isfinite(degc[rows])
         readings[window[read]] = degc[rows][read]  # the last one stays
-        starts, first = np.arange(count) * WINDOW, float(degc[rows[0]])
-        runs.append(ThermalRun(starts, heats[0], heats[1], awake, readings, first))
+        new = np.flatnonzero(read)[1:][np.diff(degc[rows][read]) != 0.0]
+        age = np.zeros(count)  # one that says the same again is as good as new
+        age[window[new]] = window[new] + 1 - time[new] / length
+        starts, first = np.arange(count) * length, float(degc[rows[0]])
+        runs.append(ThermalRun(starts, *heats, awake, readings, first, length, age))
     return runs

@@ -142,14 +142,7 @@ def _run(args: Namespace) -> int:
 
 @contextmanager
 def study_folder(name: str, overwrite: bool) -> Generator[Path]:
-    """Yield a draft of the folder, with a place for bags, which is put into place at the end.
-
-    Args:
-        overwrite: Whether an earlier study may be replaced.
-
-    Raises:
-        ReportError: If the folder exists and is not such a study, or cannot be written.
-    """
+    """Yield a draft of the folder, with a place for bags, which is put into place at the end."""
     folder = OutputFolder(name, _foreign, overwrite)
     try:
         folder.make(BAGS)

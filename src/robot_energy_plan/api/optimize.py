@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +13,18 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
-from robot_energy.physics.collision import SelfCollision, touching_moves
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
-from robot_energy_plan.motion.load_motion import ToolOptions, load_motion
+from robot_energy_plan.motion.load_motion import ToolOptions
 from robot_energy_plan.motion.planned import MAX_DURATION
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.forms import read_form
 from robot_energy_plan.optimization.gcode_form import GcodeForm
 from robot_energy_plan.optimization.measures import Optimum, optimise
-from robot_energy_plan.optimization.order import best_order
-from robot_energy_plan.optimization.place import Placement, best_place
-from robot_energy_plan.optimization.plan import Cost
 from robot_energy_plan.optimization.program_form import ProgramForm
-from robot_energy_plan.optimization.ptp_form import PtpForm
 from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
-from robot_energy_plan.results.common_supply import supply_figures
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
 
 TEMPERATURES = 3  # at which a range is looked at
@@ -80,11 +74,6 @@ def optimize(
     regenerative: bool = False,
     peak_limit: float | None = None,
     time_law: bool = False,
-    level: Sequence[str | Path] = (),
-    one_bus: bool = False,
-    any_order: bool = False,
-    place: Sequence[float] | None = None,
-    link: str = "tool0",
     topic: str | None = None,
     start: float | None = None,
     end: float | None = None,
@@ -108,13 +97,6 @@ def optimize(
         peak_limit: Of the power from the grid. [W]
         time_law: Whether moves may follow time laws of their own; what is written is a trajectory
             then.
-        level: Programs of further robots of this model on the same supply, whose starts within
-            the cycle time are shifted so that the peak is least.
-        one_bus: Whether these share one DC bus: starts are shifted so that least energy is needed.
-        any_order: Whether the configurations of point-to-point moves may be visited in any order.
-        place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
-            (3,); for point-to-point moves. [m]
-        link: Frame that holds the work.
         topic: Of the JointTrajectory, or of the joint states, in a bag.
         start: Of one recorded cycle in the bag, after its start; negative: before its end. [s]
         end: Of the same cycle, likewise. [s]
@@ -142,12 +124,6 @@ def optimize(
     ):
         if value is not None and not 0 < value <= most:
             raise MotionError(f"the {name} is {value}", "a value > 0")
-    if level and cycle_time is None:
-        raise MotionError(
-            "no cycle time was given for robots on one supply", "the cycle time that all have"
-        )
-    if one_bus and not level:
-        raise MotionError("no other robot was named for one DC bus", "their programs")
     chain = PowerChain(used, _temperatures(temperature, used))
     form = read_form(program, used, chain.robot, topic, TimeRange(start, end), tool, max_feed)
     if time_law and isinstance(form, GcodeForm):
@@ -169,90 +145,21 @@ def optimize(
             states=states,
             peak_limit=np.inf if peak_limit is None else peak_limit,
             regeneration=REGENERATION if regenerative else None,
-            elsewhere=one.joint_position is not form.joint_position,
             speeds=one.speeds,
             accelerations=one.accelerations,
             progress=progress,
         )
 
-    task: Task = task_of(form)
-    moved: Task | None = None
-    name = str(program)
-    chosen: ProgramForm = form
-    variants: dict[str, Cost] = {}
-    if place is not None or any_order:
-        if not isinstance(form, PtpForm):
-            raise MotionError(
-                f"'{program}' is not a program of moves",
-                "point-to-point moves, whose place or order can change",
-            )
-        changed = form
-        shapes = _shapes(used, form, name, notes)
-        if any_order:
-            order = best_order(form, chain, task.wait_power, shapes)
-            changed = form.reordered(order)
-            moved = task_of(changed)
-            variants["order"] = moved.table.cost(moved.base)
-        if place is not None:
-            box = np.asarray(place, dtype=np.float64)
-            placed = alone = best_place(changed, chain, box, link, task.wait_power, shapes)
-            if any_order:
-                alone = best_place(form, chain, box, link, task.wait_power, shapes)
-            at_place = task_of(form.moved(alone.joint_position))
-            variants["place"] = at_place.table.cost(at_place.base)
-            notes.append(_where(placed))
-            changed = changed.moved(placed.joint_position)
-            moved = task_of(changed)
-        chosen, task = changed, replace(task, variants=variants)
+    task, chosen = task_of(form), form
     if time_law:
-        limits = law_limits(chain, chosen.acceleration, chosen.jerk)
-        laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)
-        chosen = TimedForm(chosen, laws)
-        moved = replace(task_of(chosen), variants=task.variants)
-        task = task if variants else moved
-    found = optimise(task, moved)
+        limits = law_limits(chain, form.acceleration, form.jerk)
+        laws = timed_moves(chain, form.moves, form.base, limits, progress=progress)
+        chosen = TimedForm(form, laws)
+        task = task_of(chosen)
+    name = str(program)
+    found = optimise(task)
     report = optimization_report(found, chosen, name, notes)
-    if level and cycle_time is not None:
-        others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
-        robots = [(name, chosen.motion(found.task, found.plan)), *others]
-        report = replace(report, **supply_figures(found.task, robots, cycle_time, one_bus))
     return OptimizationResult(name, report, found, chosen)
-
-
-def _where(placed: Placement) -> str:
-    shift = ", ".join(f"{1e3 * value:+.0f}" for value in placed.offset)
-    touching = f"; at {placed.touching} cheaper ones the robot would touch itself"
-    return (
-        f"the workpiece is shifted by {shift} mm in the base frame, the best of {placed.tried} "
-        f"places, {placed.reachable} of them within all limits{touching * (placed.touching > 0)}"
-    )
-
-
-def _shapes(
-    model: RobotModel, form: PtpForm, program: str, notes: list[str]
-) -> SelfCollision | None:
-    """Shapes of the robot for moves that are new; None where the URDF has none."""
-    shapes = SelfCollision(model)
-    if not shapes.pairs:
-        notes.append(
-            "collisions were not checked: the URDF has no boxes, cylinders or spheres as collision "
-            "shapes of links that could touch each other"
-        )
-        return None
-    found = touching_moves(shapes, form.joint_position)
-    if found is not None:
-        raise MotionError(
-            f"in move {form.labels[found[0]]} of '{program}' as it is, links '{found[1]}' and "
-            f"'{found[2]}' touch each other by the collision shapes of the URDF",
-            "a program in which the robot does not touch itself",
-            "correct the program or the shapes",
-        )
-    meshes = f"; meshes of {', '.join(shapes.without)} were not" if shapes.without else ""
-    notes.append(
-        f"self-collision was checked by the shapes of {', '.join(shapes.links)}{meshes}; objects "
-        "around the robot were not considered"
-    )
-    return shapes
 
 
 def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:

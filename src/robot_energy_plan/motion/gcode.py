@@ -51,10 +51,6 @@ def load_gcode(
 
     Args:
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
-        flavor: Key of `gcode_flavors.FLAVORS`; None: found from the program.
-
-    Raises:
-        MotionError: If it cannot be read, naming the line.
     """
     return read_gcode(gcode_text(path), str(path), rapid_speed, flavor)
 
@@ -98,7 +94,6 @@ def read_gcode(
 
     Args:
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
-        flavor: Key of `gcode_flavors.FLAVORS`; None: found from the program.
 
     Raises:
         MotionError: Naming line, what was found and what was expected.

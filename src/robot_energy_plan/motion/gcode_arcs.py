@@ -50,7 +50,6 @@ def arc_shape(
         end: Where it ends by command. [m]
         words: I, J, K or R. [m]
         absolute: Whether I, J and K are the place of the centre, not its way from the start.
-        turns: How often it reaches its end, >= 1.
 
     Raises:
         MotionError: If the words make no arc.

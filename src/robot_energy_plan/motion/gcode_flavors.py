@@ -29,7 +29,6 @@ class Flavor:
         rapid_at_feed: Whether G0 moves at the last F, as G1; else at a rapid speed of its own.
         dwell: Time of one unit of each word of G4; the first that stands there counts. [s]
         extruder_follows: Whether G90 and G91 count for E too.
-        inches: Whether G20 is taken.
         max_feed: Speed of one unit of M203; None where M203 is unknown. [m/s]
         turns: Whether P of an arc is its number of turns.
         named: Whether there are commands with names instead of a letter and a number.

@@ -46,7 +46,6 @@ class ProgramMachine:
     Attributes:
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
         noted: Codes that were left out, and how often they stood in the program.
-        ended: Whether the program has ended.
     """
 
     name: str
@@ -82,14 +81,7 @@ class ProgramMachine:
         return self.found.flavor
 
     def take(self, text: str, line: int) -> None:
-        """Execute one line.
-
-        Args:
-            line: Its number, from 1.
-
-        Raises:
-            MotionError: If it cannot be executed, naming the line.
-        """
+        """Execute one line."""
         self.line = line
         command = named_command(text)
         if command is not None and (self.flavor.named or command[0] == "@"):
@@ -356,7 +348,6 @@ class ProgramMachine:
         self.position = list(end)
 
     def _unknown(self, axis: str) -> bool:
-        """Whether the program has not stated yet where the tool is."""
         return self.absolute and not self.moved and axis not in self.known
 
     def _speed(self, shares: Sequence[float]) -> float:
@@ -378,7 +369,6 @@ class ProgramMachine:
         return speed
 
     def _arc(self, start: Point, end: Point, values: dict[str, float], extruding: bool) -> Point:
-        """Add an arc and return where it ends."""
         plane = PLANES[self.plane]
         words = {word: values[word] * self.unit for word in ARC_WORDS if word in values}
         if self.centre_absolute:

@@ -65,7 +65,6 @@ def words_of(text: str, where: str, printer: bool = True) -> list[Word]:
     The free text of message codes (M117 ...) is left out.
 
     Args:
-        text: One line, without its end.
         printer: Whether commands of the machine stand alone, with words of any form behind them.
 
     Raises:
@@ -141,9 +140,6 @@ def named_command(text: str) -> str | None:
 
     These are the commands and macros of Klipper (``PRINT_START``), those of GRBL (``$H``) and
     those of a printing host (``@OBJECT``).
-
-    Args:
-        text: One line, without its end.
     """
     code = text.partition(";")[0]
     found = NAMED.match(code) or HOST.match(code)
@@ -151,7 +147,6 @@ def named_command(text: str) -> str | None:
 
 
 def _checked(code: str, where: str) -> str:
-    """Verify and remove a checksum."""
     body, _, given = code.partition("*")
     given = given.strip()
     actual = 0
@@ -167,7 +162,6 @@ def _checked(code: str, where: str) -> str:
 
 
 def _printable(text: str) -> str:
-    """The beginning of a text, for messages."""
     short = text if len(text) <= QUOTED else f"{text[:QUOTED]}..."
     return "".join(c if c.isprintable() else "?" for c in short)
 

@@ -29,7 +29,6 @@ class JointTrajectory:
     """Motion through given points.
 
     Args:
-        joint_names: In the order of the columns.
         time: Times of the points since the start, rising, shape (K,), K >= 2. A point that
             repeats the one before within a microsecond is left out. [s]
         joint_position: Positions of the points, shape (K, n). [rad] or [m]
@@ -39,7 +38,6 @@ class JointTrajectory:
     Attributes:
         duration: Time from the first to the last point. [s]
         instants: Times of the points since the first, shape (K,). [s]
-        notes: What was assumed, one sentence each.
 
     Raises:
         MotionError: If points are missing, out of order or not finite.
@@ -125,22 +123,12 @@ class JointTrajectory:
 
 
 def read_points(message: Any, name: str) -> JointTrajectory:
-    """Return the motion through the points of a decoded ``trajectory_msgs/msg/JointTrajectory``.
-
-    Args:
-        name: Where it comes from, for messages.
-
-    Raises:
-        MotionError: If points are missing, incomplete or out of order.
-    """
+    """Return the motion through the points of a decoded ``trajectory_msgs/msg/JointTrajectory``."""
     return through_points(PointColumns.of(message), name)
 
 
 def through_points(points: PointColumns, name: str) -> JointTrajectory:
     """Return the motion through points.
-
-    Args:
-        name: Where they come from, for messages.
 
     Raises:
         MotionError: If points are missing, incomplete or out of order.

@@ -86,12 +86,10 @@ def load_motion(
     Args:
         path: G-code, an STL shape to be printed, a YAML file of point-to-point moves, a bag with
             a JointTrajectory, or such a trajectory as CSV; the end of the name decides.
-        tool: What G-code and shapes do not state.
         topic: Topic of the trajectory in a bag; None where there is one only.
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.
-        RobotEnergyError: If the program cannot be read or made by this robot.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -136,9 +134,6 @@ def _flavor_note(program: GcodeProgram, options: ToolOptions) -> str:
 
 def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> LoadedMotion:
     """Return a program of a tool as a motion of a robot.
-
-    Args:
-        options: What it does not state.
 
     Raises:
         MotionError: If the robot cannot make it.
@@ -208,10 +203,6 @@ def _start(robot: Robot, structure: str) -> Float:
 
 def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
     """Return numbers that were divided by commas, shape (k,).
-
-    Args:
-        text: Such as ``0.1,0.2,0.3``.
-        counts: How many there may be.
 
     Raises:
         MotionError: If a number is not finite, or their count is wrong.

@@ -26,8 +26,8 @@ PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
 POSITION_TOLERANCE = 1e-12  # m: the tool is in place
 SLOPE_TOLERANCE = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
 STRETCHED = 1e-4  # sine of the angle between two links that count as one line
-STRIDE = 0.05  # m of tool way from one solution to the next one looked for
-AHEAD = 32  # places from one that is followed along the path to the next; all between at once
+STRIDES = (0.2, 0.05)  # m of tool way from one solution to the next; the second where one fails
+AHEAD = 128  # places from one that is followed along the path to the next; all between at once
 MAX_STEPS = 50
 MAX_STEP = 0.3  # rad
 
@@ -54,11 +54,7 @@ class PlanarArm:
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:
-        """Return the geometry of a robot; None if it is not a planar arm.
-
-        Args:
-            link: Link of the URDF that is the tool.
-        """
+        """Return the geometry of a robot; None if it is not a planar arm."""
         zero = np.zeros(robot.n_joints)
         tool, _, jacobian = robot.link_jacobian(zero, link)
         axes: Float = jacobian[3:].T
@@ -100,7 +96,6 @@ class PlanarArm:
 
         Args:
             joint_position: Positions of the others, shape (n,). [rad]
-            free: Indices of the joints that move, rising.
         """
         start, links = self._chain(joint_position, free)
         size = np.abs(links)
@@ -155,7 +150,6 @@ class PlanarArm:
         Args:
             place: Places of the tool, shape (N,). [m]
             start: The reference, shape (n,). [rad]
-            free: Indices of the joints that move, three or more.
             weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
         """
         result = np.full((len(place), len(start)), np.nan)
@@ -191,16 +185,18 @@ class PlanarArm:
         start: Float, free: Sequence[int], weight: Float,
     ) -> tuple[Float, Float] | None:  # fmt: skip
         """Posture and force at the end of a straight way of the tool; None if not found."""
-        strides = max(1, int(np.ceil(abs(wanted - before) / STRIDE)))
-        for share in np.linspace(0.0, 1.0, strides + 1)[1:]:
-            goal = np.array([before + share * (wanted - before)])
-            postures, forces, done = self._nearest(
-                goal, posture[None], force[None], start, free, weight
-            )
-            if not done[0]:
-                return None
-            posture, force = postures[0], forces[0]
-        return posture, force
+        for stride in STRIDES:
+            count = max(1, int(np.ceil(abs(wanted - before) / stride)))
+            now, pull = posture[None], force[None]
+            for share in np.linspace(0.0, 1.0, count + 1)[1:]:
+                goal, last = np.array([before + share * (wanted - before)]), now
+                now, pull, done = self._nearest(goal, now, pull, start, free, weight)
+                far = stride > STRIDES[-1] and (np.abs(now - last) > MAX_STEP).any()
+                if far or not done[0]:  # a long stride may have found another posture
+                    break
+            else:
+                return now[0], pull[0]
+        return None
 
     def _nearest(
         self,

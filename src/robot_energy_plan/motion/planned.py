@@ -51,7 +51,6 @@ class SampledMotion:
     """A motion in closed form, sampled at equal steps.
 
     Args:
-        joint_names: In the order of its arrays.
         duration: Time from start to end, at least 1 us. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
@@ -113,15 +112,9 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
     Times that fall on the same nanosecond, such as a point and a grid instant next to it, are
     one sample: nothing between them lasts.
 
-    Args:
-        times: How often, >= 1.
-
     Yields:
         Times since the start, shape (N,) [s], rising throughout by a nanosecond at least, and
         the motion at them, joint side.
-
-    Raises:
-        MotionError: If it is to be repeated but does not end where it begins.
     """
     first = last = np.empty(0)
     held: list[tuple[Float, Trajectory]] = []  # short turns are handed out together

@@ -22,7 +22,6 @@ class PointColumns:
     Each column is the lengths of its rows, shape (K,), and their figures one after the other.
 
     Attributes:
-        joint_names: As in the message.
         time: Of the points, shape (K,). [s]
         positions: [rad] or [m]
         velocities: [rad/s] or [m/s]
@@ -37,11 +36,7 @@ class PointColumns:
 
     @classmethod
     def of(cls, message: Any) -> PointColumns:
-        """Return the points of a decoded message.
-
-        Args:
-            message: ``trajectory_msgs/msg/JointTrajectory`` of any library.
-        """
+        """Return the points of a decoded message."""
         time = [p.time_from_start.sec + p.time_from_start.nanosec / SECOND_NS
                 for p in message.points]  # fmt: skip
         columns: list[Rows] = []
@@ -54,9 +49,6 @@ class PointColumns:
 
     def column(self, kind: str, name: str) -> Float | None:
         """Return one kind of figure of all points, shape (K, n); None where not all have it.
-
-        Args:
-            kind: One of `KINDS`.
 
         Raises:
             MotionError: If a point has another number of them than there are joints.

@@ -34,8 +34,6 @@ class ProgramFile(ModelEntry):
     after the last back to the first.
 
     Attributes:
-        schema_version: 1.
-        motion: Always ``point_to_point``.
         angle_unit: Unit of revolute joints; prismatic ones are in m.
         via: Configurations, each a mapping of all joints by name.
         dwell: Rest at every configuration, one value or one for each. [s]
@@ -46,7 +44,6 @@ class ProgramFile(ModelEntry):
         acceleration: Greatest, one value or by joint name, in the unit per s^2; absent: full
             speed in 0.5 s, assumed.
         jerk_time: Time over which acceleration builds up. [s]
-        repeat: How often the loop is run.
     """
 
     schema_version: Literal[1]
@@ -86,11 +83,7 @@ class ProgramFile(ModelEntry):
 
 @dataclass(frozen=True)
 class LoadedProgram:
-    """A program for one robot.
-
-    Attributes:
-        notes: What was assumed, one sentence each.
-    """
+    """A program for one robot."""
 
     program: Program
     repeat: int
@@ -98,11 +91,7 @@ class LoadedProgram:
 
 
 def read_program(path: str | Path) -> ProgramFile:
-    """Return a validated program file.
-
-    Raises:
-        MotionError: Naming the bad key, what was found and what was expected.
-    """
+    """Return a validated program file."""
     return load(path, ProgramFile, MotionError, "program file", "see src/examples/programs")
 
 

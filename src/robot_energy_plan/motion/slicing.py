@@ -84,9 +84,6 @@ def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
     It begins each outline at the point nearest to where the last one ended and moves there without
     printing.
 
-    Args:
-        path: STL, text or binary; z points up.
-
     Raises:
         MotionError: If the file cannot be read, holds no shape, is too large or too small for a
             layer, or no closed outline results.

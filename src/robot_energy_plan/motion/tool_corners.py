@@ -43,15 +43,12 @@ class PathPieces(NamedTuple):
         origin: c. [m]
         radius: r. [m]
         rate: k. [rad/m]
-        first: u, unit vector.
-        second: w, unit vector.
         drift: d. [-]
         commanded: Speed by command. [m/s]
         speed: Greatest speed, by command and curvature. [m/s]
         acceleration: Greatest acceleration along the path; 0 on rounded corners. [m/s^2]
         entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
         dwell: Rest, of dwells alone. [s]
-        source_line: Line of the program.
     """
 
     length: Float = NOTHING
@@ -216,7 +213,6 @@ def _stack(pieces: Sequence[PathPieces]) -> PathPieces:
 
 
 def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
-    """Unit tangent at the beginning or the end."""
     if isinstance(segment, LineSegment):
         way = _mixed(segment.end, 1.0, segment.start, -1.0)
         return _mixed(way, 1.0 / segment.length, ZERO, 0.0)
@@ -252,7 +248,6 @@ def _along(point: Vector, direction: Vector, way: float) -> Vector:
 
 
 def _mixed(one: Vector, share: float, two: Vector, other: float) -> Vector:
-    """Weighted sum of two vectors."""
     return (
         share * one[0] + other * two[0],
         share * one[1] + other * two[1],

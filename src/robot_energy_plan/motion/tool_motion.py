@@ -74,7 +74,6 @@ class ToolMotion:
     Args:
         start: Joint positions near the first one; decides which solution is taken,
             shape (n,). [rad] or [m]
-        limits: Limits of the joints; a motion beyond them is refused.
         placement: Place of the robot's base in the frame of the program.
         step: Time between knots, > 0. [s]
         anchored: Whether every solution depends on ``start``, as where a redundant arm stays
@@ -82,8 +81,6 @@ class ToolMotion:
 
     Attributes:
         duration: [s]
-        joint_names: In the order of the arrays.
-        sample_count: Number of samples that ``blocks`` gives.
 
     Raises:
         MotionError: If the step makes no sense or the motion is too long for it.
@@ -120,12 +117,7 @@ class ToolMotion:
         self.sample_count = self._count
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Yield times since the start, shape (N,) [s], and the motion at them, joint side.
-
-        Raises:
-            MotionError: If a position cannot be reached or a limit is exceeded; the text
-                names joint, time and line of the program.
-        """
+        """Yield times since the start, shape (N,) [s], and the motion at them, joint side."""
         joints = np.empty((0, len(self._start)))
         first, solved, last = 0, 0, self._start  # first: index of the first row of joints
         done = 0
@@ -196,7 +188,6 @@ class ToolMotion:
         self, bad: np.ndarray, time: Float, values: Float, verb: str, expected: str, remedy: str,
         speed: bool = False,
     ) -> None:  # fmt: skip
-        """Refuse the first of some samples."""
         if not bad.any():
             return
         row = int(np.argmax(bad.any(axis=1)))

@@ -29,7 +29,6 @@ class LineSegment:
         speed: Commanded path speed, > 0. [m/s]
         source_line: Line of the program, from 1; 0 where there is none.
         rapid: Whether it was commanded as a positioning move (G0).
-        extruding: Whether material flows.
     """
 
     start: Point
@@ -57,7 +56,6 @@ class Arc:
             seen from above where it is horizontal. [rad]
         speed: Commanded path speed, > 0. [m/s]
         source_line: Line of the program, from 1; 0 where there is none.
-        extruding: Whether material flows.
         plane: Indices of the two axes of its plane and of the axis across.
     """
 
@@ -113,9 +111,6 @@ Segment = LineSegment | Arc | Dwell
 @dataclass(frozen=True)
 class ToolPath:
     """A sequence of segments, each beginning where the one before ends.
-
-    Attributes:
-        segments: In order of execution.
 
     Raises:
         MotionError: If there is no move, or a move does not begin where the last one ended.

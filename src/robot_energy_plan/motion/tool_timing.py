@@ -90,9 +90,6 @@ class ToolTrajectory:
 class TimedPath:
     """A tool path in time.
 
-    Args:
-        limits: What the tool may do.
-
     Attributes:
         duration: Time from rest to rest, smoothing included. [s]
         length: Length of the path with rounded corners. [m]
@@ -115,7 +112,6 @@ class TimedPath:
         self._integrate()
 
     def _phases(self, junction: Float) -> None:
-        """Rise, cruise and fall of each piece."""
         pieces = self._pieces
         first, last, a = junction[:-1], junction[1:], pieces.acceleration
         moves, rises = pieces.length > 0, a > 0

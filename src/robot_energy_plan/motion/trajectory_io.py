@@ -42,7 +42,6 @@ def check_sampling(rate: float, loops: int) -> None:
 
     Args:
         rate: Points per second. [Hz]
-        loops: Periods one after the other.
 
     Raises:
         MotionError: If one does not.
@@ -58,10 +57,6 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
 
     Args:
         rate: Points per second. [Hz]
-        loops: Periods one after the other.
-
-    Raises:
-        MotionError: If rate or loops make no sense.
     """
     check_sampling(rate, loops)
     count = max(2, round(loops * motion.period * rate))
@@ -70,16 +65,11 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
 
 
 def _header(joint_names: Sequence[str]) -> str:
-    """The first line of a table."""
     return ",".join(["time", *(f"{kind}_{name}" for kind in COLUMNS for name in joint_names)])
 
 
 def csv_kind(joint_names: Sequence[str]) -> tuple[FileKind, ...]:
-    """Return the kind of file of a table: for controllers' sake it has no mark but its header.
-
-    Args:
-        joint_names: In the order of the columns.
-    """
+    """Return the kind of file of a table: for controllers' sake it has no mark but its header."""
     header = f"{_header(joint_names)}\n".encode()
     return (FileKind("the trajectory of these joints", header, b""),)
 
@@ -88,11 +78,7 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
     """Write a table with one row per point.
 
     Args:
-        joint_names: In the order of the arrays.
         time: Shape (N,). [s]
-
-    Raises:
-        ReportError: If it cannot be written.
     """
     rows = np.column_stack(
         [time, motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
@@ -145,7 +131,6 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
 
 
 def _numbers(line: str, count: int, where: str) -> list[float]:
-    """Numbers of one row."""
     try:
         values = [float(cell) for cell in line.split(",")]
     except ValueError as error:
@@ -167,12 +152,7 @@ def write_trajectory(
     """Write one JointTrajectory message into a new bag.
 
     Args:
-        joint_names: In the order of the arrays.
         time: Since the start, shape (N,). [s]
-        overwrite: Replace a bag that is there.
-
-    Raises:
-        BagError: If the bag cannot be written.
     """
     store = typestore()
     kinds = store.types
@@ -204,12 +184,7 @@ def write_trajectory(
 def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
     """Return the motion of the JointTrajectory of a bag.
 
-    Args:
-        path: MCAP file or rosbag2 folder.
-        topic: Its topic; None where there is one only.
-
     Raises:
-        BagError: If the bag cannot be read.
         MissingTopicError: If there is no such topic, or several.
         MotionError: If it does not hold one message, or that cannot be used.
     """
@@ -243,9 +218,6 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
     """Return a serialized ``trajectory_msgs/msg/JointTrajectory``, for `read_points`.
 
     Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
-
-    Args:
-        name: Where it comes from, for messages.
 
     Raises:
         MotionError: If it is too long or no such message.

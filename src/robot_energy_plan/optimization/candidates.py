@@ -29,7 +29,6 @@ class Candidates(ArrayRecord):
     """Moves, each with its way of being made, shape (P,) each.
 
     Attributes:
-        move: Index of the move.
         speed: Share of the speed limits. [-]
         acceleration: Share of the acceleration limits. [-]
         law: Time law of its own, -1 for none; left out: none at all.
@@ -72,18 +71,13 @@ class Moves(ABC):
 
     @abstractmethod
     def duration(self, candidates: Candidates) -> Float:
-        """Return how long each candidate lasts, shape (P,). [s]
-
-        Args:
-            candidates: Which.
-        """
+        """Return how long each candidate lasts, shape (P,). [s]"""
 
     @abstractmethod
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
         """Return the motion, joint side.
 
         Args:
-            candidates: Which.
             place: Candidate of each row, shape (N,).
             time: Since the start of the move, shape (N,). [s]
         """
@@ -95,7 +89,6 @@ class PtpMoves(Moves):
     Args:
         start: Configuration before each move, shape (K, n). [rad] or [m]
         goal: Configuration after it, shape (K, n). [rad] or [m]
-        limits: Of speed, acceleration and jerk time at shares of 1.
     """
 
     def __init__(self, start: Float, goal: Float, limits: MotionLimits) -> None:
@@ -107,9 +100,6 @@ class PtpMoves(Moves):
         """Return the moves of a program, which can be as fast as its limits without an override.
 
         The jerk time is that of the program as it runs, so that what is left alone does not change.
-
-        Args:
-            limits: Its limits without an override.
         """
         bounds = replace(limits, jerk_time=program.limits.jerk_time)
         return cls(program.via, np.roll(program.via, -1, axis=0), bounds)
@@ -157,11 +147,7 @@ def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATION
 def blocks(
     moves: Moves, candidates: Candidates, samples: int = SAMPLES
 ) -> Iterator[tuple[slice, Samples]]:
-    """Yield the samples of all candidates, a bounded number at a time: which, and their motion.
-
-    Args:
-        candidates: Which; a move without way has two samples at rest.
-    """
+    """Yield the samples of all candidates, a bounded number at a time: which, and their motion."""
     duration = moves.duration(candidates)
     fine, coarse = (np.ceil(duration / step - 1e-9).astype(np.int64) for step in (STEP, LONG_STEP))
     count = np.maximum(np.clip(fine, 1, samples), coarse) + 1

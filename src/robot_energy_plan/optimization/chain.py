@@ -56,9 +56,6 @@ class PowerChain:
 
     Args:
         motor_temperature_degc: At which the program runs, shape (T, n). [degC]
-
-    Raises:
-        RobotEnergyError: If the model cannot be used.
     """
 
     def __init__(self, model: RobotModel, motor_temperature_degc: Float) -> None:
@@ -97,7 +94,6 @@ class PowerChain:
 
         Args:
             joint_position: Where, shape (P, n). [rad] or [m]
-            holding: Whether the drives hold the robot; otherwise brakes do.
         """
         still = np.zeros_like(joint_position)
         first = np.arange(len(joint_position))
@@ -133,7 +129,8 @@ class PowerChain:
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
+            stage = CabinetStage(self.model.cabinet)
+            balance = stage.step(stamp, place, electrical.sum(axis=1), winding)
             returned = self.model.cabinet.regeneration_efficiency
             share = 0.0 if returned is None else returned.value
             excess = np.maximum(

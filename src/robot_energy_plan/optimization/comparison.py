@@ -56,11 +56,7 @@ class ComparedMotion:
 
 @dataclass(frozen=True)
 class MotionComparison:
-    """All candidates.
-
-    Attributes:
-        candidates: In the order given.
-    """
+    """All candidates."""
 
     candidates: tuple[ComparedMotion, ...]
     order: tuple[int, ...]

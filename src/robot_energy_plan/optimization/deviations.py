@@ -137,9 +137,6 @@ def _hat(place: Float, knot: int) -> Float:
 class DeviationSums:
     """Integrates the columns over what a pipeline gave of one motion.
 
-    Args:
-        model: The robot's model, with the payload that it carries.
-
     Attributes:
         braked: Energy into the brake resistor. [J]
     """
@@ -167,11 +164,7 @@ class DeviationSums:
         return np.zeros(1) if self._brake is None else self._brake
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: In time order.
-        """
+        """Take what a step of the pipeline gave."""
         if output.power is None:
             return
         block, time = self._blocks.joined(output.power)

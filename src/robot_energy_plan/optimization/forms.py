@@ -32,16 +32,11 @@ def read_form(
     Args:
         path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
             bag of recorded joint states.
-        model: Of the robot that runs it.
-        robot: The same, ready for computations.
         topic: Of the trajectory, or of the joint states, in a bag; None where there is one only.
-        time_range: Part of recorded joint states; None for all.
-        tool: What G-code does not state.
         max_feed: Greatest factor on the feeds of G-code. [-]
 
     Raises:
         MotionError: If there is no such program, or its kind is unknown.
-        RobotEnergyError: If it cannot be read or made by this robot.
     """
     file = Path(path)
     if not file.exists():
@@ -65,11 +60,7 @@ def read_form(
 
 
 def holds_trajectory(path: Path, topic: str | None) -> bool:
-    """Return whether a bag holds a JointTrajectory, else recorded motion.
-
-    Args:
-        topic: The only one to look at; None for all.
-    """
+    """Return whether a bag holds a JointTrajectory, else recorded motion."""
     topics = BagReader(path).topics
     named = topics if topic is None else {topic} & topics.keys()
     return any(topics[name].msgtype == MESSAGE for name in named)

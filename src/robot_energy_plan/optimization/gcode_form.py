@@ -84,8 +84,6 @@ class GcodeForm(WrittenTrajectory):
     """A G-code program.
 
     Args:
-        robot: That runs it.
-        options: What the program does not state.
         max_feed: Greatest factor on its feeds; 1: never faster than it states. [-]
 
     Raises:

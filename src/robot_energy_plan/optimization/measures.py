@@ -26,7 +26,6 @@ class Measure(Kind):
     """One way to save.
 
     Attributes:
-        changes: What is changed, for tables.
         plan: The best plan that this measure alone gives; None where it does not apply.
         cost: What a plan costs with it, where it changes the cell and not the program.
     """
@@ -37,11 +36,7 @@ class Measure(Kind):
 
 
 def best_states(task: Task, plan: CyclePlan) -> CyclePlan:
-    """Return a plan whose rests are spent in the cheapest state, its way back included.
-
-    Args:
-        task: With the states that may be used.
-    """
+    """Return a plan whose rests are spent in the cheapest state, its way back included."""
 
     def best(via: int, duration: float) -> RestState | None:
         ways = (None, *task.table.states)
@@ -78,7 +73,6 @@ def _time_law(task: Task) -> CyclePlan | None:
 
 
 def _with_supply(task: Task, plan: CyclePlan) -> Cost:
-    """Cost of a plan with a supply that returns braking energy, or a bus that robots share."""
     if task.regeneration is None:
         return task.table.cost(plan)
     model = task.chain.model
@@ -90,18 +84,6 @@ def _with_supply(task: Task, plan: CyclePlan) -> Cost:
     chosen = task.table.candidates[plan.row]
     table = replace(task.table, candidates=chosen, use=chain.moves(task.moves, chosen))
     return table.cost(CyclePlan(np.arange(len(chosen)), plan.rest, plan.state))
-
-
-def _variant(name: str, label: str, line: str, changes: str) -> Measure:
-    """A measure whose program was made before: the task has its cost under this name."""
-    return Measure(
-        name=name,
-        label=label,
-        line=line,
-        changes=changes,
-        plan=lambda task: task.base if name in task.variants else None,
-        cost=lambda task, plan: task.variants[name],
-    )
 
 
 MEASURES: Kinds[Measure] = Kinds(
@@ -119,18 +101,6 @@ MEASURES: Kinds[Measure] = Kinds(
         line="the same shares of speed and acceleration for all moves, no slower than now",
         changes="speed, acceleration",
         plan=_one_override,
-    ),
-    _variant(
-        "order",
-        label="order of independent moves",
-        line="configurations in the order that costs least, each with its rest",
-        changes="order",
-    ),
-    _variant(
-        "place",
-        label="place of the workpiece",
-        line="the workpiece, or the base, shifted in a box, by inverse kinematics",
-        changes="place of workpiece or base",
     ),
     Measure(
         name="regenerative",
@@ -180,7 +150,6 @@ class Tried:
 
     Attributes:
         plan: Its best plan; None where it does not apply.
-        cost: What that costs.
     """
 
     measure: Measure
@@ -194,7 +163,6 @@ class Optimum:
     """What was found.
 
     Attributes:
-        tried: Each measure alone.
         plan: The choice: all measures that change the program, together.
         saving: Over the program as it is; of the program alone, without another supply.
         front: Plans without wait, from fast to slow, and what they cost.
@@ -209,21 +177,11 @@ class Optimum:
     front: list[tuple[CyclePlan, Cost]]
 
 
-def optimise(task: Task, moved: Task | None = None) -> Optimum:
-    """Return the choice, each measure alone and the trade-offs.
-
-    Args:
-        task: The program and what may be changed.
-        moved: The same with the moves that take the place of its own in the choice.
-
-    Raises:
-        MotionError: If a move cannot be made within the limits.
-    """
+def optimise(task: Task) -> Optimum:
+    """Return the choice, each measure alone and the trade-offs."""
     base = task.table.cost(task.base)
     task = task.near(together(task))
     tried = tuple(_try(task, base, measure) for measure in MEASURES.values())
-    if moved is not None:
-        task = moved.near(together(moved))
     plan = together(task)
     cost = task.table.cost(plan)
     free = CyclePlan(task.base.row, task.needed, task.base.state)
@@ -245,12 +203,6 @@ def together(task: Task) -> CyclePlan:
 
     The wait is spent at one place in one state; for each state that place is known, and the moves
     are chosen against the power of that wait.
-
-    Args:
-        task: The program and what may be changed.
-
-    Raises:
-        MotionError: If a move cannot be made within the limits.
     """
     table = task.table
     if task.cycle_time is None:

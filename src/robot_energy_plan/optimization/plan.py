@@ -75,11 +75,7 @@ class Saving:
 
 
 def saving(before: Cost, after: Cost) -> Saving:
-    """Return what a change saves: both programs err by the same figures.
-
-    Args:
-        after: Changed.
-    """
+    """Return what a change saves: both programs err by the same figures."""
     apart = before.columns - after.columns
     half = Z90 * float(np.sqrt((apart**2).sum()))
     return Saving(before.energy - after.energy, half)
@@ -90,11 +86,8 @@ class CostTable:
     """Costs of all candidates and rests of a program.
 
     Attributes:
-        use: What each needs.
         held: What a second of rest before each move needs while the drives hold.
-        braked: The same on brakes.
         states: Ways to rest that may be used.
-        elsewhere: Whether the places of rest are others than in the program it is compared with.
     """
 
     candidates: Candidates
@@ -102,7 +95,6 @@ class CostTable:
     held: Use
     braked: Use
     states: tuple[RestState, ...] = ()
-    elsewhere: bool = False
 
     @property
     def moves(self) -> int:
@@ -113,9 +105,7 @@ class CostTable:
         """Return the energy of a rest, infinite where it is too short for the state. [J]
 
         Args:
-            via: Where.
             duration: [s]
-            state: How; None: the drives hold.
         """
         if state is None:
             return float(self.held.energy[via]) * duration
@@ -133,7 +123,7 @@ class CostTable:
         brake = float(moved.brake.sum())
         columns = moved.columns.sum(axis=0)
         errors = np.zeros((len(self.states), 2))
-        places = np.zeros((2, self.moves))
+        places = np.zeros(self.moves)
         peak = float(moved.peak.max())
         for via, (duration, state) in enumerate(zip(plan.rest.tolist(), plan.state, strict=True)):
             if duration <= 0:
@@ -153,13 +143,13 @@ class CostTable:
                 )  # fmt: skip
             energy = energy + at.by_temperature[via] * share
             columns = columns + at.columns[via] * share
-            places[int(self.elsewhere), via] = FORM_OF_HOLDING * at.energy[via] * share
+            places[via] = FORM_OF_HOLDING * at.energy[via] * share
             peak = max(peak, float(at.peak[via]))
         return Cost(
             duration=float(moved.duration.sum() + plan.rest.sum()),
             energy=float(energy.mean()),
             peak=peak,
             brake=brake,
-            columns=np.concatenate([columns, errors.ravel(), places.ravel()]),
+            columns=np.concatenate([columns, errors.ravel(), places]),
             by_temperature=energy,
         )

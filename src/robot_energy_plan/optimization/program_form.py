@@ -22,14 +22,12 @@ class ProgramForm(ABC):
     """A program of one robot.
 
     Attributes:
-        robot: That runs it.
         needed: Rest before each move, shape (K,). [s]
         joint_position: Where, shape (K, n). [rad] or [m]
         speeds: Shares of speed that are tried. [-]
         accelerations: Shares of acceleration that are tried. [-]
         acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]
-        notes: What was assumed, one sentence each.
         recorded: Whether it is a recording of what the robot has done.
     """
 
@@ -55,9 +53,6 @@ class ProgramForm(ABC):
 
         Args:
             path: The file; of a trajectory a name with .csv makes a table, any other a bag.
-
-        Raises:
-            RobotEnergyError: If it cannot be written.
         """
         self._write(path, task.table.candidates[plan.row], plan.rest)
 

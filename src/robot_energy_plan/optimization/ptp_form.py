@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
 from robot_energy.foundation.files.output_files import COMMENT, TEXT, write_file
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import Float, Int
+from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp import MotionLimits
-from robot_energy_plan.motion.ptp_file import DEGREE, ProgramFile, program_for, read_program
+from robot_energy_plan.motion.ptp_file import ProgramFile, program_for, read_program
 from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
 from robot_energy_plan.optimization.program_form import ProgramForm
 
@@ -26,21 +25,14 @@ ANGLE_DIGITS = 9  # of configurations
 class PtpForm(ProgramForm):
     """A YAML file of point-to-point moves.
 
-    Args:
-        robot: That runs it.
-        file: Its content, where it was changed.
-
     Attributes:
         full_limits: Limits of speed and acceleration at shares of 1, with the jerk time of the
             program.
-
-    Raises:
-        MotionError: If it cannot be read or run by this robot.
     """
 
-    def __init__(self, path: str | Path, robot: Robot, file: ProgramFile | None = None) -> None:
+    def __init__(self, path: str | Path, robot: Robot) -> None:
         self._path = path
-        self._file: ProgramFile = read_program(path) if file is None else file
+        self._file: ProgramFile = read_program(path)
         loaded = program_for(self._file, robot.limits, str(path))
         full = program_for(
             self._file.model_copy(
@@ -70,33 +62,6 @@ class PtpForm(ProgramForm):
             jerk=2.0 * acceleration / max(jerk_time, MIN_JERK_TIME),
             notes=loaded.notes,
         )
-
-    def moved(self, joint_position: Float) -> PtpForm:
-        """Return the same program with other configurations.
-
-        Args:
-            joint_position: Configurations, shape (K, n). [rad] or [m]
-
-        Raises:
-            MotionError: If a configuration breaks a limit.
-        """
-        degrees = self._file.angle_unit == "deg"
-        unit = np.where(self.robot.limits.prismatic, 1.0, DEGREE if degrees else 1.0)
-        rows = np.round(joint_position / unit, ANGLE_DIGITS).tolist()
-        return self._with(via=[dict(zip(self.robot.joint_names, r, strict=True)) for r in rows])
-
-    def reordered(self, order: Int) -> PtpForm:
-        """Return the same program with its configurations in another order, each with its rest.
-
-        Args:
-            order: Indices of the configurations, shape (K,).
-        """
-        chosen: list[int] = order.tolist()
-        via = [self._file.via[k] for k in chosen]
-        return self._with(via=via, dwell=self.needed[order].tolist())
-
-    def _with(self, **update: Any) -> PtpForm:
-        return PtpForm(self._path, self.robot, self._file.model_copy(update=update))
 
     def _changed(self, chosen: Candidates, rest: Float) -> ProgramFile:
         return self._file.model_copy(

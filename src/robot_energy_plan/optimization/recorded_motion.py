@@ -40,12 +40,9 @@ def recorded_motion(
     """Return the motion of recorded joint states, joint side; 20 ms between points.
 
     Args:
-        path: MCAP file or rosbag2 folder.
         time_range: Part of the bag, such as one cycle; None for all.
-        topic: Of the joint states; None where there is one only.
 
     Raises:
-        BagError: If the bag cannot be read.
         MotionError: If there is a gap, or too little or too much of it.
     """
     found: list[TorqueBlock] = []

@@ -40,11 +40,7 @@ class RestState(ModelEntry):
 
 
 class RestStatesFile(ModelEntry):
-    """What one robot's controller can do while the robot rests.
-
-    Attributes:
-        rest_states: The states.
-    """
+    """What one robot's controller can do while the robot rests."""
 
     rest_states: Annotated[list[RestState], Field(min_length=1, max_length=20)]
 
@@ -67,14 +63,7 @@ ASSUMED = (
 
 
 def read_rest_states(path: str | Path) -> tuple[RestState, ...]:
-    """Return the states of a robot.
-
-    Args:
-        path: A YAML file with the key ``rest_states``.
-
-    Raises:
-        MotionError: Naming the bad key, what was found and what was expected.
-    """
+    """Return the states of a robot."""
     file = load(path, RestStatesFile, MotionError, "file of rest states", "see howto_savings.md")
     return tuple(file.rest_states)
 

@@ -68,7 +68,6 @@ def cheapest(
 
 
 def _efficient(table: CostTable, allowed: NDArray[np.bool_], wait_power: float) -> Int:
-    """Candidates that are allowed and not both slower and dearer than another one."""
     kept: list[Int] = []
     for move in range(table.moves):
         rows = np.flatnonzero(allowed & (table.candidates.move == move))

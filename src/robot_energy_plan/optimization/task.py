@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
 from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy_plan.optimization.plan import Cost, CostTable, CyclePlan
+from robot_energy_plan.optimization.plan import CostTable, CyclePlan
 from robot_energy_plan.optimization.rest_states import RestState
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
@@ -29,8 +29,6 @@ class Task:
         cycle_time: Of one cycle; None: the next one begins at once. [s]
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged; None: not asked. [-]
-        variants: Cost of the program as it is but for one change that needs other moves, by the
-            name of the measure.
     """
 
     chain: PowerChain
@@ -42,7 +40,6 @@ class Task:
     cycle_time: float | None
     peak_limit: float
     regeneration: float | None = None
-    variants: Mapping[str, Cost] = field(default_factory=dict[str, Cost])
 
     @property
     def moving_time(self) -> float:
@@ -66,7 +63,6 @@ class Task:
 
         Args:
             row: Candidate of each move, shape (K,).
-            wait_at: Before which move the robot waits.
         """
         rest, state = self.needed.copy(), list(self.base.state)
         if self.cycle_time is not None:
@@ -120,7 +116,6 @@ def make_task(
     states: Sequence[RestState] = (),
     peak_limit: float = np.inf,
     regeneration: float | None = None,
-    elsewhere: bool = False,
     speeds: Float = SPEEDS,
     accelerations: Float = ACCELERATIONS,
     progress: Callable[[float], None] | None = None,
@@ -135,7 +130,6 @@ def make_task(
         states: Ways to rest that may be used.
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged. [-]
-        elsewhere: Whether the robot rests at other places than in the program it is compared with.
         speeds: Shares of speed that are tried, shape (S,). [-]
         accelerations: Shares of acceleration that are tried, shape (A,). [-]
         progress: Called with the share done, 0 to 1.
@@ -153,7 +147,6 @@ def make_task(
         chain.rests(joint_position),
         chain.rests(joint_position, holding=False),
         tuple(states),
-        elsewhere,
     )
     allowed = (use.torque_use <= TORQUE_SHARE) & (use.peak <= peak_limit)
     rows = np.arange(len(base))

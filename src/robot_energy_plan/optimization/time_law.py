@@ -81,7 +81,6 @@ def path_power(chain: PowerChain, path: Trajectory) -> PathPower:
     """Return the figures of a path; of drives without a loss model the losses are 0.
 
     Args:
-        chain: The robot; its mean temperature counts.
         path: The motion over its own time, shape (N, n) each.
     """
     degc = chain.motor_temperature_degc.mean(axis=0)
@@ -183,7 +182,6 @@ class _ConeProgram:
         self._scale = 1.0
 
     def _unit(self, columns: Any, values: Float | float = 1.0) -> Any:
-        """Matrix with one entry in each row."""
         from scipy.sparse import csr_array
 
         rows = len(columns)
@@ -191,11 +189,9 @@ class _ConeProgram:
         return csr_array((data, (np.arange(rows), columns)), shape=(rows, self.size))
 
     def _speed(self, share: float = 0.5) -> Any:
-        """Speed at this share of each part."""
         return (1.0 - share) * self._unit(self.y[:-1]) + share * self._unit(self.y[1:])
 
     def _square(self, factor: Float, share: float = 0.5) -> Any:
-        """Its square times a factor there."""
         before, after = (1.0 - share) * factor, share * factor
         return self._unit(self.b[:-1], before) + self._unit(self.b[1:], after)
 

@@ -72,11 +72,6 @@ class _StretchedMoves(Moves):
 class TrajectoryForm(WrittenTrajectory):
     """A trajectory.
 
-    Args:
-        robot: That runs it.
-        path: Where it comes from, for messages.
-        recorded: Whether the robot has made it.
-
     Raises:
         MotionError: If it is not one of this robot, or never moves.
     """

@@ -14,8 +14,6 @@ from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.rest_states import break_even
 from robot_energy_plan.optimization.task import Task
 from robot_energy_plan.prediction import predict
-from robot_energy_plan.results.common_supply import CommonSupply, StartTime
-from robot_energy_plan.results.shared_bus import SharedBusReport
 
 NOT_CLAIMED = "not claimed: smaller than its uncertainty"
 NOTHING = "changes nothing here"
@@ -134,14 +132,6 @@ class OptimizationReport(Result, name="optimization"):
         tuple[TemperatureFigures, ...], "At each temperature that was asked for."
     ]
     break_even: Annotated[tuple[BreakEven, ...], "States at rest."]
-    starts: Annotated[
-        tuple[StartTime, ...],
-        "Of this robot, as chosen, and of the others on its supply; empty without others.",
-    ]
-    supply: Annotated[CommonSupply | None, "Power of that supply; None without others."]
-    shared_bus: Annotated[
-        SharedBusReport | None, "Energy of that supply where it is one DC bus; else None."
-    ]
     checked_energy: Annotated[float, "Energy of the choice, as live operation predicts it. [J]"]
     how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
@@ -151,11 +141,7 @@ class OptimizationReport(Result, name="optimization"):
 def optimization_report(
     found: Optimum, form: ProgramForm, program: str, notes: Sequence[str] = ()
 ) -> OptimizationReport:
-    """Return all figures, after a prediction of the choice by the stages of live operation.
-
-    Args:
-        notes: What a reader should know, one sentence each.
-    """
+    """Return all figures, after a prediction of the choice by the stages of live operation."""
     task, model = found.task, found.task.chain.model
     degc = task.chain.motor_temperature_degc
     motion = form.motion(task, found.plan)
@@ -191,9 +177,6 @@ def optimization_report(
         front=tuple(FrontPoint(c.duration, c.energy, c.peak) for _, c in found.front),
         temperatures=_temperatures(found),
         break_even=_break_even(task),
-        starts=(),
-        supply=None,
-        shared_bus=None,
         checked_energy=checked,
         how_to_try=_how_to_try(found),
         problems=tuple(problems),
@@ -291,9 +274,7 @@ def _at(task: Task, index: int) -> Task:
         )
         for one in (table.use, table.held, table.braked)
     )
-    return replace(
-        task, table=CostTable(table.candidates, use, held, braked, table.states, table.elsewhere)
-    )
+    return replace(task, table=CostTable(table.candidates, use, held, braked, table.states))
 
 
 def _break_even(task: Task) -> tuple[BreakEven, ...]:

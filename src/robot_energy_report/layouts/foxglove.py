@@ -22,11 +22,7 @@ def _message_path(curve: PlotCurve) -> str:
 
 
 def foxglove(pages: Sequence[Page]) -> str:
-    """Return a layout of version 1: tabs of splits of panels.
-
-    Args:
-        pages: One for each tab.
-    """
+    """Return a layout of version 1: tabs of splits of panels."""
 
     def panel(plot: Plot) -> dict[str, Any]:
         return _panel("Plot", plot.title, {"paths": _series(plot), "showLegend": True})
@@ -52,11 +48,7 @@ def foxglove(pages: Sequence[Page]) -> str:
 
 
 def lichtblick(pages: Sequence[Page]) -> str:
-    """Return a layout of the older form: panels by identifier, and a mosaic of identifiers.
-
-    Args:
-        pages: One for each tab.
-    """
+    """Return a layout of the older form: panels by identifier, and a mosaic of identifiers."""
     panels: dict[str, Any] = {}
 
     def add(kind: str, name: str, config: dict[str, Any]) -> str:

@@ -27,11 +27,7 @@ def series_name(curve: PlotCurve) -> str:
 
 
 def plotjuggler(pages: Sequence[Page]) -> str:
-    """Return a layout with a tab for each page, that reads header stamps.
-
-    Args:
-        pages: One for each tab.
-    """
+    """Return a layout with a tab for each page, that reads header stamps."""
     root = ElementTree.Element("root")
     root.append(ElementTree.Comment(" robot-energy "))
     window = ElementTree.SubElement(

@@ -26,7 +26,6 @@ class PlotCurve:
     """One line of a plot.
 
     Attributes:
-        topic: Of which topic.
         field: Of the message, or of the entry of `joints`.
         joint: Position of the joint; None for a number of the whole robot.
         name: Name of the joint; empty for the whole robot.
@@ -99,22 +98,13 @@ OVERVIEW = (
 
 @dataclass(frozen=True)
 class _Number:
-    """A float64 of a definition: its name, its unit, and whether it is an array."""
-
     name: str
     unit: str
     array: bool
 
 
 def pages(joint_names: Sequence[str]) -> list[Page]:
-    """Return all pages of plots.
-
-    Args:
-        joint_names: In the order of the model.
-
-    Raises:
-        LayoutError: If the definitions lack what the first page names.
-    """
+    """Return all pages of plots."""
     found = [_overview()]
     for topic, kind, totals, by_joint in TOPICS:
         numbers = _numbers(kind)

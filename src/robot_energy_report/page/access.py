@@ -24,7 +24,6 @@ class PageAccess:
     Attributes:
         port: TCP port; 0 for any free one.
         token: What readers of another address, and writers of any, must state; empty for none.
-        allow_control: Whether buttons and their routes exist.
         hosts: Names in the Host header that are served, without the port.
     """
 
@@ -57,27 +56,15 @@ class PageAccess:
         return lines
 
     def knows_host(self, header: str | None) -> bool:
-        """Whether a Host header names this page; another is a rebound name of a foreign site.
-
-        Args:
-            header: The header; None for none.
-        """
+        """Whether a Host header names this page; another is a rebound name of a foreign site."""
         return header is not None and _name(header) in self.hosts
 
     def same_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a request comes from this page or from no page at all.
-
-        Args:
-            origin: The Origin header; None for none.
-        """
+        """Whether a request comes from this page or from no page at all."""
         return origin is None or origin.lower() == f"http://{host}".lower()
 
     def permits(self, authorization: str | None) -> bool:
-        """Whether an Authorization header states the token.
-
-        Args:
-            authorization: The header; None for none.
-        """
+        """Whether an Authorization header states the token."""
         if not self.token or authorization is None:
             return False
         kind, _, given = authorization.partition(" ")
@@ -94,18 +81,11 @@ def page_access(
 ) -> PageAccess:
     """Check the rules of access.
 
-    Args:
-        port: TCP port; 0 for any free one.
-        token_file: File with the token; empty for none.
-        allow_control: Whether buttons and their routes exist.
-        hosts: Further names in the Host header that are served.
-
     Returns:
         The rules.
 
     Raises:
         PageError: If the address is none, or a token is needed and missing or too weak.
-        CredentialsError: If others than its owner may read or write the file of the token.
     """
     try:
         found = ipaddress.ip_address(address)
@@ -155,7 +135,6 @@ def _token(path: str) -> str:
 
 
 def _own_names() -> set[str]:
-    """Names and addresses of this computer."""
     import socket
 
     names = {socket.gethostname().lower()}

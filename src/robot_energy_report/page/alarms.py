@@ -78,7 +78,6 @@ class PageFinding:
     """One status, with what to do about it.
 
     Attributes:
-        level: One of `LEVELS`.
         remedy: What to do; empty where all is well.
     """
 
@@ -90,12 +89,7 @@ class PageFinding:
 
     @classmethod
     def of_status(cls, level: int, name: str, message: str, values: dict[str, str]) -> PageFinding:
-        """Return the finding of a diagnostic status; texts are made safe to show.
-
-        Args:
-            level: Of diagnostic_msgs/DiagnosticStatus, 0 to 3; another counts as error.
-            name: Node and subject, as ``energy_monitor: joint states``.
-        """
+        """Return the finding of a diagnostic status; texts are made safe to show."""
         word = LEVELS[level] if 0 <= level < len(LEVELS) else "ERROR"
         subject = name.rpartition(": ")[2]
         remedy = "" if word == "OK" else SUBJECT_REMEDIES.get(subject, "read the log of the node")

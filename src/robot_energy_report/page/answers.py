@@ -36,11 +36,7 @@ def takes_gzip(request: Request) -> bool:
 
 
 def packed(request: Request, content: bytes, kind: str) -> Response:
-    """Return an answer, packed for who unpacks it.
-
-    Args:
-        kind: Its media type.
-    """
+    """Return an answer, packed for who unpacks it."""
     if not takes_gzip(request):
         return Response(content, media_type=kind)
     headers = {"content-encoding": "gzip", "vary": "accept-encoding"}

@@ -35,7 +35,6 @@ class FlowParts:
         drive_loss: Into motor and drive of each axis, >= 0; NaN: not modelled, no flow.
         loss_dc: Constant loss on the DC bus, >= 0.
         loss_grid: Constant loss on the grid side, >= 0.
-        brake: Into the brake resistor, >= 0.
         capacitor: Into the capacitor; negative while it gives back; NaN: not modelled, no flow.
         returned: Fed back into the grid, >= 0; already subtracted from the grid's sum.
         auxiliary: Name and size of each load outside of the cabinet, >= 0.

@@ -117,7 +117,6 @@ class HistoryRing:
         self._edges[slot, 1] = max(self._edges[slot, 1], edges[1])
 
     def _merge(self) -> None:
-        """Double the length of the buckets."""
         rows = self._rows(MAX_BUCKETS)
         old = self._number[rows], self._energy[rows], self._time[rows]
         numbers, energy, seconds = (column.copy() for column in old)
@@ -156,9 +155,6 @@ class HistoryRing:
 
     def table(self, count: int = MAX_BUCKETS) -> dict[str, Any]:
         """Return the newest buckets as plain values.
-
-        Args:
-            count: Buckets at most; empty ones count, and are left out.
 
         Returns:
             ``width`` [s], ``number`` of each bucket (start over width), and ``mean``, ``low``,

@@ -6,6 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.history.differences import FLAGS, UNRESOLVED
 from robot_energy.timeline.time_series import TimeSeries
@@ -48,30 +50,36 @@ def comparable(now: float | None, before: float | None) -> bool:
     return bool(now and before) and abs((now or 0.0) / (before or 1.0) - 1.0) <= ALIKE
 
 
-def summed(rows: Sequence[Row]) -> list[Row]:
+def summed(table: TimeSeries) -> list[Row]:
     """Return the parts of each robot added up, as of one part that is all of the time."""
-    found: dict[str, Row] = {}
-    for row in rows:
-        held = found.get(row["robot"])
-        found[row["robot"]] = row if held is None else _joined(held, row, 1)
-    return list(found.values())
+    flat = table.to_dict()
+    order = np.argsort(flat["robot"], kind="stable")
+    robots = flat["robot"][order]
+    firsts = np.flatnonzero(np.concatenate([[True], robots[1:] != robots[:-1]])[: len(robots)])
+    ways = {"flags": np.bitwise_or, PEAK: np.maximum}
+    columns = {
+        name: values[order][firsts]
+        if name in KEPT or not len(firsts)
+        else ways.get(name, np.add).reduceat(values[order], firsts)
+        for name, values in flat.items()
+    }
+    return rows_of(TimeSeries(columns.pop("stamp_ns"), columns))
 
 
 def less(rows: Sequence[Row], open_rows: Sequence[Row]) -> list[Row]:
     """The same without the quarter hour that goes on; who has nothing else is left out."""
     last = {row["robot"]: row for row in open_rows}
-    found = (_joined(row, last[row["robot"]], -1) if row["robot"] in last else row for row in rows)
+    found = (_less(row, last[row["robot"]]) if row["robot"] in last else row for row in rows)
     return [row for row in found if row["observed_ns"] or row[IMPORT]]
 
 
-def _joined(one: Row, other: Row, sign: int) -> Row:
-    summed = {
-        name: value + sign * other.get(name, 0)
+def _less(one: Row, other: Row) -> Row:
+    left = {
+        name: value - other.get(name, 0)
         for name, value in one.items()
         if name not in (*KEPT, "flags", PEAK)
     }
-    flags, peak = one["flags"] | other["flags"], max(one[PEAK], other[PEAK])
-    return {**one, **summed, "flags": flags, PEAK: peak}
+    return {**one, **left}
 
 
 def rows_of(table: TimeSeries) -> list[Row]:

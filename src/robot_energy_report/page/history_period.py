@@ -41,11 +41,8 @@ class Period:
     """A time of the history, as a calendar has it.
 
     Attributes:
-        kind: One of `KINDS`, or `SPAN`.
         start_ns: Its begin. [ns]
         stop_ns: Its end. [ns]
-        resolution: Of its parts.
-        zone: Where its days begin.
     """
 
     kind: str
@@ -70,11 +67,7 @@ class Period:
         return f"{first:%F %H:%M} to {last:%F %H:%M}"
 
     def moved(self, step: int) -> Period:
-        """Return the period that lies so many steps later; of a span, as long as it.
-
-        Args:
-            step: 1 for the next, -1 for the one before.
-        """
+        """Return the period that lies so many steps later; of a span, as long as it."""
         local = self._local(self.start_ns)
         match self.kind:
             case "hour":
@@ -173,9 +166,7 @@ def period_at(kind: str, stamp_ns: int, zone: ZoneInfo) -> Period:
     """Return the period of a kind that an instant lies in.
 
     Args:
-        kind: One of `KINDS`.
         stamp_ns: The instant. [ns]
-        zone: Where days begin.
 
     Raises:
         HistoryError: If there is no such kind.
@@ -193,7 +184,6 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
     Args:
         start_ns: Its begin. [ns]
         stop_ns: Its end. [ns]
-        zone: Where days begin.
 
     Raises:
         HistoryError: If it ends before it begins, or is too long.

@@ -35,7 +35,6 @@ class HistoryRoutes:
     """Answers requests for a history.
 
     Args:
-        folder: Of the history.
         allow_control: Whether prices can be set; who asks has stated the token.
     """
 

@@ -30,7 +30,6 @@ class SavingsWish:
     Attributes:
         baseline: Begin of its first day and end of its last. [ns]
         reported: The same of the days that are compared: whole ones that are over. [ns]
-        drivers: Names, of `DRIVERS`.
         measured: Whether the energy is that of the meter.
     """
 
@@ -44,9 +43,6 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
     """Return what a request asks for.
 
     Args:
-        asked: ``baseline_start`` and ``baseline_stop``, days; ``driver``, several or none;
-            ``measured``.
-        period: Whose days are compared.
         now_ns: Time of this computer. [ns]
 
     Raises:
@@ -77,19 +73,7 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
 def savings_answer(
     folder: Path, robots: Sequence[str], period: Period, wish: SavingsWish
 ) -> dict[str, Any]:
-    """Return what robots saved, those with the surest change first; one robot day by day.
-
-    Args:
-        folder: Of the history.
-        robots: Names; empty for all.
-        period: Whose zone the days are of.
-
-    Returns:
-        Energies in J.
-
-    Raises:
-        HistoryError: If there is no history, or no such robot.
-    """
+    """Return what robots saved, those with the surest change first; one robot day by day."""
     found, failed = savings_by_robot(
         folder, wish.baseline, wish.reported, wish.drivers, robots, period.zone.key,
         measured=wish.measured,
@@ -124,7 +108,6 @@ def _total(found: EnergySavings) -> dict[str, Any]:
 
 
 def _one(found: EnergySavings, period: Period) -> dict[str, Any]:
-    """Day by day, what explains the energy, and the days that deviate most."""
     model = found.baseline
     days: list[dict[str, Any]] = []
     for row in rows_of(found):
@@ -156,15 +139,7 @@ def _one(found: EnergySavings, period: Period) -> dict[str, Any]:
 
 
 def friction_answer(folder: Path, robots: Sequence[str], period: Period) -> dict[str, Any]:
-    """Return learned friction of each joint over the parts of a period, largest changes first.
-
-    Args:
-        folder: Of the history.
-        robots: Names; empty for all.
-
-    Raises:
-        HistoryError: If there is no history, or no such robot.
-    """
+    """Return learned friction of each joint over the parts of a period, largest changes first."""
     fine = period.resolution in ("minute", "quarter", "hour")
     parts: Resolution = "day" if fine else period.resolution
     own = Period(period.kind, period.start_ns, period.stop_ns, parts, period.zone)

@@ -6,7 +6,6 @@ import csv
 import io
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.history.api import History, history, history_events, job_sums
 from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.files import open_reader
+from robot_energy.history.files import open_reader, reader
 from robot_energy.history.schema import JOB_SUMS
 from robot_energy.history.spans import robots_of
 from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
@@ -53,12 +52,7 @@ MAX_SPANS = 50  # of those that no part holds
 
 @dataclass(frozen=True)
 class Wish:
-    """What is asked for.
-
-    Attributes:
-        robots: Names; empty for all.
-        group: One of `GROUPS`.
-    """
+    """What is asked for."""
 
     period: Period
     robots: tuple[str, ...] = ()
@@ -66,11 +60,7 @@ class Wish:
 
 
 class HistoryView:
-    """Answers what the page asks of a history; each answer has a connection of its own.
-
-    Args:
-        folder: Of the history; it may come later.
-    """
+    """Answers what the page asks of a history; each answer has a connection of its own."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -109,11 +99,8 @@ class HistoryView:
 
         Returns:
             Energies in J, times in s since 1970; None where nothing was recorded.
-
-        Raises:
-            HistoryError: If there is no history, or no such robot.
         """
-        with closing(open_reader(self.folder)) as connection:
+        with reader(self.folder) as connection:
             known = list(robots_of(connection))
             robots_of(connection, wish.robots)
         tariffs = stored_tariffs(self.folder)
@@ -173,11 +160,7 @@ class HistoryView:
         }  # fmt: skip
 
     def shifts(self, wish: Wish) -> dict[str, Any]:
-        """Return what all robots used in each shift of a period; no rows without shifts.
-
-        Raises:
-            HistoryError: If there is no history, or no such robot.
-        """
+        """Return what all robots used in each shift of a period; no rows without shifts."""
         tariffs, period = stored_tariffs(self.folder), wish.period
         found: dict[str, Row] = {}
         if any(one.shifts for one in tariffs):
@@ -196,11 +179,7 @@ class HistoryView:
         return {"currency": currency, "rows": rows}
 
     def csv(self, wish: Wish) -> str:
-        """Return the parts of a period as a table, by robot, by joint, or by job.
-
-        Raises:
-            HistoryError: If there is no history, or no such robot.
-        """
+        """Return the parts of a period as a table, by robot, by joint, or by job."""
         wish, parts = self._table(wish)
         by_job = wish.group == "job"
         table = self._ended(wish, wish.period, False, JOB_SUMS) if by_job else parts
@@ -222,9 +201,6 @@ class HistoryView:
 
         Returns:
             What was done, in a sentence.
-
-        Raises:
-            HistoryError: If there is no history, or it cannot be written now.
         """
         open_reader(self.folder).close()
         add_tariffs(self.folder, [tariff], now_ns)
@@ -260,7 +236,7 @@ class HistoryView:
         )  # fmt: skip
         if period.resolution == "minute" or any(inside):
             return self._sums(wish, period.start_ns, period.stop_ns)
-        return summed(rows_of(table))
+        return summed(table)
 
     def _sums(self, wish: Wish, start_ns: int, stop_ns: int) -> list[Row]:
         zone = wish.period.zone.key
@@ -296,7 +272,6 @@ class HistoryView:
         ]  # fmt: skip
 
     def _events(self, wish: Wish) -> list[dict[str, Any]]:
-        """The newest events of the period first."""
         period = wish.period
         found = history_events(
             self.folder, period.start_ns, period.stop_ns, wish.robots, period.zone.key

@@ -30,9 +30,7 @@ class PageEvents:
     """What the pages that show one robot were last sent, or all pages while there are few robots.
 
     Attributes:
-        number: Grows by one at each tick.
         state_number: ``number`` of the tick of the last complete state.
-        fleet_number: The same of the last overview.
     """
 
     number: int = 0
@@ -52,11 +50,9 @@ class PageHub:
 
     Attributes:
         title: What the page shows, such as the name of a recording.
-        live: Whether figures grow stale.
         control: Does what the buttons ask for; None for a page without.
         history_folder: Of the history that the page shows; None without one.
         on_tick: Called after every tick, from the thread of the tick.
-        robots: By namespace.
         watched: How many pages show each robot; an empty name is the first one.
     """
 
@@ -131,7 +127,6 @@ class PageHub:
 
         Args:
             now: As of `tick`. [s]
-            name: As of `whole`.
         """
         with self.lock:
             found = self._state(now, name)

@@ -12,7 +12,6 @@ def json_number(value: float | None, digits: int | None = None) -> float | None:
 
     Args:
         value: A number or None, in any unit. [-]
-        digits: Significant digits; None for all.
     """
     if value is None or not math.isfinite(value):
         return None

@@ -9,10 +9,9 @@ from typing import Any, cast
 import numpy as np
 
 from robot_energy.bag.cdr import Decoder, RawBatch, Run, stamp_ns
+from robot_energy.messages.fields import ENERGY_REGISTERS, FRAME, JOINT_FIELDS, RECORDING
 from robot_energy.messages.friction import JOINT_FRICTION
-from robot_energy.messages.model_messages import FRAME, RECORDING
 from robot_energy.messages.power import POWER_STATE
-from robot_energy.messages.registers import ENERGY_REGISTERS, JOINT_FIELDS
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy.timeline.stamps import valid_stamps
 from robot_energy_report.page.rows import LOAD_ENERGIES, LOAD_POWERS
@@ -135,11 +134,7 @@ class PageReaders:
 
 
 def net_energy(registers: dict[str, Any]) -> float:
-    """Return the energy from the grid minus what was fed back. [J]
-
-    Args:
-        registers: As `PageReaders.registers` returns them.
-    """
+    """Return the energy from the grid minus what was fed back. [J]"""
     return float(registers["predicted_import_energy"] - registers["predicted_return_energy"])
 
 

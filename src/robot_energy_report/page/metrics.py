@@ -27,7 +27,6 @@ class Metric:
     """One family of metrics.
 
     Attributes:
-        name: Without the ending of its samples.
         labels: Names of the labels; the first is ``robot``.
         counter: Whether it only grows, from ``energy_start`` on.
     """

@@ -10,15 +10,10 @@ from numpy.typing import NDArray
 
 from robot_energy.bag.cdr import RawBatch
 from robot_energy.foundation.shown_text import shown_lines
-from robot_energy.messages import (
-    FrictionWriter,
-    PowerStateWriter,
-    RegistersWriter,
-    interval_fields,
-)
-from robot_energy.messages.friction import JOINT_FRICTION
-from robot_energy.messages.power import POWER_STATE
-from robot_energy.messages.registers import ENERGY_REGISTERS
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.friction import JOINT_FRICTION, FrictionWriter
+from robot_energy.messages.power import POWER_STATE, PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter, interval_fields
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output
 from robot_energy.replay.bag_replay import Replay

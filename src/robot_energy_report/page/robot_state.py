@@ -69,9 +69,6 @@ class RobotState:
     """Keeps the latest of every topic of one robot, and its history.
 
     Time of receipt comes as an argument, so that live page and recording are one code path.
-
-    Args:
-        live: Whether figures grow stale; those of a recording do not.
     """
 
     def __init__(self, name: str, settings: PageSettings, live: bool = True) -> None:
@@ -120,7 +117,6 @@ class RobotState:
             self._use(found)
 
     def _use(self, found: dict[str, Any]) -> None:
-        """Show registers, and all totals as of their instant."""
         self._registers, self._coming = found, None
         self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
         start_ns, seconds = found["start_ns"], found["observed_time"]
@@ -373,7 +369,6 @@ class RobotState:
         }
 
     def _headline(self) -> dict[str, Any]:
-        """Energy, cost and emission since the registers were set to zero."""
         found = self._registers
         energy = math.nan if found is None else net_energy(found)
         factor, since = self._settings.co2_kg_per_kwh, self._cost.since_ns

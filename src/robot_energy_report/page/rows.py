@@ -47,11 +47,7 @@ Fields = dict[str, Any]
 
 
 def newest_loads(run: Run) -> list[Load]:
-    """Return name, state and powers of each load in the newest power state of a run.
-
-    Args:
-        run: Power states with the fields of ``LOAD_POWERS``.
-    """
+    """Return name, state and powers of each load in the newest power state of a run."""
     names = run.names("auxiliary.name")
     states = cast("tuple[tuple[str, ...], ...]", run.columns["auxiliary.states"]) if names else ()
     found: list[Load] = []
@@ -67,9 +63,7 @@ def load_rows(newest: Sequence[Load], counted: Sequence[Load], live: bool) -> li
     """Return the loads as plain values; None where unknown.
 
     Args:
-        newest: From `newest_loads`.
         counted: Name and energies of each in the newest registers.
-        live: Whether the newest are current.
     """
     energies = {load["name"]: load for load in counted}
     powers = {load["name"]: load for load in newest}
@@ -88,11 +82,7 @@ def load_rows(newest: Sequence[Load], counted: Sequence[Load], live: bool) -> li
 
 
 def load_alarms(newest: Sequence[Load]) -> list[PageFinding]:
-    """Return what is wrong with the power of loads.
-
-    Args:
-        newest: From `newest_loads`, current ones.
-    """
+    """Return what is wrong with the power of loads."""
     return [
         PageFinding("WARN", shown(load["name"]), message, remedy)
         for load in newest

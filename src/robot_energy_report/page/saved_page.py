@@ -44,11 +44,7 @@ MODULE_LINE = re.compile(r"^import .*$\n?|^export (?=const|function|class|async)
 
 @dataclass(frozen=True)
 class StaticFile:
-    """One file of the page.
-
-    Attributes:
-        packed: The same, compressed.
-    """
+    """One file of the page."""
 
     content: bytes
     packed: bytes
@@ -58,11 +54,7 @@ class StaticFile:
 
 @cache
 def static_file(path: str) -> StaticFile:
-    """Return a file of the page.
-
-    Args:
-        path: One of `FILES`.
-    """
+    """Return a file of the page."""
     name = FILES[path]
     content = _content(name)
     tag = hashlib.sha256(content).hexdigest()[:16]
@@ -71,11 +63,7 @@ def static_file(path: str) -> StaticFile:
 
 
 def saved_page(state: dict[str, Any]) -> str:
-    """Return the page with its figures as one HTML file that needs nothing else.
-
-    Args:
-        state: What `PageHub.state` returned, with the history.
-    """
+    """Return the page with its figures as one HTML file that needs nothing else."""
     html = _text("index.html")
     style, script = inline_parts(SCRIPTS)
     figures = json_text(state).replace("<", "\\u003c")
@@ -96,9 +84,6 @@ def inline_parts(scripts: tuple[str, ...] = REPORT_SCRIPTS) -> tuple[str, str]:
     """Return what goes into head and end of a page of one file: look, icon, policy; scripts.
 
     The scripts are joined into one, and the policy permits this script alone.
-
-    Args:
-        scripts: Names of the scripts, each after those that it imports.
     """
     style = _text("page.css")
     script = "\n".join(MODULE_LINE.sub("", _text(name)) for name in scripts)

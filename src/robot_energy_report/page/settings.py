@@ -72,13 +72,7 @@ class CostCounter:
 def load_settings(path: str) -> PageSettings:
     """Read the settings of the page.
 
-    Args:
-        path: A YAML file; empty for the defaults.
-
     Returns:
         The settings.
-
-    Raises:
-        PageError: If the file cannot be read or used.
     """
     return load(path, PageSettings, PageError, "page settings") if path else PageSettings()

@@ -45,11 +45,7 @@ OPEN_PATHS = frozenset(FILES)  # hold no figures; everything else needs the toke
 
 
 class PageApp:
-    """ASGI application of one page.
-
-    Args:
-        access: Who may see them.
-    """
+    """ASGI application of one page."""
 
     def __init__(self, hub: PageHub, access: PageAccess) -> None:
         self._hub, self._access = hub, access

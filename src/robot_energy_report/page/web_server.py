@@ -62,11 +62,7 @@ class BoundedProtocol(H11Protocol):
         super().resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the timers.
-
-        Args:
-            exc: Why the connection ended; None after an orderly end.
-        """
+        """Forget the timers."""
         self._deadline, self._reading = _cancelled(self._deadline), _cancelled(self._reading)
         super().connection_lost(exc)
 
@@ -80,14 +76,7 @@ class BoundedProtocol(H11Protocol):
 
 
 class PageServer:
-    """Serves a page until it is closed.
-
-    Args:
-        access: Where, and for whom.
-
-    Raises:
-        PageError: If the address cannot be listened on.
-    """
+    """Serves a page until it is closed."""
 
     def __init__(self, hub: PageHub, access: PageAccess) -> None:
         self._socket = _listening(access)

@@ -20,7 +20,7 @@ from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.meter.kinds import FLOAT64
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.store import load_account
+from robot_energy.store.account_store import load_account
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
 from robots import two_link
 

@@ -7,7 +7,7 @@ from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.job_intervals import MAX_CLOSED, MAX_OPEN
 from robot_energy.foundation.errors import RegisterError
-from robot_energy.messages import interval_fields
+from robot_energy.messages.registers import interval_fields
 
 
 @pytest.fixture

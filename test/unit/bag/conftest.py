@@ -71,7 +71,7 @@ def read_all(path, topics=("/joints", "/heat")):
     return found, reader
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def bags():
     return SimpleNamespace(
         JOINT_STATE=JOINT_STATE,

@@ -58,13 +58,19 @@ def inserted(data, place, extra):
     return without_checksum(moved)
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, bags):
+    """An MCAP file of several chunks: its content and its messages."""
+    file = bags.write_bag(tmp_path_factory.mktemp("made") / "bag", n=20_000)
+    return file.read_bytes(), bags.read_all(file)[0]
+
+
 @pytest.fixture
-def whole(tmp_path, bags):
-    """An MCAP file of several chunks, its content and its messages."""
-    file = bags.write_bag(tmp_path / "bag", n=20_000)
+def whole(tmp_path, made):
+    """The same, and a copy of the file."""
     target = tmp_path / "one.mcap"
-    shutil.move(file, target)
-    return target, target.read_bytes(), bags.read_all(target)[0]
+    target.write_bytes(made[0])
+    return target, *made
 
 
 @pytest.mark.parametrize("footer", [False, True])

@@ -118,10 +118,9 @@ def without_summary(data):
     return data[:end] + FRAME.pack(FOOTER, 20) + bytes(20) + MAGIC
 
 
-@pytest.mark.parametrize("compression", ["none", "zstd"])
-def test_records_that_vanish_without_a_summary_are_said(tmp_path, bags, compression):
+def test_records_that_vanish_without_a_summary_are_said(tmp_path, bags):
     """Each bit of each opcode and length; an invented end or index that swallows chunks."""
-    file = bags.write_bag(tmp_path / "bag", n=9_000, compression=compression, block=100)
+    file = bags.write_bag(tmp_path / "bag", n=9_000, compression="zstd", block=100)
     data = without_summary(file.read_bytes())
     path = tmp_path / "bare.mcap"
     path.write_bytes(data)

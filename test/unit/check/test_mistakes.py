@@ -132,7 +132,7 @@ def test_a_small_payload_is_said_to_be_out_of_reach():
     assert 0.5 < note.evidence < 4.0
 
 
-@pytest.mark.parametrize("stated", ["joint_torque", "motor_current"])
+@pytest.mark.parametrize("stated", ["joint_torque", pytest.param("motor_current", marks=LONG)])
 def test_motor_torque_stated_as_something_else_is_named(stated, tmp_path):
     def constants(data):
         for entry in data["joints"]:

@@ -27,7 +27,10 @@ def source(result):
 
 @pytest.mark.parametrize(
     ("robot", "seed", "words"),
-    [("arm6", 202, "computed from the motor current"), ("ur10e", 201, "measured behind the gear")],
+    [
+        pytest.param("arm6", 202, "computed from the motor current", marks=pytest.mark.long),
+        ("ur10e", 201, "measured behind the gear"),
+    ],
 )
 def test_bodies_of_a_urdf_that_are_off_are_not_blamed_on_anything(robot, seed, words, tmp_path):
     """Masses by 8 %, centres by 12 mm, rotors by half; the driver sends joint torque."""

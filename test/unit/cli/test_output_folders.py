@@ -76,8 +76,14 @@ STRANGE = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("make", STRANGE)
-@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        *((FOLDERS[0], make) for make in STRANGE),
+        *zip(FOLDERS[1:], STRANGE, strict=False),
+        *(("excitation", make) for make in (a_file, a_pipe)),
+    ],
+)
 def test_a_folder_that_is_not_ours_stays(
     place: Path, capsys: pytest.CaptureFixture[str], name: str, make: Callable[[Path], None]
 ) -> None:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ import pytest
 from faulty_disk import FaultyDisk, inventory
 from logbook import mapping, wheel_csv
 from robot_energy.foundation.files.placement import PREFIX
+from robot_energy.foundation.stopping import Stopped, stoppable
 from robot_energy_cli import main
 from robot_energy_logs.log_import import import_log
 from writing_commands import COMMANDS, FILES, SUFFIX, outputs, own_bag, refused, run
@@ -42,8 +44,16 @@ def a_folder(path: Path) -> None:
     path.mkdir()
 
 
-@pytest.mark.parametrize("make", [a_foreign_file, a_link, a_link_to_nothing, a_folder])
-@pytest.mark.parametrize(("name", "option"), FILES)
+STRANGE = (a_foreign_file, a_link, a_link_to_nothing, a_folder)
+OUTPUTS = zip(
+    FILES, cycle(STRANGE), strict=False
+)  # each output with one of them, the first with all
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "make"),
+    [*((*one, make) for one, make in OUTPUTS), *((*FILES[0], make) for make in STRANGE[1:])],
+)
 def test_a_file_that_is_not_ours_stays(
     place: Path, capsys: pytest.CaptureFixture[str], name: str, option: str,
     make: Callable[[Path], None],
@@ -86,8 +96,7 @@ def test_own_outputs_are_replaced(
     assert inventory(place) == before  # equal input gives equal bytes
 
 
-@pytest.mark.parametrize("error", [FULL, KeyboardInterrupt()], ids=["full", "interrupt"])
-@pytest.mark.parametrize("name", ["replay", "import csv"])
+@pytest.mark.parametrize(("name", "error"), [("replay", FULL), ("import csv", KeyboardInterrupt())])
 def test_an_end_at_any_step_leaves_all_as_it_was(
     place: Path, capsys: pytest.CaptureFixture[str], name: str, error: BaseException
 ) -> None:
@@ -152,7 +161,7 @@ def test_one_file_for_two_outputs_is_refused(
     assert inventory(place) == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_signal_leaves_the_old_bag_and_a_kill_only_a_draft(
     place: Path, number: signal.Signals
 ) -> None:
@@ -179,6 +188,15 @@ def test_a_signal_leaves_the_old_bag_and_a_kill_only_a_draft(
     assert {path: after[path] for path in before} == before
     assert main(["simulate", "--duration", "0.05", "--out", "recording", "--overwrite"]) == 0
     assert not [path for path in inventory(place) if PREFIX in path]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_stops_what_is_stoppable(number: signal.Signals) -> None:
+    if signal.getsignal(number) is signal.SIG_IGN:
+        pytest.skip(f"{number.name} is ignored here, as under nohup")
+    with pytest.raises(Stopped) as caught, stoppable():
+        signal.raise_signal(number)
+    assert caught.value.number == number
 
 
 def test_signals_that_are_ignored_stay_ignored(place: Path) -> None:

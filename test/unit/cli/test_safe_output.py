@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import unicodedata
@@ -50,9 +51,10 @@ def test_an_error_keeps_its_parts_and_quotes_them_safely() -> None:
     assert str(error).endswith("; expected joint 'a'. Name it.")
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> dict[str, Path]:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A bag, a model, a log, a mapping, a program, a parameter file with such names."""
+    tmp_path = tmp_path_factory.mktemp("names")
     wheel_bag(tmp_path)
     found = {"bag": tmp_path / "bag", "log": tmp_path / "wheel.csv"}
     found["model"] = wheel_model(tmp_path)
@@ -101,6 +103,13 @@ def files(tmp_path: Path) -> dict[str, Path]:
     found["mapping"].write_text(yaml.safe_dump(WHEEL_MAPPING))
     found["out"] = tmp_path / f"out{BAD_FILE}"
     return found
+
+
+@pytest.fixture
+def files(made: dict[str, Path], tmp_path: Path) -> dict[str, Path]:
+    """Copies of them."""
+    folder = shutil.copytree(made["bag"].parent, tmp_path / "names")
+    return {name: folder / path.name for name, path in made.items()}
 
 
 COMMANDS = [

@@ -90,7 +90,7 @@ def test_workers_that_are_killed_change_no_bit(hall, sequential, tmp_path, two_c
     killed = []
 
     def kill(done):
-        if done.read in (1, 5) and done.read not in killed:
+        if done.read == 3 and not killed:
             while not (victims := workers()):
                 time.sleep(0.01)  # the processor is for the new worker
             os.kill(victims[done.read % len(victims)].pid, signal.SIGKILL)
@@ -103,7 +103,7 @@ def test_workers_that_are_killed_change_no_bit(hall, sequential, tmp_path, two_c
 
     with on_dask(workers=len(two_cores)) as replays:
         done = replayed(hall, tmp_path / "d", replays, kill)
-        assert len(killed) == 2
+        assert killed
         while not spread():
             time.sleep(0.01)  # the processor is for the new worker
         assert replayed(hall, tmp_path / "again", replays).read == 9

@@ -15,6 +15,7 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 import databases
 from histories import DAY, HOUR, START, Robot
+from places import GRAFANA
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.files import open_reader
@@ -31,7 +32,6 @@ from robot_energy.history.outputs import (
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_cli import main
-from robot_energy_report.page.monitoring import history_dashboard
 
 IMPORT = "predicted_import_microjoule"
 NAMES = ("a", "cell 1/b,c=d", "o'brien; DROP TABLE robot_energy; --", '\u00fc\U0001f916"\\x')
@@ -186,7 +186,7 @@ def test_a_real_postgresql_holds_the_history_once(wanted, folder):
 
 @needs_postgres
 def test_each_query_of_the_dashboard_is_answered(wanted, folder):
-    board = history_dashboard()
+    board = json.loads((GRAFANA / "grafana_history.json").read_text())
     with databases.postgres() as server:
         server.run(sql_bytes(wanted))
         asked = [panel["targets"][0]["rawSql"] for panel in board["panels"]]

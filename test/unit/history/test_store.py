@@ -3,7 +3,7 @@
 import random
 import shutil
 import sqlite3
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from threading import Thread
 
@@ -21,7 +21,7 @@ from robot_energy.bag.cdr import stamp_columns
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.history import readings, schema
-from robot_energy.history.api import history, history_friction
+from robot_energy.history.api import history, history_events, history_friction, history_jobs
 from robot_energy.history.check import check, repair
 from robot_energy.history.differences import CLOCK, EARLIER
 from robot_energy.history.files import open_reader
@@ -29,8 +29,8 @@ from robot_energy.history.friction import LearnedFriction
 from robot_energy.history.readings import COLUMNS, ReadingDecoder
 from robot_energy.history.store import MAX_ROBOTS, HistoryStore
 from robot_energy.history.tariffs import stored_tariffs
-from robot_energy.messages import RegistersWriter
-from robot_energy.messages.registers import ENERGY_REGISTERS
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.registers import RegistersWriter
 
 IMPORT = "predicted_import_microjoule"
 
@@ -345,6 +345,110 @@ def test_a_damaged_file_keeps_what_can_be_read(store):
     assert check(folder) == []
     assert total(folder) == robot.values[IMPORT]
     assert path.with_name(f"{path.name}.bad-1").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{IMPORT: 2**63 - 1}, {IMPORT: -(2**63)}, {"observed_ns": 2**63 - 1, "gap_ns": 2**63 - 1},
+     {"friction_microjoule": 2**70}, {"standby_microjoule": 2**60}],
+)  # fmt: skip
+def test_nonsense_of_one_robot_is_refused_and_stops_no_other(store, changed):
+    robots = {"a": Robot(1), "b": Robot(2)}
+    for minute in range(4):
+        for name, robot in robots.items():
+            reading = robot.minute()
+            if name == "a" and minute in (1, 2):
+                values = dict(zip(COLUMNS, reading.values, strict=True)) | changed
+                reading = replace(reading, values=tuple(values.values()))
+            store.add(name, [reading])
+        assert store.write(robot.now), store.trouble
+    assert store.refused == 2
+    assert not store.waiting
+    assert check(store.folder) == []
+    assert total(store.folder) == sum(robot.values[IMPORT] for robot in robots.values())
+
+
+def test_jobs_that_no_table_holds_are_refused_and_stop_no_other(store):
+    robot = Robot()
+    job = dict.fromkeys(schema.JOB_COLUMNS, 1) | {"name": "weld", "start": START, "stop": START + 1}
+    for number, wrong in enumerate(
+        ({}, {"observed_ns": 2**80}, {"name": "\ud800"}, {"id": -(2**64)})
+    ):
+        store.add_jobs("a", [job | {"id": number} | wrong])
+    write(store, robot, [robot.minute()], "b")
+    assert store.refused == 3
+    assert len(history_jobs(store.folder, START, START + DAY)) == 1
+    assert total(store.folder) == robot.values[IMPORT]
+
+
+def test_a_fault_of_the_program_costs_no_reading(store, monkeypatch):
+    robot = Robot()
+    with monkeypatch.context() as patch:
+        patch.setattr(HistoryStore, "_record", lambda *_: {}["no such key"])
+        store.add("a", [robot.minute()])
+        with pytest.raises(KeyError):
+            store.write(robot.now)
+        assert store.waiting == 1
+    assert store.write(robot.now), store.trouble
+    assert total(store.folder) == robot.values[IMPORT]
+
+
+def test_messages_without_a_stamp_or_with_a_negative_count_are_malformed():
+    given = drawn_messages(0, 4)
+    encoder = encoder_of(ENERGY_REGISTERS, JOINTS)
+    good = {"band": np.uint8(0), "meter_location": np.uint8(0), "gap_count": np.uint64(0),
+            "persisted": True, **stamp_columns(np.full(6, START)),
+            **stamp_columns(np.full(6, START), "energy_start"),
+            "observed_ns": np.array([1, -1, 2**62, 1, 1, 1])}  # fmt: skip
+    columns = zeros(encoder, 6) | good
+    columns["header.stamp.sec"] = np.array([1, 1, 1, -5, 0, 1])
+    columns["energy_start.nanosec"] = np.array([0, 0, 0, 0, 0, 2**31])
+    decoder = ReadingDecoder()
+    found = decoder.decode(page_messages.batch(ENERGY_REGISTERS, encoder.encode(columns, 6)))
+    assert [one.stamp_ns for one in found] == [SECOND]
+    assert decoder.malformed == 5
+    assert decoder.decode(given)
+
+
+def test_whatever_is_damaged_is_an_error_in_one_sentence(store, tmp_path):
+    robot = Robot()
+    for _ in range(20):
+        write(store, robot, [robot.minute() for _ in range(60)])
+    store.close()
+    content = (store.folder / schema.FILE).read_bytes()
+    at = content.index(b"CREATE TABLE slot1 ")
+    draw, refused_once = random.Random(5), 0
+    for number in range(12):
+        damaged = bytearray(content)
+        for _ in range(60):
+            damaged[draw.randrange(4096, len(content))] = draw.randrange(256)
+        if number == 0:
+            damaged[at + 30] = 0xA1
+        folder = tmp_path / f"damaged{number}"
+        folder.mkdir()
+        (folder / schema.FILE).write_bytes(damaged)
+        for ask in (history, history_jobs, history_friction, history_events):
+            try:
+                ask(folder, START, START + DAY, timezone="Asia/Kathmandu")
+            except HistoryError:
+                refused_once += 1
+        with suppress(HistoryError):
+            check(folder)
+        assert isinstance(repair(folder, robot.now), list)
+    assert refused_once > 4
+
+
+def test_a_table_whose_columns_are_damaged_is_written_again(store):
+    robot = Robot()
+    write(store, robot, [robot.minute() for _ in range(60)])
+    folder, path = store.folder, store.folder / schema.FILE
+    store.close()
+    content = path.read_bytes()
+    at = content.index(b"rigid_microjoule", content.index(b"CREATE TABLE joint15"))
+    path.write_bytes(content[:at] + b"x" + content[at + 1 :])
+    assert "damaged" in repair(folder, robot.now)[0]
+    assert check(folder) == []
+    assert total(folder) == robot.values[IMPORT]
 
 
 def test_an_older_schema_is_brought_up_to_date_with_a_copy(store, monkeypatch):

@@ -205,20 +205,6 @@ def test_scale_and_zero_of_torque_come_after_the_torque_constant(tmp_path: Path)
     np.testing.assert_allclose(rows.effort, [[-1.25], [3.25]])  # -3 * 5 * 0.1 + 0.25 N m
 
 
-def test_the_former_signs_of_joints_are_those_of_each_quantity(tmp_path: Path) -> None:
-    data = {**WHEEL_MAPPING, "joints": {**WHEEL_MAPPING["joints"], "signs": [-1]}}
-    path = tmp_path / "mapping.yaml"
-    path.write_text(yaml.safe_dump(data))
-    joints = load_mapping(path).joints
-    assert joints.position is not None
-    assert joints.velocity is not None
-    assert (joints.position.sign, joints.velocity.sign) == ([-1], [-1])
-    data["joints"]["position"] = {**data["joints"]["position"], "sign": [1]}
-    path.write_text(yaml.safe_dump(data))
-    with pytest.raises(LogFormatError, match=r"joints.signs"):
-        load_mapping(path)
-
-
 def test_sign_and_scale_of_the_meter_have_the_words_of_its_topic(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", ["0,0,0,-2", "1,0,0,1"])
     meter = {

@@ -9,7 +9,7 @@ import pytest
 import robots
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
-from robot_energy.messages import PayloadReader, PayloadWriter, answer_set_payload
+from robot_energy.messages.payload import PayloadReader, PayloadWriter, answer_set_payload
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import PayloadChange

@@ -7,8 +7,9 @@ import accounts
 import robots
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.bag.cdr.types import typestore
-from robot_energy.messages import PowerStateWriter, RegistersWriter
-from robot_energy.messages.registers import EXACT_FIELDS, EXACT_JOINT_FIELDS, SHAFT_FIELDS
+from robot_energy.messages.fields import EXACT_FIELDS, EXACT_JOINT_FIELDS, SHAFT_FIELDS
+from robot_energy.messages.power import PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (

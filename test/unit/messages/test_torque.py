@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.messages import TorqueReader, TorqueWriter
+from robot_energy.messages.torque import TorqueReader, TorqueWriter
 from robot_energy.timeline.blocks import Quality, TorqueBlock
 
 NAMES = ("a", "b")

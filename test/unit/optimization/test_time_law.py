@@ -54,9 +54,9 @@ def test_the_speed_limit_holds():
     assert law == pytest.approx(np.full(PARTS + 1, 1.5), rel=1e-3)
 
 
-@pytest.fixture(scope="module", params=["kr16", "irb4600"])
-def found(request):
-    model = load(request.param)
+@pytest.fixture(scope="module")
+def found():
+    model = load("kr16")
     chain = PowerChain(model, np.full((1, 6), 30.0))
     limits = MotionLimits.of_robot(chain.robot, chain.robot.limits.velocity / 0.5)
     via = 0.4 * np.array([[1.0, -1.0, 1.0, 1.0, 0.5, 0.0], [-1.0, -0.2, 0.5, -1.0, 1.0, 1.0]])

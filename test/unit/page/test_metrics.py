@@ -14,11 +14,11 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from page_client import PATIENCE, wait_until
 from page_messages import power_states, recorded, registers
+from places import GRAFANA
 from robot_energy_cli import main
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import PageHub
 from robot_energy_report.page.metrics import METRICS, metrics_text
-from robot_energy_report.page.monitoring import alert_rules, grafana_dashboard
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.page.web_server import PageServer
 
@@ -113,8 +113,9 @@ def test_labels_are_escaped_and_bounded(hub):
 
 
 def queries():
-    rules = yaml.safe_load(alert_rules())["groups"][0]["rules"]
-    targets = [one for panel in grafana_dashboard()["panels"] for one in panel["targets"]]
+    board = json.loads((GRAFANA / "grafana.json").read_text())
+    rules = yaml.safe_load((GRAFANA / "alert_rules.yaml").read_text())["groups"][0]["rules"]
+    targets = [one for panel in board["panels"] for one in panel["targets"]]
     return [rule["expr"] for rule in rules] + [target["expr"] for target in targets]
 
 

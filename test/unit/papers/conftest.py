@@ -1,8 +1,15 @@
-"""A drawn plant that several studies identify is identified once."""
+"""What several studies work out is worked out once."""
 
 import pytest
 
+from robot_energy_papers.wall_sensitivity import wall_tables
 from robot_energy_studies.band_coverage import DrawnRig
+
+
+@pytest.fixture(scope="session")
+def walls():
+    """Sensitivity of the gantry over the arm, in the short form."""
+    return wall_tables(quick=True)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -12,6 +12,7 @@ from scipy.signal import butter, filtfilt
 
 from robot_energy.model import load
 from robot_energy_cli.main import main
+from robot_energy_papers import paper_b
 from robot_energy_papers.drive_study import maps_as_written
 from robot_energy_papers.machines import MACHINES, MOTOR_DEGC, PARTS, layer, predicted, wall_motion
 from robot_energy_plan.prediction import predict
@@ -21,9 +22,11 @@ WALL, HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def found(tmp_path_factory, walls):
     folder = tmp_path_factory.mktemp("paper_b") / "out"
-    assert main(["reproduce", "paper-b", "--quick", "--out", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paper_b, "wall_tables", {True: walls}.__getitem__)
+        assert main(["reproduce", "paper-b", "--quick", "--out", str(folder)]) == 0
     return json.loads((folder / "figures.json").read_text()), folder
 
 

@@ -57,7 +57,6 @@ def test_waits_are_judged_alone(tmp_path):
     assert main(["reproduce", "savings", "--quick", "--waits", "--out", str(folder)]) == 0
     figures = json.loads((folder / "figures.json").read_text())
     assert figures["by_measure"]["slack"]["changes"] == 1
-    assert {"order", "place"}.isdisjoint(figures["by_measure"])
     # nothing else became slower: the cycle lasts as long, so what is saved was waiting
     assert all(abs(row["faster"]) < 1e-6 for row in figures["savings"])
     page = (folder / "report.html").read_text()

@@ -11,7 +11,7 @@ from robot_energy_papers.kr16_sensitivity import HOLD, RISE, holding_table, rise
 from robot_energy_papers.machines import layer, predicted
 from robot_energy_papers.sensitivity import TOGETHER, OpenFigure, sensitivity
 from robot_energy_papers.wall import Wall
-from robot_energy_papers.wall_sensitivity import GANTRY, wall_tables
+from robot_energy_papers.wall_sensitivity import GANTRY
 from robot_energy_rig import load_profile
 
 
@@ -98,11 +98,6 @@ def test_none_reproduces_and_switches_have_nothing_between():
 def test_figures_must_rise():
     with pytest.raises(ValueError, match="do not rise"):
         figure("a", 2, 1, 3)
-
-
-@pytest.fixture(scope="module")
-def walls():
-    return wall_tables(quick=True)
 
 
 def test_friction_of_the_long_axis_by_hand(walls):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import fields
 from itertools import product
 
@@ -131,13 +132,21 @@ def misfit(value, schema, definitions, where="$"):
     return ""
 
 
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    """What most commands read."""
+    folder = tmp_path_factory.mktemp("given")
+    wheel_bag(folder, power=None).rename(folder / "wheel")
+    wheel_model(folder)
+    runs(folder)
+    return folder
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_fits_the_schema_and_the_terminal(name, tmp_path, monkeypatch, capsys):
+def test_a_command_fits_the_schema_and_the_terminal(name, given, tmp_path, monkeypatch, capsys):
     """Its JSON is as the schema says; no digit of what it prints is lost at usual widths."""
+    shutil.copytree(given, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    wheel_bag(tmp_path, power=None).rename("wheel")
-    wheel_model(tmp_path)
-    runs(tmp_path)
     if name.startswith("fleet"):
         dataset(tmp_path / "fleet", 2, faults=False, days=1)
     if name == "auxiliary":

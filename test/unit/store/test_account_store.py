@@ -12,8 +12,8 @@ from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord, Identity
 from robot_energy.foundation.errors import RegisterError
-from robot_energy.store import AccountStore, SlotPair, load_account
-from robot_energy.store.account_store import file_name_of
+from robot_energy.store.account_store import AccountStore, file_name_of, load_account
+from robot_energy.store.slots import SlotPair
 
 
 def keeper(

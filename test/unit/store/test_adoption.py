@@ -9,8 +9,7 @@ import pytest
 import robots
 from accounts import SECOND, steady
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.store import AccountStore, load_account
-from robot_energy.store.account_store import file_name_of, identity_of
+from robot_energy.store.account_store import AccountStore, file_name_of, identity_of, load_account
 
 MODEL = robots.two_link()
 EARLIER = file_name_of(identity_of(MODEL))

@@ -30,7 +30,8 @@ sys.path[:0] = [{here!r}, {source!r}]
 from accounts import IDENTITY, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.store import AccountStore, SlotPair
+from robot_energy.store.account_store import AccountStore
+from robot_energy.store.slots import SlotPair
 
 folder = Path({folder!r})
 

@@ -16,13 +16,11 @@ class RawBatch:
     """Serialized messages of one topic inside one shared buffer, in log order.
 
     Attributes:
-        topic: Name of the topic.
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
         log_time_ns: When each message was recorded or received, int64, shape (n,). [ns]
         buffer: Bytes that hold every message, uint8, one-dimensional and contiguous.
         offset: First byte of each message (of its CDR encapsulation header), int64, shape (n,).
         length: Bytes of each message, int64, shape (n,).
-
     Validity: offsets and lengths come from the data and may be wrong; the decoder checks them.
     """
 
@@ -41,19 +39,10 @@ class RawBatch:
         log_time_ns: ArrayLike,
         messages: Sequence[bytes | memoryview],
     ) -> RawBatch:
-        """Gather messages that were received one by one.
+        """Return messages that were received one by one, in a buffer of their own.
 
         Args:
-            topic: Name of the topic.
-            msgtype: Message type.
             log_time_ns: Time of receipt of each message, shape (n,). [ns]
-            messages: The n serialized messages, in the order of their times.
-
-        Returns:
-            The batch; its buffer is a copy.
-
-        Raises:
-            ShapeError: If there are not as many times as messages.
         """
         times = np.atleast_1d(np.asarray(log_time_ns, dtype=np.int64))
         if times.shape != (len(messages),):
@@ -67,14 +56,7 @@ class RawBatch:
 
     @classmethod
     def joined(cls, parts: Sequence[dict[str, RawBatch]]) -> dict[str, RawBatch]:
-        """Join batches that came one after the other, topic by topic.
-
-        Args:
-            parts: At least one; batches by topic.
-
-        Returns:
-            One batch per topic, in a buffer that holds all of them.
-        """
+        """Return batches that came one after the other joined, one a topic."""
         if len(parts) == 1:
             return parts[0]
         buffers: dict[int, tuple[int, NDArray[np.uint8]]] = {}
@@ -117,13 +99,10 @@ class RawBatch:
         return self.from_messages(self.topic, self.msgtype, self.log_time_ns, messages)
 
     def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
-        """Yield the batch in pieces of bounded size, each with its first row.
+        """Yield the batch in order, in pieces of bounded size, each behind its first row.
 
         Args:
             max_bytes: Of the messages of a piece; a longer message is one of its own.
-
-        Yields:
-            First row and piece, in order.
         """
         if int(self.length.sum()) <= max_bytes:
             yield 0, self
@@ -141,12 +120,6 @@ class RawBatch:
 
         Args:
             i: Index of the message; negative counts from the end.
-
-        Returns:
-            The serialized message.
-
-        Raises:
-            ShapeError: If the message is not wholly inside the buffer.
         """
         start, length = int(self.offset[i]), int(self.length[i])
         if not 0 <= start <= start + length <= len(self.buffer):

@@ -71,34 +71,14 @@ class Run:
     columns: dict[str, Column]
 
     def array(self, path: str) -> NDArray[Any]:
-        """Return a numeric column.
-
-        Args:
-            path: Field path.
-
-        Returns:
-            The array, shape (m, ...).
-
-        Raises:
-            MessageTypeError: If the column is a string or ragged.
-        """
+        """Return a numeric column, shape (m, ...)."""
         column = self.columns[path]
         if not isinstance(column, np.ndarray):
             raise MessageTypeError(f"the field {path} is not a numeric array", "a numeric field")
         return column
 
     def names(self, path: str) -> tuple[str, ...]:
-        """Return a column of strings.
-
-        Args:
-            path: Path of a string sequence.
-
-        Returns:
-            The strings, the same for all rows of the run.
-
-        Raises:
-            MessageTypeError: If the column is numeric or a single string.
-        """
+        """Return a column of strings, the same for all rows of the run."""
         column = self.columns[path]
         if not isinstance(column, tuple) or not all(isinstance(item, str) for item in column):
             raise MessageTypeError(f"the field {path} is not a list of strings", "string sequence")
@@ -235,9 +215,6 @@ class Decoder:
             ``temperature_stamp.sec`` (a field of each element of an array of messages).
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
         max_parts: Strings and messages in the arrays of one message; more are malformed.
-
-    Raises:
-        MessageTypeError: If the type is unknown or a path names no single field.
     """
 
     def __init__(
@@ -262,16 +239,10 @@ class Decoder:
     def decode(self, batch: RawBatch) -> Decoded:
         """Decode a batch.
 
-        Args:
-            batch: Messages of this decoder's type.
-
         Returns:
             Columns by layout, and the rows that could not be decoded. A message is malformed when
             it lies outside the buffer, is too short, has more than three bytes after its end, an
             encapsulation other than CDR, or strings that are not closed or not UTF-8.
-
-        Raises:
-            MessageTypeError: If the batch is of another type.
         """
         if batch.msgtype != self.msgtype:
             raise MessageTypeError(f"a batch of {batch.msgtype} on {batch.topic}", self.msgtype)
@@ -420,7 +391,6 @@ def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
 
     Args:
         run: A run with the columns ``<path>.sec`` and ``<path>.nanosec``.
-        path: Path of the builtin_interfaces/Time field.
 
     Returns:
         Time since the epoch, int64, shape (m, ...); ``INVALID_STAMP_NS`` where the

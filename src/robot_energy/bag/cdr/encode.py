@@ -36,21 +36,14 @@ class Encoder:
     """Encodes messages of one type that share their strings and lengths.
 
     Args:
-        msgtype: Message type.
         constants: What is the same in every message, by field path: str for a string (default
             empty), tuple of str for a string sequence or for the string of each element of an
             array of messages (which also fixes the length), number or tuple of numbers for a
             numeric field.
-        lengths: Length of every other sequence, by field path.
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
 
     Attributes:
-        size: Bytes of one message.
         fields: Paths of the numeric fields that ``encode`` needs.
-
-    Raises:
-        MessageTypeError: If the type or a path is unknown, or a constant does not fit its field.
-        ShapeError: If a sequence has no length, or a constant another length than its sequence.
     """
 
     def __init__(
@@ -92,19 +85,11 @@ class Encoder:
         self.fields = tuple(plans)
 
     def encode(self, columns: Mapping[str, ArrayLike], n: int) -> NDArray[np.uint8]:
-        """Encode ``n`` messages.
+        """Return ``n`` serialized messages, uint8, shape (n, size), little endian.
 
         Args:
             columns: Every path of ``fields``: array (n, ...) with one axis more per array passed,
                 or one number for all of them. NaN where a quantity is unmeasured.
-            n: Number of messages.
-
-        Returns:
-            Complete serialized messages, uint8, shape (n, size), little endian.
-
-        Raises:
-            MessageTypeError: If a field is missing or unknown, or values do not fit its type.
-            ShapeError: If a column has another shape than its field.
         """
         if columns.keys() != self._plans.keys():
             missing = [path for path in self._plans if path not in columns]
@@ -217,17 +202,10 @@ def _check_kind(where: str, values: NDArray[Any], view: View) -> None:
 def stamp_columns(
     stamp_ns: NDArray[np.int64], path: str = "header.stamp"
 ) -> dict[str, NDArray[np.int32] | NDArray[np.uint32]]:
-    """Return the two columns of a builtin_interfaces/Time field.
+    """Return ``<path>.sec`` (int32) and ``<path>.nanosec`` (uint32) of a Time field, same shape.
 
     Args:
         stamp_ns: Time since the epoch, int64, shape (n, ...). [ns]
-        path: Path of the field.
-
-    Returns:
-        ``<path>.sec`` (int32) and ``<path>.nanosec`` (uint32), same shape.
-
-    Raises:
-        ShapeError: If a time is beyond what 32-bit seconds hold (year 2038).
     """
     seconds, rest = np.divmod(np.asarray(stamp_ns, dtype=np.int64), 1_000_000_000)
     narrow = seconds.astype(np.int32)

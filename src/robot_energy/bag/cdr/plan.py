@@ -24,7 +24,6 @@ class View:
     Attributes:
         shape: Axes after the row axis.
         strides: Distance along each of them. [bytes]
-        dtype: Type and byte order in the row.
         is_bool: Whether the number means a truth value.
     """
 
@@ -42,13 +41,10 @@ class View:
         return follow and not self.is_bool and self.dtype.isnative
 
     def of(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Return the values of rows, in the byte order of the rows.
+        """Return a view of the values of rows, in their byte order, shape (m, ...).
 
         Args:
             rows: Messages, uint8, shape (m, row size).
-
-        Returns:
-            A view of the rows, shape (m, ...).
         """
         shape = (len(rows), *self.shape)
         if not rows.size:
@@ -73,14 +69,10 @@ Plan: TypeAlias = View | Stack
 
 
 def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
-    """Return how to reach the numbers a walk found for one field.
+    """Return one view of the numbers of a field where their places are regular, else a stack.
 
     Args:
-        axes: Axes of the field after the message axis.
         order: Byte order, ``<`` or ``>``.
-
-    Returns:
-        One view when the places are regular, else a stack of them.
     """
     dtype, native = _types(order, number.code)
     if isinstance(value, Slot):
@@ -112,14 +104,7 @@ def _types(order: str, code: str) -> tuple[np.dtype[Any], np.dtype[Any]]:
 
 
 def plan_shape(plan: Plan) -> tuple[int, ...] | None:
-    """Return the axes of a column after the row axis.
-
-    Args:
-        plan: Where the values of the column lie.
-
-    Returns:
-        Length of each axis; None if the parts of the column differ in length.
-    """
+    """Return the axes of a column behind the first; None if its parts differ in length."""
     if isinstance(plan, View):
         return plan.shape
     shapes = {plan_shape(part) for part in plan.parts}
@@ -128,14 +113,10 @@ def plan_shape(plan: Plan) -> tuple[int, ...] | None:
 
 
 def read(plan: Plan, rows: NDArray[np.uint8]) -> Column:
-    """Return a column of its own memory in native byte order, number by number contiguous.
+    """Return a column (m, ...) of its own memory in native order; a tuple where lengths differ.
 
     Args:
-        plan: Where the values lie.
         rows: Messages, uint8, shape (m, row size).
-
-    Returns:
-        Array (m, ...); a tuple of arrays where the parts differ in length.
     """
     if isinstance(plan, View):
         view = plan.of(rows)
@@ -150,7 +131,6 @@ def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
     """Put values into messages.
 
     Args:
-        plan: Where the values lie.
         rows: Messages, uint8, shape (m, row size); changed in place.
         values: Array of a shape that broadcasts to (m, ...).
     """
@@ -162,13 +142,10 @@ def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
 
 
 def nested(value: Any, names: list[str], leaf: Callable[[Any], Any]) -> Any:
-    """Return one field out of a tree of values, keeping the nesting of arrays.
+    """Return one field out of a tree of values, arrays of messages in ``leaf`` containers.
 
     Args:
         leaf: What to do with a list at an array of messages (``list`` or ``tuple``).
-
-    Returns:
-        The value at the leaf, in ``leaf`` containers for every array of messages passed.
     """
     if isinstance(value, list):
         items: list[Any] = value  # pyright: ignore[reportUnknownVariableType]

@@ -75,10 +75,6 @@ def compile_schema(msgtype: str, store: Typestore) -> StructField:
 
     Args:
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        store: Type store that has it.
-
-    Raises:
-        MessageTypeError: If the type, or one it is made of, is unknown or holds wide strings.
     """
     if msgtype in store.fielddefs:
         check_size(msgtype, store.fielddefs)
@@ -91,17 +87,11 @@ def check_size(
     inside: tuple[str, ...] = (),
     known: dict[str, int] | None = None,
 ) -> int:
-    """Refuse a message type that nests too deep or has too many fields, without expanding it.
+    """Return the number of fields of a message type; refuse one too deep or too large.
 
     Args:
         fielddefs: Definitions by type; what is not there counts as one field.
         known: Fields of types counted before; grows.
-
-    Returns:
-        Number of fields with all that it is made of.
-
-    Raises:
-        MessageTypeError: If it is too large or contains itself.
     """
     from rosbags.interfaces import Nodetype
 
@@ -169,16 +159,10 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
 
 
 def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
-    """Return what a dotted path names and how many axes it has after the message axis.
+    """Return the number or string at the end of a dotted path, and the arrays on the way.
 
     Args:
         path: Dotted field path, such as ``header.stamp.sec``.
-
-    Returns:
-        The number or string at the end of the path, and the count of arrays passed on the way.
-
-    Raises:
-        MessageTypeError: If the path names no field, or a group of fields.
     """
     node: Node = schema
     axes = 0
@@ -215,11 +199,7 @@ def leaf_paths(schema: StructField) -> list[str]:
 
 
 def tree(paths: Iterable[str]) -> Wanted:
-    """Return dotted paths as a tree of names.
-
-    Args:
-        paths: Such as ``header.stamp.sec``.
-    """
+    """Return dotted paths as a tree of names."""
     root: Wanted = {}
     for path in paths:
         node = root

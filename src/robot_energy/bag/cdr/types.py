@@ -72,9 +72,6 @@ def typestore() -> LazyStore:
     """Return the message definitions of ROS 2 Jazzy, ros2_energy_msgs, and a few more.
 
     The store is made at the first call and shared: take a copy to add types to it.
-
-    Returns:
-        The rosbags type store.
     """
     from robot_energy.bag.cdr.lazy_store import LazyStore
 
@@ -108,9 +105,6 @@ def definition(name: str) -> str:
 
     Args:
         name: Without the package, such as ``PowerState``.
-
-    Raises:
-        MessageTypeError: If there is none of this name.
     """
     path = _MSG_FOLDER / f"{name}.msg"
     if not path.is_file():
@@ -130,18 +124,11 @@ def extended(
     so where one differs from the definition known here, the bag's is right for that bag.
 
     Args:
-        base: Known definitions; unchanged.
         definitions: Per message type its schema encoding (``ros2msg`` or ``ros2idl``) and text.
-        report: Takes one sentence for each definition of a type unknown here that cannot be
-            used, and for types that the definitions contradict each other about; None: the
-            first one is an error.
 
     Returns:
         ``base`` itself if all are known to be the same without a look at all of Jazzy, else a
         new store.
-
-    Raises:
-        MessageTypeError: If a definition cannot be parsed or is too large.
     """
     from robot_energy.bag.cdr.lazy_store import LazyStore
 
@@ -213,14 +200,7 @@ def _with_classes(
 
 
 def differs(store: Typestore, definitions: Mapping[str, tuple[str, str]]) -> bool:
-    """Return whether a type that a store has is defined otherwise.
-
-    Args:
-        definitions: Others, as for `extended`.
-
-    Raises:
-        MessageTypeError: If a definition cannot be parsed.
-    """
+    """Return whether a type that a store has is defined otherwise."""
     return any(
         name in store.fielddefs and store.fielddefs[name][1] != definition[1]
         for msgtype, (encoding, text) in definitions.items()

@@ -80,13 +80,10 @@ def walk(
     max_parts: int = MAX_PARTS,
     exact: bool = False,
 ) -> Walk:
-    """Walk one message.
+    """Return the places in one message, and what decides them.
 
     Args:
         exact: Whether spans leave out the padding between neighbours, which costs more of them.
-
-    Returns:
-        Places, and what decides them.
 
     Raises:
         Malformed: If the message is too short or too long, has another encapsulation than CDR,

@@ -7,7 +7,6 @@ from shlex import quote
 
 MAX_SHOWN = 16  # bytes of a file that are shown
 TABLE = "import it with `robot-energy import table {path} --mapping FILE --out {bag}`"
-KUKA = "import its folder with `robot-energy import kuka-trace FOLDER --mapping FILE --out {bag}`"
 EXPORT = "export its channels as CSV or Parquet, then `robot-energy import table`"
 BAG = "name it as a bag, as in `robot-energy replay {path}`"
 SQLITE = b"SQLite format 3\x00"
@@ -20,7 +19,7 @@ FIRST_BYTES: dict[bytes, tuple[str, str]] = {
     SQLITE: ("an SQLite file, as of rosbag2", BAG),
     b"PAR1": ("a Parquet table", TABLE),
     b"\x1f\x8b": ("a file packed with gzip", TABLE),
-    b"DIAEXTENDED": ("the header of a DIAdem recording, as of a KUKA trace", KUKA),
+    b"DIAEXTENDED": ("the header of a DIAdem recording, as of a KUKA trace", EXPORT),
     b"\x89HDF\r\n\x1a\n": ("an HDF5 file, as of MATLAB", EXPORT),
     b"MATLAB 5.0": ("a MATLAB file", EXPORT),
     b"MDF     ": ("an ASAM MDF recording", EXPORT),

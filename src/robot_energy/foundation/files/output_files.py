@@ -80,9 +80,6 @@ def check_file(
     Args:
         path: The file; ``-`` is the standard output.
         inputs: Files and folders that the command reads; missing ones are ignored.
-
-    Raises:
-        RobotEnergyError: If it cannot be written, or must not be replaced.
     """
     if os.fspath(path) == STANDARD_OUTPUT:
         return
@@ -136,12 +133,8 @@ def write_file(
 
     Args:
         path: The file; ``-`` is the standard output.
-        what: The same in words, for messages.
         remains: Whether a killed run may have left some of it; to look costs time by the number
             of files in the folder.
-
-    Raises:
-        RobotEnergyError: If it cannot be written, or must not be replaced.
     """
     if os.fspath(path) == STANDARD_OUTPUT:
         sys.stdout.write(data.decode("utf-8"))
@@ -191,21 +184,13 @@ def write_all(number: int, data: bytes | memoryview) -> None:
 
 
 def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
-    """Whether a path is a regular file that this tool wrote.
-
-    Args:
-        kinds: What it may be.
-    """
+    """Whether a path is a regular file that this tool wrote."""
     found = os.lstat(path)
     return stat.S_ISREG(found.st_mode) and any(_is_marked(path, kind) for kind in kinds)
 
 
 def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> Path:
-    """Return a path that a file can have.
-
-    Raises:
-        RobotEnergyError: If it is empty, or holds what no name can.
-    """
+    """Return a path that a file can have."""
     text = os.fspath(path)
     try:
         valid = bool(text) and b"\0" not in os.fsencode(text)
@@ -217,15 +202,7 @@ def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> P
 
 
 def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> None:
-    """Refuse a target that is an input, holds one, or lies in one: by files, not by names.
-
-    Args:
-        target: Where to write.
-        inputs: Files and folders that the command reads.
-
-    Raises:
-        RobotEnergyError: If it is.
-    """
+    """Refuse a target that is an input, holds one, or lies in one: by files, not by names."""
     inputs = [*inputs]
     if not inputs:
         return

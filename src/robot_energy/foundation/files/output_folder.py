@@ -25,9 +25,6 @@ class OutputFolder:
     """A folder that appears whole, with all its files, or not at all.
 
     Arguments as in `check_folder`.
-
-    Raises:
-        RobotEnergyError: If it cannot be made, or must not be replaced.
     """
 
     def __init__(
@@ -64,9 +61,6 @@ class OutputFolder:
 
         Args:
             buffering: Size of the buffer. [bytes]
-
-        Raises:
-            RobotEnergyError: If the disk refuses.
         """
         try:
             return io.BufferedWriter(_SyncedFile(self.draft / name), buffering)  # pyright: ignore
@@ -74,22 +68,14 @@ class OutputFolder:
             raise self.failure(trouble) from trouble
 
     def make(self, name: str) -> None:
-        """Make a folder in it.
-
-        Raises:
-            RobotEnergyError: If the disk refuses.
-        """
+        """Make a folder in it."""
         try:
             os.mkdir(self.draft / name)
         except OSError as trouble:
             raise self.failure(trouble) from trouble
 
     def place(self) -> None:
-        """Put it into place, now or at the end of the block `all_or_none` around this.
-
-        Raises:
-            RobotEnergyError: If the disk refuses, or what stands there must not be replaced.
-        """
+        """Put it into place, now or at the end of the block `all_or_none` around this."""
         try:
             with all_or_none() as waiting:
                 waiting.append(self._placement)
@@ -140,11 +126,7 @@ class _SyncedFile(io.RawIOBase):
 
 
 def folder_path(path: str | os.PathLike[str], error: ErrorType = ReportError) -> Path:
-    """Return the path of an output folder with a name of its own.
-
-    Raises:
-        RobotEnergyError: If it can name no folder.
-    """
+    """Return the path of an output folder with a name of its own."""
     target = checked_path(path, "the folder", error)
     if target.name in ("", ".."):
         target = target.resolve()
@@ -166,9 +148,6 @@ def check_folder(
         foreign: Names what in a folder is not ours.
         overwrite: Whether it may be replaced if all in it is ours.
         inputs: Files and folders that the command reads; missing ones are ignored.
-
-    Raises:
-        RobotEnergyError: If it must not be replaced, or lies in an input.
     """
     target = folder_path(path, error)
     name = shown(str(target))

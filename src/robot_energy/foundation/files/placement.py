@@ -1,9 +1,7 @@
 """Drafts next to their targets, moved into place together or not at all.
 
-A draft bears a name of its own (`.robot-energy-...new`); what it replaces is kept next to it
-(`...old`) until all drafts of a command stand. An exception before that puts everything back.
-Only the kill that cannot be caught leaves such files; the next run for the same target
-removes them once their process is gone.
+Only a kill that cannot be caught leaves a draft (`.robot-energy-...new`) or what it replaces
+(`...old`); the next run for the same target removes them once their process is gone.
 """
 
 from __future__ import annotations
@@ -37,7 +35,6 @@ class OutputPlacement:
     """One file or folder on its way into place; an error of the disk is raised as `failure` has it.
 
     Args:
-        target: Where it shall stand.
         check: Raises if what stands at a path (it may be nothing) must not be replaced.
         failure: Makes the exception to raise of an error of the disk.
     """
@@ -173,9 +170,6 @@ def all_or_none() -> Generator[list[OutputPlacement]]:
     """Put all that is written in the block into place at its end, or nothing of it.
 
     A block inside another one leaves that to the outer one.
-
-    Yields:
-        The drafts that wait.
     """
     waiting = _waiting.get()
     if waiting is not None:

@@ -11,18 +11,10 @@ from robot_energy.foundation.errors import CredentialsError
 
 
 def require_private(path: str, what: str, remedy: str = "") -> Path:
-    """Refuse a file of secrets that others can read or write.
+    """Return the path of a file of secrets; refuse one that others can read or write.
 
     Args:
         path: The file; ``~`` is the home folder.
-        remedy: What to do if there is none.
-
-    Returns:
-        Its path.
-
-    Raises:
-        CredentialsError: If it is missing, belongs to another user, or its group or others have
-            any permission.
     """
     full = Path(path).expanduser()
     try:

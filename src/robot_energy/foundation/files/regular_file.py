@@ -49,9 +49,6 @@ def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
 def read_regular(path: str | Path, max_bytes: int) -> bytes:
     """Return the content of a regular file of bounded size.
 
-    Args:
-        max_bytes: Its largest size. [bytes]
-
     Raises:
         OSError: If it cannot be read, is not a regular file or is larger.
     """
@@ -70,7 +67,6 @@ def read_regular_text(
     """Return the text of a regular file of bounded size, with line feeds alone.
 
     Args:
-        max_bytes: Its largest size. [bytes]
         encoding_of: Finds the encoding; by default it is UTF-8.
 
     Raises:

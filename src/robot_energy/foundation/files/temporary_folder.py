@@ -35,11 +35,7 @@ class TemporaryFolder(AbstractContextManager["TemporaryFolder"]):
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove what killed processes of this user left.
-
-    Args:
-        parent: Where temporary folders are made.
-    """
+    """Remove what killed processes of this user left."""
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if not entry.name.startswith(PREFIX):

@@ -50,11 +50,7 @@ class JointCorrection:
                 raise ParameterError(f"sign has the entry {value:g}", "1 or -1")
 
     def check(self, joints: Sequence[str], owner: str) -> None:
-        """Refuse a number of entries that fits neither all joints at once nor each of them.
-
-        Raises:
-            ParameterError: Naming the entry and the joints.
-        """
+        """Refuse a number of entries that fits neither all joints at once nor each of them."""
         for entry in fields(self):
             count = len(getattr(self, entry.name))
             if count not in (1, len(joints)):
@@ -83,11 +79,7 @@ class JointCorrection:
         )
 
     def line(self, quantity: str) -> str:
-        """Return its line of YAML, as ``effort: {sign: [1, -1]}``; empty where it does nothing.
-
-        Args:
-            quantity: ``position``, ``velocity`` or ``effort``.
-        """
+        """Return its line of YAML, as ``effort: {sign: [1, -1]}``; empty where it does nothing."""
         parts = [
             f"{entry.name}: [{', '.join(_number(value, entry.name) for value in values)}]"
             for entry in fields(self)

@@ -76,7 +76,6 @@ class RecordedTime:
 
     Attributes:
         first_ns: Time of receipt of the first one. [ns]
-        last_ns: That of the last one. [ns]
         ahead_ns: Stamp less time of receipt of the first one and of the last one that can be read
             and has a stamp; empty before the first one. [ns]
         ordered: Whether no time of receipt was before one that the file holds earlier.
@@ -103,12 +102,7 @@ class RecordedTime:
             self.ahead_ns = (self.ahead_ns or (first,))[0], last
 
     def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
-        """Return how long messages came before the first sample and after the last one. [ns]
-
-        Args:
-            start_ns: Stamp of the first sample. [ns]
-            end_ns: Stamp of the last one. [ns]
-        """
+        """Return how long messages came before the first sample and after the last one. [ns]"""
         if not self.ordered or not self.ahead_ns:
             return 0, 0
         before = min(start_ns - self.first_ns - ahead for ahead in self.ahead_ns)
@@ -120,9 +114,6 @@ class JointStateReader:
     """Decodes JointState messages and matches their joints by name.
 
     Args:
-        joint_names: Modelled joints in model order.
-        log: Where messages are counted.
-        effort: Whether to read the effort too.
         typestore: Message definitions of the source; those known here by default.
         checked: Leaves out what cannot be used for what it says; None for no such check.
         source: What dates the messages, what they call the joints, where that is not
@@ -164,9 +155,6 @@ class JointStateReader:
 
         Messages of one batch stay in order. Batches are merged by their stamps; where those of
         a batch jump, by the time of receipt, if it distinguishes messages of a batch.
-
-        Args:
-            batches: Serialised messages, one batch per topic.
 
         Returns:
             One row per message, of segment 0 and not differentiated. The position of a joint

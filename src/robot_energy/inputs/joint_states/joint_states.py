@@ -58,7 +58,6 @@ class JointStateIngest:
     for the derivative to fill. Every message that is not used is counted by its reason.
 
     Args:
-        joint_names: Modelled joints in model order.
         typestore: Message definitions of the source; those known here by default.
         limits: Limits from the URDF (`Robot.limits`), which reveal units, robots and
             publishers apart; None to do without.
@@ -74,10 +73,6 @@ class JointStateIngest:
             a sample.
         ignored_joints: Joints met that the model does not know.
         known_names: What messages may call the joints, in model order: each way that is read.
-
-    Raises:
-        ParameterError: If ``max_gap`` cannot be one, or the source names or corrects more or
-            fewer joints than the model has.
     """
 
     def __init__(
@@ -267,13 +262,7 @@ class JointStateIngest:
         return [JointStateProblem(sentence, newest, newest, True, True, setting)]
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
-        """Return the samples that are known with messages of one topic or several; None for none.
-
-        Args:
-            batches: Serialised JointState messages, one batch per topic, each in order of
-                arrival. It makes no difference how they are spread over steps, as long as
-                each topic stays in order and none is ahead of another by more than a second.
-        """
+        """Return the samples known with messages of one topic or several; None for none."""
         given = [batches] if isinstance(batches, RawBatch) else batches
         block = self._reader.read(given)
         if block is None:

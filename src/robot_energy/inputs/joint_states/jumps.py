@@ -26,10 +26,7 @@ class _Repeats:
     """Counts the steps of a moving robot after values that its driver has repeated.
 
     Attributes:
-        first_ns: Stamp of the first one. [ns]
-        last_ns: Stamp of the last one. [ns]
         hold: How long values stand. [s]
-        messages: How many messages bring the same values.
     """
 
     def __init__(self) -> None:
@@ -197,7 +194,6 @@ class PositionJumpDetector:
         """Return which joints leap back in a row of leaps, shape (n,); rows come in order.
 
         Args:
-            stamp_ns: Its stamp. [ns]
             leap: Shape (n,).
         """
         fresh = stamp_ns - self.lone_ns <= MEMORY_NS

@@ -130,11 +130,7 @@ class PartialStateMerger:
         ]
 
     def step(self, run: StreamRun[JointBlock]) -> JointBlock | None:
-        """Return the samples that messages of one epoch complete, or None.
-
-        Args:
-            run: In order of arrival.
-        """
+        """Return the samples that messages of one epoch complete, or None."""
         block = run.block
         if self.in_parts or not len(block):
             return self._merge(block) if len(block) else None

@@ -43,7 +43,6 @@ class JointStateProblem:
 
     Attributes:
         first_ns: Stamp of the first sample concerned. [ns]
-        last_ns: Stamp of the last one. [ns]
         severe: Whether samples cannot be used because of it.
         everywhere: Whether it concerns all samples, so that no figure is right.
         setting: Line of the parameter file that mends it, where one does.
@@ -84,7 +83,6 @@ class Plausibility:
     the positions contradict (deg/s, a wrong sign, zeros of a driver that knows no velocity).
 
     Args:
-        joint_names: Joints in model order.
         limits: Limits from the URDF; None to look at zeros and velocities only.
     """
 

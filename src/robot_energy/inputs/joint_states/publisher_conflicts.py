@@ -37,13 +37,11 @@ class PublisherConflictFilter:
     until a second has passed without another.
 
     Args:
-        log: Where refused samples are counted.
         limits: Limits from the URDF; None to allow what any joint can do.
 
     Attributes:
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
-        last_ns: Stamp of the last sign. [ns]
         astray_ns: Stamp at which the last leap came back that showed no second publisher;
             None if there was none. [ns]
     """
@@ -93,11 +91,7 @@ class PublisherConflictFilter:
         return held
 
     def step(self, samples: JointBlock) -> JointBlock | None:
-        """Return the samples that can be used, with some that waited before, or None.
-
-        Args:
-            samples: One or more.
-        """
+        """Return the samples that can be used, with some that waited before, or None."""
         leaps = self.steps.leaps(samples.stamp_ns, samples.joint_position)
         out: JointBlock | None = samples
         if leaps is not None or self._disputes or not self.steps.calm or self._to_watch:
@@ -187,7 +181,6 @@ class PublisherConflictFilter:
         """Whether a leap back ends one excursion, which other samples than its own know nothing of.
 
         Args:
-            sample: Stamp and positions after the leap.
             back: Which joints leap back, shape (n,).
         """
         if not bool(back.any()):

@@ -27,7 +27,6 @@ class VelocityCheck:
     Args:
         limits: Limits from the URDF; None, or a joint without a limit, refuses nothing.
         ratio: How many times its limit a joint may be fast without being looked at. [-]
-        log: Where refused messages are counted.
     """
 
     def __init__(

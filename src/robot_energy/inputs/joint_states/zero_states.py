@@ -26,11 +26,6 @@ class ZeroStateFilter:
 
     Args:
         limits: Limits from the URDF; None to allow what any joint can do.
-        log: Where messages left out are counted.
-
-    Attributes:
-        first_ns: Stamp of the first one. [ns]
-        last_ns: Stamp of the last one. [ns]
     """
 
     def __init__(self, n_joints: int, limits: JointLimits | None, log: RejectionLog) -> None:

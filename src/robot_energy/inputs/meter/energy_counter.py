@@ -33,8 +33,6 @@ class _Doubt:
     """Readings that do not continue the count.
 
     Attributes:
-        high: Whether they lie above it.
-        first_ns: Stamp of the first. [ns]
         first: The first reading. [J]
         last: The newest reading. [J]
         unbroken: Whether no gap lies between the count and them.
@@ -58,7 +56,6 @@ class EnergyCounterDecoder:
 
     Attributes:
         reset_ns: Stamp of the first reading after the last reset; None if there was none. [ns]
-        high: Readings held because they implied more than `max_power`.
     """
 
     def __init__(self, max_gap_ns: int, max_power: float, wraps_at: float | None = None) -> None:

@@ -71,10 +71,6 @@ class MeterIngest:
         rejections: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current
             of a pair may turn out to be ``unpaired`` when a later message has come.
-
-    Raises:
-        ParameterError: If the type lacks the number or the header that the source names.
-        MessageTypeError: If the type is unknown.
     """
 
     def __init__(
@@ -125,11 +121,7 @@ class MeterIngest:
         return numbers
 
     def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
-        """Return the readings in messages of the topics of the meter; None if there are none.
-
-        Args:
-            batches: Serialised messages, each in order of arrival.
-        """
+        """Return the readings in messages of the topics of the meter; None if there are none."""
         kind = self.source.kind
         if self.source.pair and kind is not None:
             block = self._pair(batches, kind)

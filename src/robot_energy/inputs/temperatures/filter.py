@@ -37,7 +37,6 @@ class TemperatureFilter:
     Attributes:
         temperature_degc: Believed, shape (n,); NaN where none is yet. [degC]
         stamp_ns: Stamp of each, shape (n,); 0 where none is, or of an epoch before. [ns]
-        newest_ns: Newest stamp met. [ns]
         begin_ns: First stamp of the running epoch. [ns]
         doubted: Whether the last value given was refused for what it is, shape (n,).
     """
@@ -80,7 +79,6 @@ class TemperatureFilter:
         """Return the `ReadingStatus` of each motor in one reading, shape (n,).
 
         Args:
-            stamp_ns: Its stamp. [ns]
             values: Shape (n,); NaN where it says nothing. [degC]
         """
         if stamp_ns <= self.newest_ns - SLOW_NS:

@@ -40,7 +40,6 @@ class Said(NamedTuple):
     """What the messages of one run say.
 
     Attributes:
-        names: What they call the joints; k of them.
         values: Shape (m, k), in the unit of the source; NaN where nothing usable is said.
     """
 
@@ -61,13 +60,10 @@ class Adapter(Protocol):
         ...
 
     def read(self, run: Run, /) -> Said | str:
-        """Read messages of one layout.
+        """Return what messages of one layout say, or the reason why they cannot be used.
 
         Args:
             run: m messages with the same names and lengths, decoded into columns.
-
-        Returns:
-            What the messages say, or the reason why they cannot be used.
         """
         ...
 

@@ -50,17 +50,11 @@ class TemperatureReader:
     A fault code counts as no reading, unless the last other reading is within 2 K of it.
 
     Args:
-        joint_names: Modelled joints in model order.
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
-        keys_account: The same of the keys of Float64Values.
         ignored_joints: Names met that are none of the source's joints.
         missing_readings: Values that were not numbers, in messages that were accepted.
-
-    Raises:
-        ParameterError: If the source names a joint that the model lacks.
-        MessageTypeError: If the definition of its messages lacks a field.
     """
 
     def __init__(

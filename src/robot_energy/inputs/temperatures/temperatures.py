@@ -47,7 +47,6 @@ class TemperatureIngest:
     believed, and a single wrong stamp changes nothing.
 
     Args:
-        joint_names: Modelled joints in model order.
         sources: The sources by name, with the full names of their topics; by default the
             topic ``/motor_temperatures`` of MotorTemperatures.
         typestore: Message definitions of the source; those known here by default.
@@ -55,9 +54,6 @@ class TemperatureIngest:
 
     Attributes:
         readers: One per source, with the account of its messages.
-
-    Raises:
-        ParameterError: If a source names a joint that the model lacks.
     """
 
     def __init__(
@@ -116,11 +112,7 @@ class TemperatureIngest:
         return found
 
     def ahead_ns(self, states: JointStateIngest) -> int | None:
-        """Return how far the stamps are ahead of the joint states on arrival; None if unknown. [ns]
-
-        Args:
-            states: The joint states, received by the same clock.
-        """
+        """Return how far stamps are ahead of the joint states on arrival; None if unknown. [ns]"""
         own, other = self._stream.lag_ns, states.lag_ns
         return None if own is None or other is None else own - other
 
@@ -148,11 +140,7 @@ class TemperatureIngest:
         return list(filter(None, found))
 
     def account_of(self, topic: str) -> RejectionLog:
-        """Return the account of the first source that reads values from a topic.
-
-        Args:
-            topic: Full name of the topic; a source must read it.
-        """
+        """Return the account of the first source that reads values from a topic."""
         return next(each.rejections for each in self.readers if topic == each.source.topic)
 
     def arrivals(self, batches: Sequence[RawBatch]) -> list[tuple[RejectionLog, int]]:
@@ -172,9 +160,6 @@ class TemperatureIngest:
 
     def step(self, batches: Sequence[RawBatch]) -> TemperatureBlock | None:
         """Take messages of any number of topics.
-
-        Args:
-            batches: Serialised messages, each topic in order of arrival.
 
         Returns:
             Readings in order of arrival; those that arrived together in the order of their

@@ -75,11 +75,8 @@ class Compiled(Protocol):
             stamp_ns: Rising, shape (N,). [ns]
             values: Order F, shape (N, n). [unit]
             slope: Written to, of the rows from ``start`` on, order F, shape (M, n). [unit/s]
-            start: First of these rows.
             behind_ns: How far a window reaches behind its row. [ns]
-            ahead_ns: How far it reaches ahead. [ns]
             least_behind: Samples that it has behind at least, if there are so many.
-            least_ahead: The same ahead.
             scale: Unit of time in the fit. [s]
 
         Returns:
@@ -165,9 +162,7 @@ class Compiled(Protocol):
         """Take columns of numbers out of messages of one layout.
 
         Args:
-            buffer: Bytes of all messages.
             offset: First byte of each, which has the length of the key, shape (N,).
-            key: A message of the layout.
             starts: First byte of each span that must agree with the key, int64, shape (S,).
             stops: First byte behind each, int64, shape (S,).
             places: First byte of the numbers of each column, up to ``MAX_COLUMNS``.
@@ -184,11 +179,9 @@ class Compiled(Protocol):
         """Find the messages in a block of MCAP records.
 
         Args:
-            data: The records.
             table: Written to, int64, shape (4, room): channel, log time [ns], first byte and
                 length of each message.
             others: Written to, int64, shape (room,): where each schema and channel begins.
-            limit: Most messages to take.
 
         Returns:
             Number of messages, of others, and the first byte behind the last whole record.

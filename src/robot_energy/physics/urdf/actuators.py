@@ -57,15 +57,7 @@ class _Found:
 def read_actuators(
     root: ET.Element, joint_names: Sequence[str]
 ) -> tuple[dict[str, Actuator], list[str]]:
-    """Return what the URDF states of the drives, and what of that is not used.
-
-    Args:
-        root: From `parse`.
-        joint_names: Modelled joints, in model order.
-
-    Returns:
-        The drive of every joint, and a sentence for each kind of entry that is left out.
-    """
+    """Return the drive of every joint, and a sentence for each kind of entry that is left out."""
     found = _Found({name: Actuator() for name in joint_names})
     for transmission in (
         *root.iterfind("transmission"),
@@ -85,7 +77,6 @@ def without_defaults(
     """Return the drives without friction that no such joint can have, and say what was left out.
 
     Args:
-        actuators: From `read_actuators`, in the order of the limits.
         effort: Largest torque or force of each joint, joint side. [N m] or [N]
         velocity: Largest speed. [rad/s] or [m/s]
     """

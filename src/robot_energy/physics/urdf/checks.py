@@ -30,7 +30,6 @@ class JointLimits:
     """Limits of the modelled joints from the URDF, joint side.
 
     Attributes:
-        joint_names: The joints, in model order.
         lower: Shape (n,), -inf where there is none (continuous joints). [rad] or [m]
         upper: Shape (n,), inf where there is none. [rad] or [m]
         velocity: Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]
@@ -48,11 +47,7 @@ class JointLimits:
     wraps: NDArray[np.bool_]
 
     def unit(self, joint: int) -> str:
-        """Unit of a joint's position.
-
-        Returns:
-            ``m`` for a prismatic joint, otherwise ``rad``.
-        """
+        """Return the unit of the position: ``m`` of a prismatic joint, else ``rad``."""
         return "m" if self.prismatic[joint] else "rad"
 
 
@@ -81,8 +76,6 @@ class Inventory:
     """What of a URDF is modelled, and what is not.
 
     Attributes:
-        joints: Modelled joints in model order, then the locked ones as in the URDF.
-        fixed_joints: How many joints only hold links together.
         massless_links: Links that move without a mass of their own.
         allowed_massless: Those of them whose whole body has none, on purpose.
     """
@@ -120,9 +113,6 @@ def parse(urdf_xml: str) -> ET.Element:
 
     Returns:
         The root, whose joints and links have unique names and finite numbers.
-
-    Raises:
-        RobotDescriptionError: If it cannot be used.
     """
     root = read_elements(urdf_xml)
     if root.tag != "robot":
@@ -153,20 +143,7 @@ def parse(urdf_xml: str) -> ET.Element:
 def take_inventory(
     root: ET.Element, joint_names: Sequence[str], massless_links: Sequence[str] = ()
 ) -> Inventory:
-    """Say what of a URDF is modelled.
-
-    Args:
-        root: From `parse`.
-        joint_names: Modelled joints, in model order.
-        massless_links: Links that may move without inertia, on purpose.
-
-    Returns:
-        Every joint that can move, and what is done with it.
-
-    Raises:
-        RobotDescriptionError: If a modelled joint or a moving link cannot be used.
-        UnknownJointError: If the URDF lacks a modelled joint.
-    """
+    """Return every joint that can move, and what is done with it."""
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     moving = {name: joint for name, joint in joints.items() if joint.get("type") != "fixed"}
     for name in joint_names:
@@ -216,12 +193,7 @@ def take_inventory(
 
 
 def moved_mass(root: ET.Element, joint_names: Sequence[str]) -> list[float]:
-    """Return the mass of the rigid body that each modelled joint moves. [kg]
-
-    Args:
-        root: From `parse`.
-        joint_names: Modelled joints, in model order.
-    """
+    """Return the mass of the rigid body that each modelled joint moves. [kg]"""
     bodies = _bodies(root, tuple(joint_names))
     return [bodies[name][0] for name in joint_names]
 
@@ -231,10 +203,6 @@ def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
 
     Velocity and effort limits of 0 or less or beyond all robots, and ranges without extent, are
     what exporters write where no limit is known: they count as none.
-
-    Args:
-        root: From `parse`.
-        joint_names: Modelled joints, in model order.
     """
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     kinds = [str(joints[name].get("type")) for name in joint_names]
@@ -268,10 +236,6 @@ def for_dynamics(root: ET.Element, keep: str = "") -> str:
     without them. Continuous joints become revolute, one coordinate instead of (cos, sin).
     Mimics become joints of their own, which `Robot` locks. A joint that only holds may have a name
     that the dynamics keep for themselves; it gets another one.
-
-    Args:
-        root: From `parse`; changed in place.
-        keep: Element of links that is kept as well.
     """
     wide = {"lower": -UNLIMITED, "upper": UNLIMITED, "velocity": UNLIMITED, "effort": UNLIMITED}
     for element in list(root):

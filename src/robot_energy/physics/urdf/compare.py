@@ -20,9 +20,6 @@ def disagreements(model: RobotModel, urdf_xml: str) -> list[str]:
 
     Returns:
         One part of a sentence for each kind of difference; empty if there is none.
-
-    Raises:
-        RobotDescriptionError: If the other description cannot be read.
     """
     ours, theirs = parse(model.urdf_xml), parse(urdf_xml)
     known = {str(joint.get("name")): str(joint.get("type")) for joint in theirs.findall("joint")}

@@ -34,7 +34,6 @@ def usable_limit(kind: str, key: str, value: float) -> float:
     """Return a limit of effort or velocity, or inf where the URDF gives none that can be one.
 
     Args:
-        key: ``effort`` or ``velocity``.
         value: As in the URDF, joint side. [N m], [N], [rad/s] or [m/s]
     """
     largest = MAX_EFFORT if key == "effort" else _fastest(kind)
@@ -42,15 +41,7 @@ def usable_limit(kind: str, key: str, value: float) -> float:
 
 
 def limit_remarks(root: ET.Element, joint_names: Sequence[str]) -> list[str]:
-    """Name limits of the URDF that count as not given, though it states them.
-
-    Args:
-        root: From `parse`.
-        joint_names: Modelled joints, in model order.
-
-    Returns:
-        One sentence for each kind of limit.
-    """
+    """Return a sentence for each kind of limit that counts as not given, though it is stated."""
     found: dict[str, list[str]] = {}
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     for name in joint_names:
@@ -68,11 +59,7 @@ def limit_remarks(root: ET.Element, joint_names: Sequence[str]) -> list[str]:
 
 
 def first_names(names: Sequence[str], most: int = 6) -> str:
-    """Return names of joints as one phrase, and how many more there are.
-
-    Args:
-        most: Names that are written out.
-    """
+    """Return names of joints as one phrase, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 

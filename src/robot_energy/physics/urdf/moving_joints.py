@@ -17,9 +17,7 @@ class MovingJoint:
 
     Attributes:
         mass: Of all that it carries. [kg]
-        prismatic: Whether it moves in m.
         branches: Whether the body it sits on carries other moving joints too.
-        mimics: Whether it follows another joint.
     """
 
     mass: float
@@ -29,11 +27,7 @@ class MovingJoint:
 
 
 def moving_joints(root: ET.Element) -> dict[str, MovingJoint]:
-    """Return the joints that turn or slide, from the base outward.
-
-    Args:
-        root: From `parse`.
-    """
+    """Return the joints that turn or slide, from the base outward."""
     mass = {
         str(link.get("name")): 0.0
         if (element := link.find("inertial/mass")) is None
@@ -81,14 +75,7 @@ def moving_joints(root: ET.Element) -> dict[str, MovingJoint]:
 
 
 def mimic_remarks(root: ET.Element) -> list[str]:
-    """Name joints that follow another one and carry more than fingers: they count as locked.
-
-    Args:
-        root: From `parse`.
-
-    Returns:
-        One sentence each.
-    """
+    """Return a sentence for each follower that is locked, as it carries more than fingers."""
     joints = moving_joints(root)
     total = max((joint.mass for joint in joints.values()), default=0.0)
     return [

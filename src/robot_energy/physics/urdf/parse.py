@@ -54,10 +54,6 @@ def read_elements(urdf_xml: str) -> ET.Element:
 
     Prefixes stay parts of names, as the parsers of other programs for URDFs leave them: so a
     prefix need not be declared, and a default namespace changes nothing.
-
-    Raises:
-        RobotDescriptionError: If it is too large or too deep, declares a DOCTYPE, is no XML, or
-            is a xacro file.
     """
     if len(urdf_xml) > MAX_URDF_BYTES:
         raise RobotDescriptionError(
@@ -118,14 +114,7 @@ class _Builder(ET.TreeBuilder):
 
 
 def check_numbers(root: ET.Element) -> None:
-    """Refuse names, numbers and inertias that the dynamics would take for something else.
-
-    Args:
-        root: The element ``robot``.
-
-    Raises:
-        RobotDescriptionError: Naming the link or joint, what was found and what was expected.
-    """
+    """Refuse names, numbers and inertias that the dynamics would take for something else."""
     for element in (*root.findall("link"), *root.findall("joint")):
         name = element.get("name")
         held = element.tag == "joint" and element.get("type") == "fixed"
@@ -159,14 +148,7 @@ def check_numbers(root: ET.Element) -> None:
 
 
 def prefix_remarks(root: ET.Element) -> list[str]:
-    """Name prefixes of elements and attributes that the URDF does not declare.
-
-    Args:
-        root: The element ``robot``.
-
-    Returns:
-        One sentence each.
-    """
+    """Return a sentence for each prefix that the URDF uses and does not declare."""
     known, used = {"xml", "xmlns"}, dict[str, None]()
     for element in root.iter():
         for name in (element.tag, *element.keys()):

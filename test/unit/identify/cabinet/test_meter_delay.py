@@ -57,7 +57,7 @@ def own_delay(recording):
 
 
 @pytest.mark.parametrize("delay", [-0.06, 0.04, 0.137])
-def test_a_known_delay_is_found_and_undone(recording, own_delay, in_time, delay):
+def test_a_known_delay_is_found_and_undone(recording, own_delay, delay):
     late = recording.with_meter_earlier(-delay)
     found = estimate_meter_delay(data_of(late))
     assert (
@@ -66,8 +66,12 @@ def test_a_known_delay_is_found_and_undone(recording, own_delay, in_time, delay)
     assert found.applied == pytest.approx(delay + own_delay, abs=0.002)
     back = late.with_meter_earlier(found.applied)
     assert abs(estimate_meter_delay(data_of(back)).value) < 0.002
+
+
+def test_what_a_late_meter_says_of_the_drives_is_that_of_one_in_time(recording, in_time):
+    late = recording.with_meter_earlier(-0.137)
     total = total_of(late)
-    assert total.delay.applied == found.applied
+    assert total.delay.applied == estimate_meter_delay(data_of(late)).applied
     assert total.fit.constant == pytest.approx(in_time.fit.constant, rel=0.02)
 
 
@@ -126,6 +130,18 @@ def test_a_low_pass_is_found_and_undone(in_time, filtered, sharpened):
     assert sharpened.fit.constant == pytest.approx(in_time.fit.constant, rel=0.12)
     blurred = fit_total(sums(data_of(filtered), filtered.model))
     assert sharpened.fit.losses.rms < 0.5 * blurred.losses.rms
+
+
+def test_a_low_pass_does_not_take_up_a_delay(filtered):
+    """A meter with both: the constant is that without the delay, and the rest is the delay."""
+    own = estimate_time_constant(data_of(filtered)).applied
+    late = filtered.with_meter_earlier(-0.12)
+    found = estimate_time_constant(data_of(late)).applied
+    assert found == pytest.approx(own, abs=0.01)
+    back = late.with_meter_earlier(0.0, found)
+    before = filtered.with_meter_earlier(0.0, own)
+    moved = estimate_meter_delay(data_of(back)).value - estimate_meter_delay(data_of(before)).value
+    assert moved == pytest.approx(0.12, abs=0.01)
 
 
 def test_a_meter_without_low_pass_and_a_late_one_are_left_as_they_are(recording):

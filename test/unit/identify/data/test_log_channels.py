@@ -127,25 +127,6 @@ def test_one_table_with_a_clock_gives_the_same_channels(folder, suffix):
     assert main(command) == 0
 
 
-def test_the_former_mapping_of_drive_logs_still_loads(tmp_path):
-    now = mapping(effort={"columns": None})
-    joints, robot = now.pop("joints"), now.pop("robot")
-    former = {
-        **now, "rate": now.pop("time")["rate"], **robot, "joints": joints["names"],
-        "position": joints["position"], "torque": joints["effort"],
-    }  # fmt: skip
-    former.pop("time")
-    path = tmp_path / "former.yaml"
-    path.write_text(yaml.safe_dump(former))
-    assert (
-        load_mapping(path).model_dump()
-        == LogMapping.model_validate(mapping(effort={"columns": None})).model_dump()
-    )
-    path.write_text(yaml.safe_dump({k: v for k, v in former.items() if k != "position"}))
-    with pytest.raises(LogFormatError, match="joints: position or velocity, or both"):
-        load_mapping(path)
-
-
 def test_recordings_in_files_of_their_own_are_held_out(folder, tmp_path_factory, capsys):
     """The second is the first with twice the torque: neither predicts the other."""
     lines = (folder / "torque.csv").read_text().splitlines()

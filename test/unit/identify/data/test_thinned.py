@@ -7,10 +7,13 @@ import pytest
 
 from places import ROOT
 from robot_energy.model import load
+from robot_energy.model.drive_models import LossDrive
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.joint import JointGear
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
-from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.data.bags import Bag
+from robot_energy.timeline.blocks import EffortMeaning, Quality
+from robot_energy_identify.data.bags import Bag, Kept, folds_of
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.data.thinned import LONGEST_STEP, Thinned
 
@@ -84,17 +87,90 @@ def test_another_model_sees_a_recording_as_if_the_bag_were_read_again():
     np.testing.assert_array_equal(found.compared[0].drawn, expected.compared[0].drawn)
 
 
-def test_the_starts_of_a_thinned_bag_have_every_sample():
+def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are():
+    figures = {"constant": 3.0, "copper": 0.7, "linear": 0.02, "quadratic": 1e-4}
+    losses = LossDrive(
+        **{name: PositiveFigure(value=value, tag="assumed") for name, value in figures.items()}
+    )
+    joints = [joint.model_copy(update={"losses": losses}) for joint in MODEL.joints]
+    loss = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
+    cabinet = MODEL.cabinet.model_copy(update={"loss_dc": loss})
+    other = MODEL.changed(joints=joints, cabinet=cabinet, drive="loss_model")
+    recording = read_recording(BAG, MODEL, TORQUE)
+    found, expected = recording.with_model(other), read_recording(BAG, other, TORQUE)
+    assert found.power.friction_power is recording.power.friction_power
+    assert not np.array_equal(found.power.grid_power, recording.power.grid_power)
+    for one in fields(expected.power):
+        if one.name == "deviation":
+            continue
+        np.testing.assert_array_equal(
+            np.asarray(getattr(found.power, one.name)),
+            np.asarray(getattr(expected.power, one.name)),
+            err_msg=one.name,
+        )
+
+
+def test_temperatures_that_follow_losses_or_the_meter_are_computed_again():
+    cold = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
+    figures = {"capacity": 4000.0, "motor_conductance": 3.0, "ambient_conductance": 3.0}
+    gear = JointGear(
+        **{name: PositiveFigure(value=value, tag="assumed") for name, value in figures.items()}
+    )
+
+    def cabinet(model):
+        return model.changed(cabinet=model.cabinet.model_copy(update={"loss_dc": cold}))
+
+    recording = read_recording(BAG, MODEL, TORQUE)
+    assert recording.differs_in_supply(cabinet(MODEL))
+    power = recording.power
+    guessed = replace(power, quality=power.quality | np.uint32(Quality.TEMPERATURE_ESTIMATED))
+    assert not replace(recording, power=guessed).differs_in_supply(cabinet(MODEL))
+    joints = [joint.model_copy(update={"gear": gear}) for joint in MODEL.joints]
+    geared = MODEL.changed(joints=joints)
+    assert not recording.differs_in_supply(geared)
+    assert replace(recording, model=geared).differs_in_supply(cabinet(geared))
+    blind = np.full_like(recording.torque.motor_torque_measured, np.nan)
+    unread = replace(recording.torque, motor_torque_measured=blind)
+    assert not replace(recording, model=geared, torque=unread).differs_in_supply(cabinet(geared))
+
+
+def test_a_kept_bag_goes_back_to_any_model():
+    kept = Kept(read_recording(BAG, MODEL, TORQUE))
+    friction = MODEL.joints[0].friction
+    more = friction.coulomb.model_copy(update={"value": 2.0 * friction.coulomb.value})
+    first = MODEL.joints[0].model_copy(
+        update={"friction": friction.model_copy(update={"coulomb": more})}
+    )
+    rough = MODEL.changed(joints=[first, *MODEL.joints[1:]])
+    loss = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
+    hungry = MODEL.changed(cabinet=MODEL.cabinet.model_copy(update={"loss_dc": loss}))
+    torques = [kept.with_model(model).power.motor_torque for model in (rough, hungry, MODEL)]
+    assert not np.array_equal(torques[0], torques[1])
+    assert torques[1] is torques[2] is kept.recording.power.motor_torque
+    np.testing.assert_array_equal(kept.with_model(rough).power.motor_torque, torques[0])
+
+
+def test_the_motion_of_a_thinned_bag_has_every_sample():
     bag = Bag(BAG, TORQUE, most=1000)
-    bag = replace(bag, kept=bag.whole(MODEL))
-    (start,) = bag.starts(MODEL, 5.0)
-    (expected,) = Bag(BAG, TORQUE).starts(MODEL, 5.0)
+    bag = replace(bag, kept=Kept(bag.whole(MODEL)))
+    (piece,) = bag.motion(MODEL, 5.0)
+    (expected,) = Bag(BAG, TORQUE).motion(MODEL, 5.0)
     assert bag.whole(MODEL).every > 1
     assert len(expected) > 5.0 * 240
-    np.testing.assert_array_equal(start.torque.stamp_ns, expected.torque.stamp_ns)
+    np.testing.assert_array_equal(piece.torque.stamp_ns, expected.torque.stamp_ns)
     np.testing.assert_array_equal(
-        start.torque.motor_torque_rigid, expected.torque.motor_torque_rigid
+        piece.torque.motor_torque_rigid, expected.torque.motor_torque_rigid
     )
+
+
+def test_every_fold_has_the_pieces_of_motion_of_the_other_blocks():
+    bag = Bag(BAG, TORQUE)
+    bag = replace(bag, kept=Kept(bag.whole(MODEL)))
+    begins = [part.span_ns for part in bag.motion(MODEL, 100.0)]
+    assert len(begins) == 5
+    for number, fold in enumerate(folds_of([bag], [], [bag.whole(MODEL).span_ns])[1]):
+        found = [part.span_ns for part in fold.train[0].motion(MODEL, 100.0)]
+        assert found == begins[:number] + begins[number + 1 :]
 
 
 def test_minutes_are_spread_over_a_recording():

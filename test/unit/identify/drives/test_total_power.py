@@ -28,7 +28,8 @@ def bags(tmp_path_factory):
     limits = PROFILE.motion_limits(PROFILE.mechanics()[0])
     for seed in (1, 2, 3):
         program = random_program(limits, seed, dwell=0.3)
-        record(VirtualRig(PROFILE, program, RigConfig(), seed, 40.0), 30.0, folder / str(seed))
+        rig = VirtualRig(PROFILE, program, RigConfig(), seed, 40.0, rate_hz=100.0)
+        record(rig, 30.0, folder / str(seed))
     return sorted(folder.iterdir())
 
 

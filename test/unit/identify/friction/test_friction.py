@@ -192,6 +192,20 @@ def test_held_out_temperatures_say_the_laws_apart():
     assert errors["constant"].rms > 2 * errors["exponential"].rms
 
 
+def test_held_out_fits_compute_no_deviations(monkeypatch):
+    data, asked = measurement(), list[int]()
+
+    def counted(block):
+        asked.append(len(block))
+        return jackknife(block)
+
+    monkeypatch.setattr("robot_energy_identify.stats.regression.jackknife", counted)
+    fit = fit_friction(data)
+    assert {"constant", "table", "exponential"} <= set(fit.errors)
+    assert 0 < len(asked) <= 2 * len(fit.laws)
+    assert len(set(asked)) == 1
+
+
 def test_an_outlier_in_a_hundred_changes_little():
     data = measurement()
     data.friction_torque[::100] += 20.0

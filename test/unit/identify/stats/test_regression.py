@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy_identify.stats.regression import regress
+from robot_energy_identify.stats.regression import factor, regress
 
 TRUTH = np.array([1.5, -0.4])
 NAMES = ("gain", "slope")
@@ -31,6 +31,27 @@ def test_white_noise_gives_the_textbook_deviation():
     columns, target, block = line(1, n_samples=40_000)
     fit = regress(columns, target, block, NAMES, method="ols")
     np.testing.assert_allclose(fit.std, 0.3 / np.sqrt(40_000), rtol=0.15)
+
+
+def test_a_fit_without_deviations_has_the_same_values():
+    columns, target, block = line(4)
+    target[::20] += 50.0
+    whole, bare = (
+        regress(columns, target, block, NAMES, deviations=want) for want in (True, False)
+    )
+    np.testing.assert_allclose(bare.values, whole.values, rtol=0.0, atol=0.05 * whole.std.min())
+    assert np.isnan(bare.std).all()
+
+
+def test_rows_are_compressed_in_parts_to_the_same_sums_of_squares():
+    random = np.random.default_rng(0)
+    columns, target = random.normal(size=(9000, 2, 3)), random.normal(size=(9000, 2))
+    weight = np.where(random.random((9000, 2)) < 0.3, 0.0, random.random((9000, 2)))
+    triangle, right = factor(columns, target, weight)
+    squares = np.einsum("kjp,kj,kjq->pq", columns, weight**2, columns)
+    np.testing.assert_allclose(triangle.T @ triangle, squares, rtol=1e-10, atol=1e-9)
+    products = np.einsum("kjp,kj,kj->p", columns, weight**2, target)
+    np.testing.assert_allclose(triangle.T @ right, products, rtol=1e-10, atol=1e-9)
 
 
 def test_outliers_do_not_pull_the_fit():

@@ -145,7 +145,7 @@ def recording_of(model, truth, seconds):
     energy = [0.5 * (one.grid_power[1:] + one.grid_power[:-1]) * 0.5 for one in (true, power)]
     duration = np.full(len(energy[0]), 500_000_000)
     compared = Compared(power.stamp_ns[1:], duration, *energy, energy[1])
-    return Recording(Path("x"), model, torque, power, None, "", (), compared=(compared,))
+    return Recording(Path("x"), model, torque, power, None, "", (), known=(compared,))
 
 
 def test_a_meter_shows_two_figures_for_all_gears():

@@ -5,6 +5,7 @@ import os
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,12 @@ from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy_cli.identify_inputs import IdentifyInputs
 from robot_energy_cli.main import main
 from robot_energy_identify.thermal.network import fit_network, fit_networks
-from robot_energy_identify.thermal.windows import WINDOW, ThermalRun, runs_of_log
+from robot_energy_identify.thermal.windows import (
+    WINDOW,
+    ThermalRun,
+    runs_of_log,
+    runs_of_recordings,
+)
 from robot_energy_logs.log_import import open_logs
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA")
@@ -70,6 +76,44 @@ def test_the_only_run_is_tested_on_its_end():
     fit = fit_network("axle", [run(4, 3)], AIR)
     assert fit.held_out == "end of the run"
     assert fit.rms < 1.0 < fit.held_rms
+
+
+def small(tau, seconds, on=120.0):
+    """Blocks of a small motor, G 0.5 W/K: 20 W and nothing in turn, each an exponential by hand.
+
+    Joint states at 10 Hz; the thermometer is read once a second, and the reading holds.
+    """
+    time = np.arange(0.0, seconds, 0.1)
+    number, read = (time // on).astype(int), np.floor(time)
+    degc, begin = np.empty(len(time)), AIR
+    for k in range(number[-1] + 1):
+        end = AIR + (20.0 / 0.5 if k % 2 == 0 else 0.0)
+        rows = (read // on).astype(int) == k
+        degc[rows] = end + (begin - end) * np.exp(-(read[rows] - k * on) / tau)
+        begin = end + (begin - end) * np.exp(-on / tau)
+    degc += np.random.default_rng(0).normal(scale=0.05, size=len(time))[read.astype(int)]
+    heat = np.where(number % 2 == 0, 20.0, 0.0)[:, None]
+    power = SimpleNamespace(
+        stamp_ns=np.round(time * 1e9).astype(np.int64),
+        drive_loss=heat,
+        friction_power=np.zeros_like(heat),
+        motor_temperature_degc=degc[:, None],
+    )
+    return runs_of_recordings([SimpleNamespace(power=power)], 0)
+
+
+@pytest.mark.parametrize("seconds", [300.0, 900.0])
+def test_a_small_motor_of_forty_seconds_is_found_in_minutes(seconds):
+    fit = fit_network("axle", small(40.0, seconds), AIR)
+    assert fit.motor_time_constant == pytest.approx(40.0, rel=0.02)
+    assert fit.network.conductance.value == pytest.approx(0.5, rel=0.01)
+    assert fit.rms < 0.1
+    assert fit.hours * 3600.0 == pytest.approx(seconds, abs=5.0)
+
+
+def test_minutes_are_too_short_for_a_motor_of_a_quarter_of_an_hour():
+    with pytest.raises(NotIdentifiableError, match=r"has 300 s .* 5 time constants"):
+        fit_network("axle", small(900.0, 300.0, on=200.0), AIR)
 
 
 def test_what_cannot_say_is_refused_with_what_to_record():

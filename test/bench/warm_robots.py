@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,6 @@ class WarmRun:
     """One run with one model.
 
     Attributes:
-        run: Which program.
         error: Of the whole energy. [-]
         windows: Of the energy of every five minutes, shape (W,). [-]
         friction: RMS over five minutes of the error of each joint's friction power, over its
@@ -90,7 +90,6 @@ class WarmPlant:
         robot, _ = self.profile.mechanics()
         self._limits = self.profile.motion_limits(robot)
         self._accept = tool_above(robot, "tool0", 0.0) if robot.n_joints == 6 else None
-        self.override = self._bearable()
 
     def program(self, number: int, dwell: float, override: float) -> Program:
         """Return a program of its own number.
@@ -116,7 +115,8 @@ class WarmPlant:
             rate_hz=RATE, device_seed=self._seed, start_gear_degc=gear_degc,
         )  # fmt: skip
 
-    def _bearable(self) -> float:
+    @cached_property
+    def override(self) -> float:
         """The highest speed at which no motor gets too hot."""
         for override in (1.0, 0.6, 0.35):
             rig = self.rig(0, self.program(0, 1.0, override), AMBIENT)
@@ -155,12 +155,7 @@ def judged(
     plant: str, run: str, name: str, model: RobotModel, pieces: Sequence[RigOutput],
     effort: bool = False, meter: bool = False,
 ) -> WarmRun:  # fmt: skip
-    """Return the errors of a model over a run.
-
-    Args:
-        effort: Whether measured torque is read.
-        meter: Whether the power meter is read.
-    """
+    """Return the errors of a model over a run."""
     meaning = EffortMeaning.MOTOR_TORQUE if effort else EffortMeaning.NONE
     pipeline = EnergyPipeline(model, Settings(effort=meaning))
     start = int(pieces[0].truth.stamp_ns[0])
@@ -196,11 +191,7 @@ def judged(
 
 
 def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterator[WarmRun]:
-    """Yield every run of every plant with every model.
-
-    Args:
-        plants: Seeds; robots and gears in turn.
-    """
+    """Yield every run of every plant with every model."""
     for number, seed in enumerate(plants):
         gears = GEARS[(number // 2) % len(GEARS)]
         plant = WarmPlant(folder, BODIES[number % len(BODIES)], seed, gears, config)
