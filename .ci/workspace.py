@@ -201,6 +201,8 @@ def build_packages() -> bool:
             *("--base-paths", ROOT, "--metas", ROOT / "colcon.meta"),
             *("--build-base", BUILD, "--install-base", INSTALL),
             *("--cmake-args", f"-DPython3_EXECUTABLE={VENV_PYTHON}", *MESSAGES),
+            # Links for the messages take longer than copies; a change of one makes all again.
+            *("--ament-cmake-args", "-DAMENT_CMAKE_SYMLINK_INSTALL=OFF"),
         ]
         # Otherwise colcon starts no second compiler while the load is above the number of cores.
         jobs = f"-j{len(os.sched_getaffinity(0))}"

@@ -249,22 +249,22 @@ class MqttExporter(Exporter):
         if (names, loads) == self._parts:
             return
         self._parts = names, loads
-        for at, name in enumerate(loads):
-            self._announce_load(at, re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
-        for at, name in enumerate(names):
+        for name in loads:
+            self._announce_load(re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
+        for name in names:
             known = re.sub(r"[^A-Za-z0-9_-]", "_", name)
-            template = f"joints[{at}].motor_temperature_degc"
+            place = _of_part("joints", name, "motor_temperature_degc")
             title = f"Motor temperature {name}"
-            sensor = self._sensor(title, template, "°C", "measurement", Topic.POWER)
+            sensor = self._sensor(title, place, "°C", "measurement", Topic.POWER)
             self._discover(f"motor_temperature_{known}", sensor)
 
-    def _announce_load(self, at: int, known: str, name: str) -> None:
+    def _announce_load(self, known: str, name: str) -> None:
         for title, topic, key, unit, kind in (
             ("Power", Topic.POWER, "power", "W", "measurement"),
             ("Energy", Topic.REGISTERS, "energy_kwh", "kWh", "total"),
         ):
             title = f"{title} of {name}"
-            sensor = self._sensor(title, f"auxiliary[{at}].{key}", unit, kind, topic)
+            sensor = self._sensor(title, _of_part("auxiliary", name, key), unit, kind, topic)
             self._discover(f"auxiliary_{known}_{key}", sensor)
 
     def _sensor(self, title: str, place: str, unit: str, kind: str, topic: Topic) -> dict[str, Any]:
@@ -298,6 +298,12 @@ class MqttExporter(Exporter):
         }
         topic = f"{self._given.discovery}/sensor/{node}/{name}/config"
         self._send(topic, json.dumps(config), retain=True)
+
+
+def _of_part(parts: str, name: str, key: str) -> str:
+    """Return where a template finds a value; of a part that a message lacks it is unknown."""
+    of = f"selectattr('name', 'eq', {json.dumps(name)}) | map(attribute='{key}') | first"
+    return f"{parts} | {of} | default(none)"
 
 
 def _check(given: MqttParameters, robot: str) -> None:
