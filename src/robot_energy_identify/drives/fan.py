@@ -14,7 +14,7 @@ import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import Figure
-from robot_energy.model.schema import Fan
+from robot_energy.model.schema import CabinetFan
 from robot_energy.physics.cabinet import UNSEEN, FanSwitch
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.bounds import identified
@@ -61,7 +61,7 @@ class FoundFan:
             found[rows] = FanSwitch(entry).step(len(rows), data.warmest_degc[rows, None])
         return found
 
-    def entry(self, power: float, std: float, source: str) -> Fan:
+    def entry(self, power: float, std: float, source: str) -> CabinetFan:
         """Return the entry of a model file.
 
         Args:
@@ -73,7 +73,7 @@ class FoundFan:
             Figure(value=degc, tag="identified", std=self.on_std, source=source)
             for degc in (self.on_degc, self.on_degc - self.hysteresis)
         )
-        return Fan(power=identified(power, std, source), on_degc=on, off_degc=off)
+        return CabinetFan(power=identified(power, std, source), on_degc=on, off_degc=off)
 
 
 def with_fan(data: Sums) -> tuple[Sums, FoundFan | None]:
