@@ -459,3 +459,8 @@ def test_nothing_online_imports_what_only_reports_need():
 def test_a_replay_with_its_report_loads_no_identification():
     found = loaded_by("robot_energy.replay.api", "robot_energy_report.replay")
     assert "robot_energy_identify" not in found
+
+
+def test_a_history_loads_neither_the_physics_nor_schemas():
+    found = loaded_by("robot_energy.history.store")
+    assert not found & {"pinocchio", "pydantic", "polars", "scipy"}

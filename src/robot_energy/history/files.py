@@ -130,6 +130,9 @@ def reader(folder: str | Path) -> Iterator[sqlite3.Connection]:
     Args:
         folder: Folder of a history.
 
+    Yields:
+        The connection.
+
     Raises:
         HistoryError: As of `open_reader`, or if what is read is damaged.
     """
