@@ -94,13 +94,12 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     row, column = np.unravel_index(total.argmin(), total.shape)
     fine = np.arange(-FINE, FINE + 1) / FINE
     near, late = grid[row] + grid[1] * fine, lags[column] + lags[1] * fine
-    error = _errors_of_both(data, near, late[late >= 0.0])  # a meter that filters is not early
+    late = np.concatenate([lags[:1], late[late > 0.0], lags[-1:]])  # ends: the same readings
+    error = _errors_of_both(data, near, late)
     if error is None:
         return found
     closer = best_delay(near, _at_best_lags(error), undelayed, span, MIN_GAIN)
-    if closer.at_edge:
-        return found
-    return replace(closer, gain=found.gain, applied=closer.value)  # of the same readings as before
+    return found if closer.at_edge else closer
 
 
 def _at_best_lags(error: Float) -> Float:
