@@ -100,7 +100,7 @@ def works(folder: Path, plant: int) -> list[Work]:
         program = Program(drawn.via, limits, dwell, float(override))
         degc = float(random.uniform(25.0, 60.0))
 
-        def rig(program=program, degc=degc) -> VirtualRig:
+        def rig(program: Program = program, degc: float = degc) -> VirtualRig:
             return VirtualRig(profile, program, RigConfig.hard(), plant, degc, AMBIENT)
 
         bag = record(rig(), LENGTH, folder / f"work{number}").path
@@ -158,7 +158,7 @@ def true_saving(one: Work, other: Work, shift: int = 0) -> tuple[float, float]:
         for work, power in zip((one, other), powers, strict=True)
     )
     common = common_supply(one.profile.supply, other.profile.supply)
-    return apart - circuit_energy(one.profile, common, sum(powers), one.interval), apart
+    return apart - circuit_energy(one.profile, common, powers[0] + powers[1], one.interval), apart
 
 
 def judged_pair(name: str, plant: int, one: Work, other: Work) -> JudgedBus:

@@ -11,7 +11,8 @@ over the same time. All factors are free, so
 losses need not be known yet. Readings while the drives brake, or the DC link gives what they
 fed back, are left out at every delay: the meter then sees less, which would look like a delay.
 
-A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns;
+A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns, and
+the delay is free meanwhile;
 what the drives feed back counts as 0 in it, and the DC link as empty. It is undone in
 `robot_energy_identify.data.recordings`. An energy counter has none.
 """
@@ -79,22 +80,22 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
     if counted or not np.isfinite(data.period) or data.period <= 0.0:
         return None
-    length = SHARE * len(data) * data.period
-    span, reach = min(MAX_TIME_CONSTANT, length), min(SPAN, length)
+    span = min(MAX_TIME_CONSTANT, SHARE * len(data) * data.period)
     grid = span * np.arange(STEPS + 1) / STEPS
-    lags = reach * np.arange(FINE + 1) / FINE
+    lags = grid[::2] * SPAN / MAX_TIME_CONSTANT
     error = _errors_of_both(data, grid, lags)
     if error is None:
         return None
     undelayed = _at_best_lags(error)[:, 0]
     found = best_delay(grid, _at_best_lags(error), undelayed, span, MIN_GAIN)
-    if found.at_edge:
+    if found.applied == 0.0:
         return found
     total = error.sum(axis=0)
     row, column = np.unravel_index(total.argmin(), total.shape)
     fine = np.arange(-FINE, FINE + 1) / FINE
-    near = grid[row] + grid[1] * fine
-    error = _errors_of_both(data, near, lags[column] + (lags[1] - lags[0]) * fine)
+    near, late = grid[row] + grid[1] * fine, lags[column] + lags[1] * fine
+    late = np.concatenate([lags[:1], late[late > 0.0], lags[-1:]])  # ends: the same readings
+    error = _errors_of_both(data, near, late)
     if error is None:
         return found
     closer = best_delay(near, _at_best_lags(error), undelayed, span, MIN_GAIN)
