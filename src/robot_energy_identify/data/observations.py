@@ -147,7 +147,7 @@ def _observe(
 ) -> Observations:
     rate, transmission = channels.rate, torque_model.transmission
     position = np.ascontiguousarray(channels.joint_position)
-    key = (blake2b(position).digest(), rate, torque_model.names, filters)
+    key = (blake2b(position.tobytes()).digest(), rate, torque_model.names, filters)
     cutoff = min(filters.motion_cutoff, SHARE_OF_RATE * rate)
     torque = low_pass(channels.motor_torque @ transmission, rate, cutoff)
     step = max(1, int(rate / (MOTION_PER_RATE * cutoff)))

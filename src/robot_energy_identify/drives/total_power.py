@@ -125,7 +125,8 @@ def fit_structure(
         NotIdentifiableError: If the readings are too few.
     """
     if structure == "axis":
-        return _of_each_axis(data, fit_structure(data, "shared", errors))
+        # how many readings are independent shows in the scatter of what axes share
+        return _of_each_axis(data, fit_structure(replace(data, deviations=True), "shared", errors))
     n_joints = len(data.names)
     columns, names = [np.ones(len(data))], ["constant"]
     if structure == "shared":

@@ -136,5 +136,5 @@ def _runs(
         age = np.zeros(count)  # one that says the same again is as good as new
         age[window[new]] = window[new] + 1 - time[new] / length
         starts, first = np.arange(count) * length, float(degc[rows[0]])
-        runs.append(ThermalRun(starts, *heats, awake, readings, first, length, age))
+        runs.append(ThermalRun(starts, heats[0], heats[1], awake, readings, first, length, age))
     return runs

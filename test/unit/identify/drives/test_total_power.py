@@ -11,7 +11,12 @@ from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
-from robot_energy_identify.drives.total_power import compare_total, fit_total, with_total
+from robot_energy_identify.drives.total_power import (
+    compare_total,
+    fit_structure,
+    fit_total,
+    with_total,
+)
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
@@ -67,6 +72,13 @@ def test_whole_recordings_are_predicted_to_a_percent(data):
     assert scores["identified"].energy_error < 0.01
     assert scores["identified"].rms < 0.2 * scores["shaft"].rms < 0.2 * scores["constant"].rms
     assert scores["identified"].rms < 0.2 * scores["given"].rms
+
+
+def test_losses_of_each_axis_are_the_same_where_no_deviations_are_wanted(data):
+    whole = sums(data, MODEL)
+    fits = [fit_structure(replace(whole, deviations=want), "axis") for want in (True, False)]
+    assert np.isfinite(fits[0].coefficients).all()
+    np.testing.assert_array_equal(fits[0].coefficients, fits[1].coefficients)
 
 
 def test_copper_losses_of_the_strong_axes_are_those_of_the_rig(data):
