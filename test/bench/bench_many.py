@@ -60,7 +60,8 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, boo
             else:
                 time.sleep(seconds)
             figures[f"{node} cpu"] = (cpu_seconds(pid) - used) / (time.monotonic() - begin)
-            figures[f"{node} memory"] = _resident(pid)
+            for kind, name in (("Pss", "memory"), ("Rss", "resident")):
+                figures[f"{node} {name}"] = _memory(pid, kind)
             robots.stdin.close()
             if node == "energy_recorder":
                 nodes.stop(node)
@@ -90,7 +91,7 @@ def _read(url: str, seconds: float) -> int:
     return count
 
 
-def _resident(pid: int) -> float:
-    """Memory of a process that is in RAM. [MB]"""
-    with open(f"/proc/{pid}/status") as status:
-        return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1000.0
+def _memory(pid: int, kind: str) -> float:
+    """Memory of a process: Rss with all of its libraries, Pss with its share of them. [MB]"""
+    with open(f"/proc/{pid}/smaps_rollup") as sums:
+        return next(int(line.split()[1]) for line in sums if line.startswith(f"{kind}:")) / 1000.0

@@ -138,7 +138,7 @@ MODULES = {
         bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency likely_losses loss_map losses
+        all_drives delays drive_data drive_power drives efficiency fan likely_losses loss_map losses
         total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """

@@ -49,20 +49,17 @@ PATIENCE = 60.0  # for the first message of every topic [s]
 
 
 class TopicRecorder(Node):
-    """Keeps every message of some topics as bytes, with its time of receipt.
-
-    Args:
-        types: Message type of each topic.
+    """Keeps every message of `TYPES` as bytes, with its time of receipt.
 
     Attributes:
         taken: Topic, time of receipt [ns] and content of every message, in order.
     """
 
-    def __init__(self, types: dict[str, str], **options: Any) -> None:
+    def __init__(self, **options: Any) -> None:
         super().__init__("topic_recorder", **options)
         self.taken: list[tuple[str, int, bytes]] = []
         self.counts: Counter[str] = Counter()
-        for topic, msgtype in types.items():
+        for topic, msgtype in TYPES.items():
             self.create_subscription(
                 message_class(msgtype),
                 topic,
@@ -86,7 +83,7 @@ def record(context: Context, seconds: float, stop: StopSignal | None = None) -> 
     def given(**values: Any) -> list[Parameter]:
         return [Parameter(name, value=value) for name, value in values.items()]
 
-    recorder = TopicRecorder(TYPES, context=context)
+    recorder = TopicRecorder(context=context)
     robot = VirtualRobot(
         context=context, parameter_overrides=given(rate=RATE, thermal_speedup=100.0)
     )

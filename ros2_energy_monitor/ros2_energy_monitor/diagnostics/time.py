@@ -10,17 +10,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 from robot_energy.timeline.coverage import Coverage
-
-
-@dataclass(frozen=True)
-class _Account:
-    start_ns: int | None
-    end_ns: int | None
-    jumps: int
-    booked_ns: int
 
 
 class TimeWatch:
@@ -32,17 +22,16 @@ class TimeWatch:
     """
 
     def __init__(self) -> None:
-        self._before: _Account | None = None
+        self._before: tuple[object, int | None, int] | None = None
 
     def check(self, time: Coverage) -> str:
         """Return what does not add up since the last call; there must never be anything."""
-        now = _Account(time.start_ns, time.end_ns, time.jumps, time.observed_ns + time.gap_ns)
-        before, self._before = self._before, now
-        if before is None or before.end_ns is None or now.end_ns is None:
+        begun, end = (time.start_ns, time.jumps), time.end_ns
+        counted = time.observed_ns + time.gap_ns
+        before, self._before = self._before, (begun, end, counted)
+        if before is None or before[0] != begun or before[1] is None or end is None:
             return ""
-        if replace(before, end_ns=0, booked_ns=0) != replace(now, end_ns=0, booked_ns=0):
-            return ""
-        passed, booked = now.end_ns - before.end_ns, now.booked_ns - before.booked_ns
+        passed, booked = end - before[1], counted - before[2]
         if passed == booked:
             return ""
         return (

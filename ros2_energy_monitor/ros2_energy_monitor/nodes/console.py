@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -50,7 +49,7 @@ class Console(Node):
         super().__init__(self.NAME, **options)
         parameters = declare(self, ConsoleParameters)
         self.board = ConsoleView()
-        self._write = write or _print
+        self._write = write or partial(print, flush=True)
         self.create_subscription(PowerState, POWER_TOPIC, self._take_power, best_effort(50))
         self.create_subscription(
             EnergyRegisters, REGISTERS_TOPIC, self._take_registers, best_effort(10)
@@ -88,10 +87,6 @@ class Console(Node):
 
     def _take_friction(self, message: JointFriction) -> None:
         self.board.friction = message
-
-
-def _print(line: str) -> None:
-    print(line, file=sys.stdout, flush=True)
 
 
 main = partial(run, Console)

@@ -234,17 +234,14 @@ class LagEstimate:
     the step of the reading from its begin to its end; that is fitted to the newest ten
     minutes. Sums are integers, so the cutting of the input makes no difference.
 
-    Args:
-        lag: That is known from the beginning. [s]
-
     Attributes:
         since_ns: From when on each lag counts but the first. [ns]
         lags: That later samples may ask for. [s]
     """
 
-    def __init__(self, lag: float = 0.0) -> None:
+    def __init__(self) -> None:
         self.since_ns: list[int] = []
-        self.lags = [lag]
+        self.lags = [0.0]
         self._windows: deque[tuple[float, float]] = deque(maxlen=MAX_STRETCHES)
         self.jump()
 

@@ -57,10 +57,10 @@ class Parameter:
     name: str
     kind: Any
     default: Any
-    description: str
-    low: float | None
-    high: float | None
-    choices: tuple[str, ...]
+    description: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
 
     @property
     def expected(self) -> str:
@@ -196,9 +196,7 @@ def _assemble(
             case "named":
                 value = _assemble(inner, value_of, owner, f"{name}.", taken)
             case "many":
-                asked = Parameter(
-                    name, tuple[str, ...], about["names"], about["description"], None, None, ()
-                )
+                asked = Parameter(name, tuple[str, ...], about["names"], about["description"])
                 names = _group_names(value_of(asked), name, owner, taken)
                 value = {
                     each: _assemble(inner, value_of, owner, f"{prefix}{each}.", taken)

@@ -79,7 +79,7 @@ class Capacitor(ModelEntry):
         return 0.5 * self.capacitance.value * squares
 
 
-class Fan(ModelEntry):
+class CabinetFan(ModelEntry):
     """A load on the grid side that switches with the temperature of the warmest motor.
 
     Attributes:
@@ -93,7 +93,7 @@ class Fan(ModelEntry):
     off_degc: Figure
 
     @model_validator(mode="after")
-    def _check(self) -> Fan:
+    def _check(self) -> CabinetFan:
         if self.off_degc.value > self.on_degc.value:
             raise ValueError("off_degc must be at most on_degc")
         return self
@@ -115,7 +115,7 @@ class Cabinet(ModelEntry):
     loss_dc: PositiveFigure
     regeneration_efficiency: PositiveFigure | None = None
     capacitor: Capacitor | None = None
-    fan: Fan | None = None
+    fan: CabinetFan | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Cabinet:

@@ -19,7 +19,7 @@ from math import isfinite
 
 import numpy as np
 
-from robot_energy.model.schema import Cabinet, Fan
+from robot_energy.model.schema import Cabinet, CabinetFan
 from robot_energy.physics.equations import Balance, grid_balance
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
@@ -37,7 +37,7 @@ class FanSwitch:
         share: At the newest sample: 0, 1, or 1/2 where not known. [-]
     """
 
-    def __init__(self, fan: Fan) -> None:
+    def __init__(self, fan: CabinetFan) -> None:
         self.power = fan.power.value
         self._on, self._off = fan.on_degc.value, fan.off_degc.value
         self.share = UNSEEN

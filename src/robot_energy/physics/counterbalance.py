@@ -1,4 +1,4 @@
-"""Torque and energy of counterbalances, joint side.
+"""Torque of counterbalances, joint side.
 
 ``torque = dU/dq`` is what the drive adds, with the sign of the rigid-body torque: positive where
 the spring pulls the joint towards smaller q. Over a closed path its work is zero.
@@ -23,27 +23,6 @@ def counterbalance_torque(entry: AnySpring, joint_position: Float) -> Float:
         joint_position: q, shape (N,). [rad] or [m]
     """
     return torque_columns(entry, joint_position) @ coefficients(entry)
-
-
-def counterbalance_energy(entry: AnySpring, joint_position: Float) -> Float:
-    """Return the energy that one counterbalance holds, up to a constant.
-
-    Args:
-        joint_position: q, shape (N,). [rad] or [m]
-
-    Returns:
-        U, whose slope over q is the torque, shape (N,). [J]
-    """
-    q = joint_position
-    match entry:
-        case TorsionSpring():
-            return 0.5 * entry.stiffness.value * (q - entry.rest.value) ** 2
-        case LeverSpring():
-            return entry.moment.value * np.sin(q - entry.angle.value)
-        case GasSpring():
-            length, _ = _gas_length(entry, q)
-            pressed = entry.length.value - length
-            return entry.force.value * pressed + 0.5 * entry.rate.value * pressed**2
 
 
 def torque_columns(entry: AnySpring, joint_position: Float) -> Float:

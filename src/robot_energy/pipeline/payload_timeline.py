@@ -23,6 +23,7 @@ class PayloadChange:
     Attributes:
         from_ns: First instant of validity; 0: from the start. [ns]
         payload: The body that its link carries from then on, instead of any before.
+        carried: All bodies that the robot carries then.
     """
 
     from_ns: int

@@ -44,16 +44,13 @@ FALLBACK = "fallback"  # instead of a temperature: the model's
 FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed; the command refuses the same
 SETTINGS = ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap", "power_period")
 CHECKED = (
-    *(
-        Parameter(name, float, MISSING, "", low, 1e6, ())
-        for name, low in (
-            ("power_period", 1e-6), ("derivative_window", 1e-6), ("temperature_wait", 0.0),
-            ("max_gap", 0.0), ("meter_max_gap", 1e-6),
-        )
-    ),
-    Parameter("reorder_window", float, MISSING, "", 0.0, 0.5, ()),
-    Parameter("stamp_source", str, MISSING, "", None, None, (HEADER, RECEIVE)),
-    Parameter("processes", int, MISSING, "", 1, 3, ()),
+    *(Parameter(name, float, MISSING, low=1e-6, high=1e6)
+      for name in ("power_period", "derivative_window", "meter_max_gap")),
+    *(Parameter(name, float, MISSING, low=0.0, high=1e6)
+      for name in ("temperature_wait", "max_gap")),
+    Parameter("reorder_window", float, MISSING, low=0.0, high=0.5),
+    Parameter("stamp_source", str, MISSING, choices=(HEADER, RECEIVE)),
+    Parameter("processes", int, MISSING, low=1, high=3),
 )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ class Topics:
     Attributes:
         joint_states: Topics of the joint states; several where each brings some joints.
         temperatures: Topics of motor temperatures; empty for none.
+        meter: The topic of the power meter.
         payload: The topic of payloads set at run time; empty for none.
     """
 

@@ -227,10 +227,8 @@ def sentence_of(
     return ""
 
 
-def apart_sentence(
-    epochs: EpochSplitter, newest_ns: int | None, ahead_ns: int | None, what: str
-) -> str:
-    """Return that a stream of states is of another time than the joint states; empty if not.
+def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, ahead_ns: int | None) -> str:
+    """Return that temperatures are of another time than the joint states; empty if not.
 
     A stream that has stopped is not a clock: its stamps were right when they arrived.
 
@@ -238,7 +236,6 @@ def apart_sentence(
         newest_ns: Newest stamp of the joint states; None before the first. [ns]
         ahead_ns: How far its stamps are ahead of those of the joint states on arrival; None where
             that is not known. [ns]
-        what: Name of one message, such as ``temperature``.
     """
     if epochs.newest_ns is None or newest_ns is None or ahead_ns is None:
         return ""
@@ -248,8 +245,8 @@ def apart_sentence(
         return ""
     way = "after" if ahead_ns > 0 else "before"
     return (
-        f"the newest {what} is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint states "
-        "that arrived with it: synchronise the clocks"
+        f"the newest temperature is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint "
+        "states that arrived with it: synchronise the clocks"
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import Figure
-from robot_energy.model.schema import Fan
+from robot_energy.model.schema import CabinetFan
 from robot_energy.physics.cabinet import UNSEEN, FanSwitch
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.bounds import identified
@@ -61,7 +61,7 @@ class FoundFan:
             found[rows] = FanSwitch(entry).step(len(rows), data.warmest_degc[rows, None])
         return found
 
-    def entry(self, power: float, std: float, source: str) -> Fan:
+    def entry(self, power: float, std: float, source: str) -> CabinetFan:
         """Return the entry of a model file.
 
         Args:
@@ -73,7 +73,7 @@ class FoundFan:
             Figure(value=degc, tag="identified", std=self.on_std, source=source)
             for degc in (self.on_degc, self.on_degc - self.hysteresis)
         )
-        return Fan(power=identified(power, std, source), on_degc=on, off_degc=off)
+        return CabinetFan(power=identified(power, std, source), on_degc=on, off_degc=off)
 
 
 def with_fan(data: Sums) -> tuple[Sums, FoundFan | None]:
@@ -94,7 +94,7 @@ def with_fan(data: Sums) -> tuple[Sums, FoundFan | None]:
         weight = huber_weight(score)
         return float((weight * (2.0 - weight) * score**2).sum())  # Huber's function, twice
 
-    best: tuple[float, Sums, FoundFan, TotalFit] | None = None
+    tried: list[tuple[float, Sums, FoundFan, TotalFit]] = []
     tested: set[bytes] = set()
     for fan in _candidates(data.warmest_degc):
         share = fan.share(data)
@@ -103,14 +103,18 @@ def with_fan(data: Sums) -> tuple[Sums, FoundFan | None]:
         tested.add(share.tobytes())
         if min((share[quiet] == 1.0).sum(), (share[quiet] == 0.0).sum()) < MIN_QUIET:
             continue
-        tried = replace(data, fan=share)
-        fit = fit_structure(tried, "axis")
-        found = cost(data.measured - predict(tried, fit))
-        if best is None or found < best[0]:
-            best = found, tried, fan, fit
-    if best is None or best[0] > GAIN * cost(rest) or best[3].fan < SURE * best[3].fan_std:
+        switched = replace(data, fan=share)
+        fit = fit_structure(switched, "axis")
+        tried.append((cost(data.measured - predict(switched, fit)), switched, fan, fit))
+    if not tried:
         return data, None
-    return best[1], best[2]
+    least = min(one[0] for one in tried)
+    # of those that explain the readings alike, the one in the widest gap between temperatures
+    alike = [one for one in tried if GAIN * one[0] <= least]
+    found, switched, fan, fit = min(alike, key=lambda one: (-one[2].on_std, one[0]))
+    if found > GAIN * cost(rest) or fit.fan < SURE * fit.fan_std:
+        return data, None
+    return switched, fan
 
 
 def _candidates(warmest_degc: Float) -> Iterator[FoundFan]:

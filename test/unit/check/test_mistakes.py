@@ -52,13 +52,14 @@ def test_a_sound_recording_has_no_mistake(name):
 def test_a_mistake_is_named(name, tmp_path):
     mistake = CASES[name]
     bag = rewrite(SOUND, tmp_path / "bag", mistake.states, mistake.meter, SECONDS)
-    found = check(bag, load("kr16"), MOTOR_TORQUE).errors
+    effort = MOTOR_TORQUE if mistake.states else EffortMeaning.NONE  # of the meter it says nothing
+    found = check(bag, load("kr16"), effort).errors
     assert {entry.cause for entry in found} == {mistake.cause}  # and no other cause
     if mistake.joints:
         assert set(found[0].subject) == {NAMES[joint] for joint in mistake.joints}
     assert found[0].remedy_in == PARAMETERS
     inputs = read_with(found[0].remedy, tmp_path / "inputs.yaml")
-    assert not loud(check(bag, load("kr16"), MOTOR_TORQUE, inputs))
+    assert not loud(check(bag, load("kr16"), effort, inputs))
 
 
 def test_a_remedy_replaces_the_entry_that_is_there(tmp_path):
@@ -93,9 +94,11 @@ LONG = pytest.mark.long
 @pytest.mark.parametrize(
     ("joint", "factor"),
     [
-        (1, 0.5),
         (4, 2.0),
-        *(pytest.param(*case, marks=LONG) for case in [(1, 2.0), (2, 0.5), (2, 2.0), (4, 0.5)]),
+        *(
+            pytest.param(*case, marks=LONG)
+            for case in [(1, 0.5), (1, 2.0), (2, 0.5), (2, 2.0), (4, 0.5)]
+        ),
     ],
 )
 def test_a_wrong_gear_ratio_is_named(joint, factor):
@@ -261,14 +264,12 @@ def test_noise_at_rest_is_compared_with_the_standstill_velocity(tmp_path):
 
     bag = rewrite(SOUND, tmp_path / "bag", noisy, None, SECONDS)
     (found,) = [
-        entry
-        for entry in check(bag, load("kr16"), MOTOR_TORQUE).findings
-        if entry.cause == "standstill_velocity"
+        entry for entry in check(bag, load("kr16")).findings if entry.cause == "standstill_velocity"
     ]
     assert set(found.subject) == set(NAMES)
     assert found.evidence == pytest.approx(3e-3, rel=0.4)
     model = mended(found.remedy, load("kr16"))
-    assert "standstill_velocity" not in loud(check(bag, model, MOTOR_TORQUE))
+    assert "standstill_velocity" not in loud(check(bag, model))
 
 
 def test_a_meter_that_reads_far_more_or_less_than_the_robot_takes_is_named(tmp_path):
@@ -331,4 +332,4 @@ def test_the_command_prints_findings_and_ends_with_two(tmp_path, capsys):
     assert "parameter file" in printed
     [recording] = json.loads(out.read_text())["recordings"]
     assert recording["findings"][0]["cause"] == "torque_sign"
-    assert main(["check", str(SOUND), "--model", "kr16", "--effort", "motor_torque"]) == 0
+    assert main(["check", str(SOUND), "--model", "kr16"]) == 0

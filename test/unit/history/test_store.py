@@ -399,10 +399,11 @@ def test_messages_without_a_stamp_or_with_a_negative_count_are_malformed():
     good = {"band": np.uint8(0), "meter_location": np.uint8(0), "gap_count": np.uint64(0),
             "persisted": True, **stamp_columns(np.full(6, START)),
             **stamp_columns(np.full(6, START), "energy_start"),
+            **stamp_columns(np.zeros(6, np.int64), "minute"),
             "observed_ns": np.array([1, -1, 2**62, 1, 1, 1])}  # fmt: skip
     columns = zeros(encoder, 6) | good
-    columns["header.stamp.sec"] = np.array([1, 1, 1, -5, 0, 1])
-    columns["energy_start.nanosec"] = np.array([0, 0, 0, 0, 0, 2**31])
+    columns["header.stamp.sec"] = np.array([1, 1, 1, -5, 0, 1], dtype=np.int32)
+    columns["energy_start.nanosec"] = np.array([0, 0, 0, 0, 0, 2**31], dtype=np.uint32)
     decoder = ReadingDecoder()
     found = decoder.decode(page_messages.batch(ENERGY_REGISTERS, encoder.encode(columns, 6)))
     assert [one.stamp_ns for one in found] == [SECOND]

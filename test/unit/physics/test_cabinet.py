@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from robot_energy.model import load
 from robot_energy.model.figure import Figure, PositiveFigure
-from robot_energy.model.schema import Cabinet, Fan
+from robot_energy.model.schema import Cabinet, CabinetFan
 from robot_energy.physics.cabinet import CabinetStage
 from robots import figure
 
@@ -96,7 +96,7 @@ def test_capacitor_is_the_plain_recursion_however_the_input_is_cut(seed, cuts):
 
 def fan_model():
     figure = {"tag": "assumed"}
-    fan = Fan(
+    fan = CabinetFan(
         power=PositiveFigure(value=30.0, **figure),
         on_degc=Figure(value=45.0, **figure),
         off_degc=Figure(value=40.0, **figure),

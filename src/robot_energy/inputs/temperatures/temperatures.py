@@ -136,7 +136,7 @@ class TemperatureIngest:
         found = [sentence_of(self.epochs, f"temperatures on {topics}", within=within)]
         if states is not None:
             ahead_ns = self.ahead_ns(states)
-            found.append(apart_sentence(self.epochs, states.newest_ns, ahead_ns, "temperature"))
+            found.append(apart_sentence(self.epochs, states.newest_ns, ahead_ns))
         return list(filter(None, found))
 
     def account_of(self, topic: str) -> RejectionLog:
