@@ -63,7 +63,7 @@ class JudgedBus(JudgedClaim):
 
 
 @dataclass(frozen=True)
-class Work:
+class DriveWork:
     """What one plant did.
 
     Attributes:
@@ -81,7 +81,7 @@ class Work:
     interval: float
 
 
-def works(folder: Path, plant: int) -> list[Work]:
+def works(folder: Path, plant: int) -> list[DriveWork]:
     """Return two works of a plant.
 
     Args:
@@ -93,7 +93,7 @@ def works(folder: Path, plant: int) -> list[Work]:
     robot, _ = profile.mechanics()
     limits, above = profile.motion_limits(robot), tool_above(robot, TOOL, MIN_HEIGHT)
     random = np.random.default_rng(np.random.SeedSequence(plant, spawn_key=(0x627573,)))
-    found: list[Work] = []
+    found: list[DriveWork] = []
     for number in range(WORKS):
         drawn = random_program(limits, int(random.integers(1 << 30)), MOVES, accept=above)
         dwell, override = random.uniform(0.2, 2.0, len(drawn.via)), random.uniform(0.6, 1.0)
@@ -106,7 +106,7 @@ def works(folder: Path, plant: int) -> list[Work]:
         bag = record(rig(), LENGTH, folder / f"work{number}").path
         twin = rig()
         truth = twin.step(round(LENGTH / twin.period)).truth
-        found.append(Work(profile, model, bag, truth.drive_power.sum(axis=1), twin.period))
+        found.append(DriveWork(profile, model, bag, truth.drive_power.sum(axis=1), twin.period))
     return found
 
 
@@ -143,7 +143,7 @@ def circuit_energy(
     return float(circuit.step(power).grid_power.sum()) * step
 
 
-def true_saving(one: Work, other: Work, shift: int = 0) -> tuple[float, float]:
+def true_saving(one: DriveWork, other: DriveWork, shift: int = 0) -> tuple[float, float]:
     """Return what one bus truly saves, and the energy with two supplies. [J]
 
     Args:
@@ -161,14 +161,14 @@ def true_saving(one: Work, other: Work, shift: int = 0) -> tuple[float, float]:
     return apart - circuit_energy(one.profile, common, powers[0] + powers[1], one.interval), apart
 
 
-def judged_pair(name: str, plant: int, one: Work, other: Work) -> JudgedBus:
+def judged_pair(name: str, plant: int, one: DriveWork, other: DriveWork) -> JudgedBus:
     """Return what `robot-energy shared-bus` claims of two recordings, and the truth."""
     report = shared_bus_of([one.bag, other.bag], [one.model, other.model], same_start=True).report
     truth, apart = true_saving(one, other)
     return JudgedBus(name, plant, report.saved, report.half, truth, apart)
 
 
-def judged_advice(plant: int, work: Work) -> list[JudgedBus]:
+def judged_advice(plant: int, work: DriveWork) -> list[JudgedBus]:
     """Return what `robot-energy advise` claims of one recording, and the mean truth over starts."""
     sums = EvidenceSums(work.model)
     result = run_replay(work.bag, work.model, on_output=sums.take, keep_compared=True)

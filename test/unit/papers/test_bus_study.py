@@ -9,8 +9,8 @@ from robot_energy.model import load
 from robot_energy_rig import random_profile
 from robot_energy_studies.bus_study import (
     ADVISED,
+    DriveWork,
     JudgedBus,
-    Work,
     common_supply,
     count,
     true_saving,
@@ -29,7 +29,7 @@ def test_what_one_robot_feeds_back_moves_the_other_in_the_circuit_of_the_rig():
     profile = random_profile("kr16", 7)
     supply, power = profile.supply, np.full(250, 2000.0)
     turns = np.concatenate([power, -power]), np.concatenate([-power, power])
-    one, other = (Work(profile, load("kr16"), Path(), turn, STEP) for turn in turns)
+    one, other = (DriveWork(profile, load("kr16"), Path(), turn, STEP) for turn in turns)
     saved, apart = true_saving(one, other)
     opens, closes = (
         0.5 * supply.capacitance * (voltage**2 - supply.rectified_voltage**2)
