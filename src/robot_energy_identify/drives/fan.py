@@ -66,7 +66,7 @@ class FoundFan:
 
         Args:
             power: While it runs, and its deviation. [W]
-            std: See above.
+            std: Its deviation. [W]
             source: Where the data come from.
         """
         on, off = (

@@ -47,7 +47,7 @@ from robot_energy_identify.stats.systematic import (
 
 Structure = Literal["constant", "shaft", "shared", "axis"]
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared")  # of which one is chosen
-TOLD = 0.5  # of its prior: a figure whose deviation is less is identified for itself
+DETERMINED = 0.5  # of its prior: a figure whose deviation is less is identified for itself
 
 NO_BETTER = PositiveFigure(
     value=0.0, tag="assumed", source="losses predict held-out readings no better than 0"
@@ -314,7 +314,7 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
             entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
         elif value == 0.0:
             entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
-        elif fit.coefficients.shape[1] > 1 and std > TOLD * SPREAD[name] * value:
+        elif fit.coefficients.shape[1] > 1 and std > DETERMINED * SPREAD[name] * value:
             shared = float(fit.losses.std[f"{name} of all axes"])
             size = float(fit.losses.values[f"{name} of all axes"])
             known = f"{100.0 * shared / size:.2g} %" if size else "0"
