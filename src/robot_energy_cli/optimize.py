@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from robot_energy_cli.command import REQUIRED, Command, add_option, add_options
+from robot_energy_cli.command import REQUIRED, SEVERAL, Command, add_option, add_options
 from robot_energy_cli.replay_options import PART
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import add_tool, tool_options
@@ -36,6 +36,13 @@ OPTIONS = {
     "--regenerative": "evaluate a regenerative supply as well",
     "--peak-limit W": "greatest power from the grid",
     "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
+    "--level PROGRAM": (
+        "program of another robot of this model on the same supply; starts within the cycle "
+        "time are shifted so that the peak is least; repeat the option for several robots",
+        SEVERAL,
+    ),
+    "--one-bus": "the robots of --level share one DC bus: starts are shifted so that least "
+    "energy is needed, as one accelerates while another brakes",
     "--free-rests": "the work needs none of the rests of the program: moves may fill them (cycle "
     "time: as long as now, unless given)",
     "--topic NAME": "of the JointTrajectory, or of the joint states, in a bag",
@@ -67,7 +74,7 @@ def _run(args: Namespace) -> int:
     from robot_energy_report.document import Document
     from robot_energy_report.optimization import measures_and_front, optimization_document
 
-    check_outputs(args, [args.program, args.model, args.rest_states])
+    check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
     with progress(f"{args.program}: every move in every way") as show:
         found = optimize(
@@ -78,6 +85,8 @@ def _run(args: Namespace) -> int:
             standby=states,
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
+            level=args.level,
+            one_bus=args.one_bus,
             time_law=args.time_law,
             topic=args.topic,
             start=args.start,

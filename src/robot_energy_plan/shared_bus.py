@@ -16,7 +16,7 @@ from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_plan.motion.planned import STEP, PlannedMotion
 from robot_energy_plan.optimization.deviations import DeviationSums
-from robot_energy_plan.optimization.levelling import Levelling, level_starts, samples_of
+from robot_energy_plan.optimization.levelling import Levelling, drawn, level_starts, samples_of
 from robot_energy_plan.prediction import predict
 
 MAX_STEPS = 500_000  # of a cycle
@@ -199,7 +199,7 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
     losses = np.array([[one.loss_dc.value] for one in cabinets])
     middle = (np.arange(count) + 0.5) * cycle / count
     demand = at(middle, np.zeros(len(robots))) + losses
-    found = level_starts(list(demand), cycle)
+    found = level_starts(list(demand), cycle, drawn)
     together = flows(np.zeros(len(robots)))
     best = flows(found.start)
     if best.saved <= together.saved:  # capacitors keep what the search takes as lost

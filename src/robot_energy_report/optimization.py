@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from robot_energy_plan.results.common_supply import CommonSupply
 from robot_energy_plan.results.optimization import MeasureResult, OptimizationReport
 from robot_energy_report.canvas import SERIES, Axes, Target, canvas, named_ticks
 from robot_energy_report.document import Column, Document
@@ -17,6 +18,7 @@ from robot_energy_report.formats import (
     percent,
     tags_text,
 )
+from robot_energy_report.shared_bus import bus_verdict
 
 
 def optimization_document(report: OptimizationReport, page: Document) -> None:
@@ -73,6 +75,8 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
             ],
             report.break_even,
         )
+    if report.supply is not None:
+        _supply(page, report, report.supply)
     _front(page, report, scale)
     page.heading("How to try it", 3)
     for number, step in enumerate(report.how_to_try, 1):
@@ -145,6 +149,23 @@ def _temperatures(page: Document, report: OptimizationReport, scale: EnergyForma
         ],
         report.temperatures,
     )
+
+
+def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) -> None:
+    page.rows(
+        "Robots on one supply: starts with the least "
+        + ("peak" if report.shared_bus is None else "energy"),
+        [Column("program", "program"), Column("start", "start", fixed(2), "s")],
+        report.starts,
+    )
+    watt = fixed(0)
+    page.paragraph(
+        f"peak of the supply {watt(supply.peak_power_together)} W with all starts at once, "
+        f"{watt(supply.peak_power)} W with these, mean {watt(supply.mean_power)} W; means over "
+        "20 ms"
+    )
+    if report.shared_bus is not None:
+        page.paragraph(bus_verdict(report.shared_bus), "strong")
 
 
 def _front(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:

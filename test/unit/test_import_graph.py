@@ -193,7 +193,7 @@ MODULES = {
         timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        optimization prediction shared_bus
+        common_supply optimization prediction shared_bus
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline

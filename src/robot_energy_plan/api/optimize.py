@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
-from robot_energy_plan.motion.load_motion import ToolOptions
+from robot_energy_plan.motion.load_motion import ToolOptions, load_motion
 from robot_energy_plan.motion.planned import MAX_DURATION
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.forms import read_form
@@ -25,6 +25,7 @@ from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
+from robot_energy_plan.results.common_supply import supply_figures
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
 
 TEMPERATURES = 3  # at which a range is looked at
@@ -74,6 +75,8 @@ def optimize(
     regenerative: bool = False,
     peak_limit: float | None = None,
     time_law: bool = False,
+    level: Sequence[str | Path] = (),
+    one_bus: bool = False,
     topic: str | None = None,
     start: float | None = None,
     end: float | None = None,
@@ -97,6 +100,9 @@ def optimize(
         peak_limit: Of the power from the grid. [W]
         time_law: Whether moves may follow time laws of their own; what is written is a trajectory
             then.
+        level: Programs of further robots of this model on the same supply, whose starts within
+            the cycle time are shifted so that the peak is least.
+        one_bus: Whether these share one DC bus: starts are shifted so that least energy is needed.
         topic: Of the JointTrajectory, or of the joint states, in a bag.
         start: Of one recorded cycle in the bag, after its start; negative: before its end. [s]
         end: Of the same cycle, likewise. [s]
@@ -124,6 +130,12 @@ def optimize(
     ):
         if value is not None and not 0 < value <= most:
             raise MotionError(f"the {name} is {value}", "a value > 0")
+    if level and cycle_time is None:
+        raise MotionError(
+            "no cycle time was given for robots on one supply", "the cycle time that all have"
+        )
+    if one_bus and not level:
+        raise MotionError("no other robot was named for one DC bus", "their programs")
     chain = PowerChain(used, _temperatures(temperature, used))
     form = read_form(program, used, chain.robot, topic, TimeRange(start, end), tool, max_feed)
     if time_law and isinstance(form, GcodeForm):
@@ -159,6 +171,10 @@ def optimize(
     name = str(program)
     found = optimise(task)
     report = optimization_report(found, chosen, name, notes)
+    if level and cycle_time is not None:
+        others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
+        robots = [(name, chosen.motion(found.task, found.plan)), *others]
+        report = replace(report, **supply_figures(found.task, robots, cycle_time, one_bus))
     return OptimizationResult(name, report, found, chosen)
 
 

@@ -1,14 +1,15 @@
-"""Robots on one DC bus: their starts within a common cycle are shifted so that least is drawn.
+"""Robots on one supply: their starts within a common cycle are shifted, to the least of a figure.
 
-The rectifiers give ``max(sum_i D_i, 0)`` of the demands of the robots, each over its own cycle of
-equal length: braking of one robot then meets acceleration of another. Of two robots every shift is
-looked at. Of more, one robot after the other takes its best shift until none improves, from several
-beginnings: that finds a good choice, not surely the best.
+The power of the supply is the sum of the powers of the robots, each over its own cycle of equal
+length. The figure is its peak, or on one DC bus what the rectifiers give, ``max(sum_i D_i, 0)``:
+braking of one robot then meets acceleration of another. Of two robots every shift is looked at. Of
+more, one robot after the other takes its best shift until none improves, from several beginnings:
+that finds a good choice, not surely the best.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,17 @@ STEP = 0.02  # s between shifts
 BEGINNINGS, SEED = 8, 0  # for more than two robots
 MAX_SWEEPS = 50
 MAX_STEPS = 5000  # of a cycle
+Figure = Callable[[Float], Float]
+"""Power of the supply over a cycle, shape (..., N) -> what shall be least, shape (...). [W]"""
+
+
+def peak(power: Float) -> Float:
+    """Return the greatest power, shape (...). [W]
+
+    Args:
+        power: Shape (..., N). [W]
+    """
+    return np.asarray(power.max(axis=-1))
 
 
 def drawn(power: Float) -> Float:
@@ -38,7 +50,7 @@ class Levelling:
 
     Attributes:
         start: After the beginning of the cycle; 0 for the first robot, shape (R,). [s]
-        together: Mean power drawn with all starts at once. [W]
+        together: The figure with all starts at once. [W]
         least: With these starts. [W]
         any_start: Its mean over starts that fall anywhere. [W]
         mean: Power of the supply, whatever the starts. [W]
@@ -51,11 +63,11 @@ class Levelling:
     mean: float
 
 
-def level_starts(power: Sequence[Float], cycle_time: float) -> Levelling:
-    """Return the starts with which least is drawn.
+def level_starts(power: Sequence[Float], cycle_time: float, figure: Figure = peak) -> Levelling:
+    """Return the starts with the least of a figure.
 
     Args:
-        power: Demand of each robot over one cycle at equal steps, as many of each, shape (N,). [W]
+        power: Of each robot over one cycle, at equal steps, all of one length, shape (N,). [W]
         cycle_time: Of all. [s]
 
     Raises:
@@ -74,12 +86,12 @@ def level_starts(power: Sequence[Float], cycle_time: float) -> Levelling:
     ]
     random = np.random.default_rng(SEED)
     best = np.zeros(count, dtype=np.int64)
-    least = together = float(drawn(curves.sum(axis=0)))
+    least = together = float(figure(curves.sum(axis=0)))
     for turn in range(1 if count == 2 else BEGINNINGS):
         begin = np.zeros(count, dtype=np.int64)
         if turn:
             begin[1:] = random.integers(size, size=count - 1)
-        start, found = _descend(shifted, begin)
+        start, found = _descend(shifted, begin, figure)
         if found < least * (1 - 1e-9):
             best, least = start, found
     anywhere = random.integers(size, size=(size, count - 1))
@@ -89,12 +101,12 @@ def level_starts(power: Sequence[Float], cycle_time: float) -> Levelling:
         best * (cycle_time / size),
         together,
         least,
-        float(drawn(total).mean()),
+        float(figure(total).mean()),
         float(curves.sum(axis=0).mean()),
     )
 
 
-def _descend(shifted: Sequence[Float], start: Int) -> tuple[Int, float]:
+def _descend(shifted: Sequence[Float], start: Int, figure: Figure) -> tuple[Int, float]:
     """Give one robot after the other its best shift until none improves."""
     least = np.inf
     for _ in range(MAX_SWEEPS):
@@ -104,7 +116,7 @@ def _descend(shifted: Sequence[Float], start: Int) -> tuple[Int, float]:
                 (shifted[k][start[k]] for k in range(len(start)) if k != robot),
                 np.zeros(len(shifted[0])),
             )
-            values = drawn(shifted[robot] + others)
+            values = figure(shifted[robot] + others)
             start[robot] = int(np.argmin(values))
             least = float(values[start[robot]])
         if least >= before * (1 - 1e-9):

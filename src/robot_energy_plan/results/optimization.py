@@ -14,6 +14,8 @@ from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.rest_states import break_even
 from robot_energy_plan.optimization.task import Task
 from robot_energy_plan.prediction import predict
+from robot_energy_plan.results.common_supply import CommonSupply, StartTime
+from robot_energy_plan.results.shared_bus import SharedBusReport
 
 NOT_CLAIMED = "not claimed: smaller than its uncertainty"
 NOTHING = "changes nothing here"
@@ -132,6 +134,14 @@ class OptimizationReport(Result, name="optimization"):
         tuple[TemperatureFigures, ...], "At each temperature that was asked for."
     ]
     break_even: Annotated[tuple[BreakEven, ...], "States at rest."]
+    starts: Annotated[
+        tuple[StartTime, ...],
+        "Of this robot, as chosen, and of the others on its supply; empty without others.",
+    ]
+    supply: Annotated[CommonSupply | None, "Power of that supply; None without others."]
+    shared_bus: Annotated[
+        SharedBusReport | None, "Energy of that supply where it is one DC bus; else None."
+    ]
     checked_energy: Annotated[float, "Energy of the choice, as live operation predicts it. [J]"]
     how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
@@ -177,6 +187,9 @@ def optimization_report(
         front=tuple(FrontPoint(c.duration, c.energy, c.peak) for _, c in found.front),
         temperatures=_temperatures(found),
         break_even=_break_even(task),
+        starts=(),
+        supply=None,
+        shared_bus=None,
         checked_energy=checked,
         how_to_try=_how_to_try(found),
         problems=tuple(problems),

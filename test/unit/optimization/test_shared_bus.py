@@ -7,7 +7,7 @@ import robot_energy as re
 from places import ROOT
 from robot_energy.foundation.errors import MotionError
 from robot_energy_cli.main import main
-from robot_energy_plan.optimization.levelling import level_starts
+from robot_energy_plan.optimization.levelling import drawn, level_starts
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 COLD, WARM = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"
@@ -15,7 +15,7 @@ COLD, WARM = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"
 
 def test_braking_of_one_is_put_where_the_other_drives():
     square = np.where(np.arange(100) < 50, 900.0, -700.0)
-    found = level_starts([square, square], 10.0)
+    found = level_starts([square, square], 10.0, drawn)
     assert found.together == pytest.approx(900.0)  # 1800 W for half the time
     assert found.start[1] == pytest.approx(5.0)
     assert found.least == pytest.approx(200.0)
@@ -44,6 +44,16 @@ def test_a_robot_waits_until_the_cycle_is_over():
     assert long.energy - short.energy == pytest.approx(2 * 10.0 * 400.0, rel=0.02)  # at rest
     with pytest.raises(MotionError, match=r"takes 33\.\d+ s"):
         re.shared_bus([MOVES, MOVES], "kr16", cycle_time=30.0)
+
+
+def test_starts_with_the_least_energy():
+    given = {"cycle_time": 9.0, "level": [MOVES], "one_bus": True}
+    found = re.optimize(MOVES, "kr16", 40.0, **given).report
+    bus = found.shared_bus
+    assert [one.start for one in found.starts] == [one.start for one in bus.robots]
+    assert found.supply.mean_power == pytest.approx((bus.energy_apart - bus.saved_best) / 9.0)
+    with pytest.raises(MotionError, match="no other robot"):
+        re.optimize(MOVES, "kr16", 40.0, cycle_time=9.0, one_bus=True)
 
 
 def test_bags_recorded_together():
