@@ -12,8 +12,8 @@ from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 
 DESCRIPTION = """\
 Rank what would save energy, from recordings alone: standby in breaks and at night, a supply that
-returns braking energy, other speeds, other places to wait. Each has a 90 % band and says what it
-rests on; a saving smaller than its band is listed apart, as not proven.
+returns braking energy, a warmer start, other speeds, other places to wait. Each has a 90 % band and
+says what it rests on; a saving smaller than its band is listed apart, as not proven.
 """
 EPILOG = """\
 examples:

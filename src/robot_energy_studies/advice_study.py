@@ -2,9 +2,9 @@
 
 Plants are drawn at random, have every effect of the rig, and are identified elsewhere.
 A plant then runs from cold with waits and a long rest, sped up in heating. From that recording
-alone the tool advises; the rig applies the advice: it holds at the place advised, rests in a state
-whose power is drawn from its stated deviation, and a supply whose efficiency is drawn likewise
-returns what went into its own resistor. Simulated throughout.
+alone the tool advises; the rig applies the advice: it starts at the warm temperature, holds at the
+place advised, rests in a state whose power is drawn from its stated deviation, and a supply whose
+efficiency is drawn likewise returns what went into its own resistor. Simulated throughout.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from robot_energy_fleet.advice.claims import (
     regenerative,
     standby,
     waiting_pose,
+    warm_up,
 )
 from robot_energy_fleet.advice.evidence import EvidenceSums
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
@@ -88,17 +89,18 @@ class AdvisedPlant:
         self._random = random
         self.length = PERIODS * self.program.period
 
-    def _rig(self) -> VirtualRig:
+    def _rig(self, degc: float | Float, warming: bool) -> VirtualRig:
         config = replace(RigConfig.hard(), thermal_speedup=SPEEDUP)
-        return VirtualRig(self._profile, self.program, config, self._seed, COLD, AMBIENT)
+        config = config if warming else config.without("warming")
+        return VirtualRig(self._profile, self.program, config, self._seed, degc, AMBIENT)
 
     def recorded(self) -> Path:
         """Return the recording."""
-        return record(self._rig(), self.length, self._folder / "work").path
+        return record(self._rig(COLD, True), self.length, self._folder / "work").path
 
     def judge(self, claims: Sequence[tuple[Claim | None, bool]]) -> list[JudgedAdvice]:
         """Return what each advice saves on the rig."""
-        rig = self._rig()
+        rig = self._rig(COLD, True)
         count = round(self.length / rig.period)
         truth = rig.step(count).truth
         energy = float(truth.grid_power.sum()) * rig.period
@@ -113,6 +115,9 @@ class AdvisedPlant:
                 continue
             if claim.name == "regenerative":
                 saved = returned * float(truth.brake_power.sum()) * rig.period
+            elif claim.motor_temperature_degc is not None:
+                warm = self._rig(claim.motor_temperature_degc, False).step(count).truth
+                saved = energy - float(warm.grid_power.sum()) * rig.period
             elif claim.joint_position is not None and claim.places is not None:
                 short = [
                     (rows, time)
@@ -160,12 +165,14 @@ def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list
     sums = EvidenceSums(model)
     result = run_replay(plant.recorded(), model, on_output=sums.take, keep_compared=True)
     evidence = sums.evidence(result.compared)
+    evidence.measured_temperature = True
     nothing = {"compared_time": 0.0, "measured": 0.0, "predicted": 0.0}
     rests = [replace(rest, **nothing) for rest in evidence.rests]
     alone = replace(evidence, rests=rests, metered=False)
     metered = (
         standby(evidence, model, ASSUMED, True),
         regenerative(evidence, model),
+        warm_up(evidence, model),
         waiting_pose(evidence, model),
     )
     without = standby(alone, model, ASSUMED, True), waiting_pose(alone, model)

@@ -13,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.certainty.band import Z90
+from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.advice.evidence import (
+    DEGC_MIDDLES,
     DEMAND_BINS,
     RecordedEvidence,
     RecordedRest,
@@ -30,9 +33,15 @@ LONG_REST = 60.0  # s; from here on the drives are left on for nothing
 NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
 REGENERATION = (0.9, 0.05)  # share that a regenerative supply returns, assumed; its deviation
 FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as a share of it
+FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
+FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
+MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again
 FORM_OF_STARTS = 0.25  # the same of what a shared bus saves: starts are never quite independent
 MOST_ROBOTS = 4  # on one DC bus, of which something is said
+FORM_OF_STANDING = 0.05  # the same of losses that flow all the time: warmth may start a fan
 METER = 0.02  # standard deviation of a measured power that holds for long, as a share of it
+WARM = 0.95  # of the motion was colder than the warm robot
+MIN_WARMING = 3.0  # K between the mean and the warm motor, below which nothing is said
 SAME_PLACE = 0.05  # rad or m; rests nearer than this are at one place
 MIN_COMPARED = 5.0  # s of a meter at one place, from which on it counts
 
@@ -48,6 +57,7 @@ class Claim:
         command: Next command; empty where there is none.
         joint_position: Where to wait, shape (n,); None for other changes. [rad] or [m]
         places: Of the waits that count, shape (P, n); None for other changes. [rad] or [m]
+        motor_temperature_degc: Of the warm robot, shape (n,); None for other changes. [degC]
         state: In which to rest; None for other changes.
     """
 
@@ -60,6 +70,7 @@ class Claim:
     command: str = ""
     joint_position: Float | None = None
     places: Float | None = None
+    motor_temperature_degc: Float | None = None
     state: RestState | None = None
 
     @property
@@ -244,7 +255,7 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         f"robots at such work on one DC bus {percent(part)} of it would move the other, with "
         f"{MOST_ROBOTS} robots {percent(most / evidence.brake_energy)}, where starts fall anywhere",
         "one DC bus for robots that stand together; `robot-energy shared-bus` computes it for "
-        "recordings made at one time, and finds the best starts of programs",
+        "recordings made at one time, and `optimize --level --one-bus` shifts starts",
     )
 
 
@@ -258,12 +269,55 @@ def _sum_of(value: Float, share: Float, other: Float, of_other: Float) -> tuple[
     return energy[seen] / time[seen], time[seen]
 
 
+def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> Claim | None:
+    """Return what friction at the temperature of the warm robot saves.
+
+    ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
+    the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``. A fan
+    that starts with warmth is in the band alone.
+    """
+    time = evidence.motion_time.sum(axis=1)
+    if not evidence.measured_temperature or not (time > 0).all():
+        return None
+    middle = DEGC_MIDDLES
+    done = np.cumsum(evidence.motion_time, axis=1) / time[:, None]
+    warm = middle[np.argmax(done >= WARM, axis=1)]
+    mean: Float = (evidence.motion_time * middle).sum(axis=1) / time
+    if float(np.max(warm - mean)) < MIN_WARMING:
+        return None
+    friction, certainty = FrictionModel.from_model(model), FrictionCertainty(model)
+    grid = np.broadcast_to(middle[:, None], (len(middle), len(warm)))
+    colder = np.minimum(grid, warm)
+    saved = (friction.viscous(colder) - friction.viscous(warm)).T * evidence.squared_speed
+    at = np.hypot(certainty.std(colder)[0], certainty.std(warm[None, :])[0]) * (grid < warm)
+    joints = saved.sum(axis=1)
+    own = (at.T * evidence.squared_speed).sum(axis=1)
+    risen: Float = np.maximum(warm[:, None] - middle, 0.0)
+    lost = MAGNETS * float(np.sum(evidence.warm_loss * risen))
+    standing = FORM_OF_STANDING * model.constant_power() * evidence.observed_time
+    degc = float(np.mean(warm))
+    return Claim(
+        "warm_up",
+        float(joints.sum()) - lost,
+        np.concatenate([own, [FORM_OF_WARMING * joints.sum(), FORM_OF_COPPER * lost, standing]]),
+        "predicted",
+        f"motors were at {mean.mean():.0f} degC on average in motion and at {degc:.0f} "
+        "degC once warm; the difference of friction, less what warm windings lose more; what "
+        "warming up costs is not in it",
+        f"start at {degc:.0f} degC: jobs without long breaks between them, a warmer place, and no "
+        "cold start for a few cycles",
+        replay and f"{replay} --compare {degc:.0f}",
+        motor_temperature_degc=warm,
+    )
+
+
 def _chain(model: RobotModel, evidence: RecordedEvidence) -> PowerChain:
     """At the mean temperature of motion, else the fallback."""
     degc = np.full(len(model.joints), model.temperature.fallback_degc)
     if evidence.motion_time.sum() > 0 and len(evidence.motion_time) == len(degc):
-        mean = evidence.motion_degc / np.maximum(evidence.motion_time, 1e-9)
-        degc = np.where(evidence.motion_time > 0, mean, degc)
+        time = evidence.motion_time.sum(axis=1)
+        mean = (evidence.motion_time * DEGC_MIDDLES).sum(axis=1) / np.maximum(time, 1e-9)
+        degc = np.where(time > 0, mean, degc)
     return PowerChain(model, degc[None, :])
 
 

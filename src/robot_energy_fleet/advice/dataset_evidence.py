@@ -16,7 +16,7 @@ from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import RobotModel
 from robot_energy.replay.api import ReplayOptions
 from robot_energy_fleet.advice.claims import LONG_REST, Claim
-from robot_energy_fleet.advice.evidence import RecordedEvidence, RecordedRest
+from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy_fleet.dataset import collected, read_tables, scan
 from robot_energy_fleet.history_tables import is_history
 from robot_energy_fleet.tables import counted_twice
@@ -167,7 +167,7 @@ def dataset_evidence(
         fine=False,
         notes=[
             f"a {what} cannot separate short and long rests within an hour",
-            f"a {what} holds sums: for speeds and waiting poses {bags}",
+            f"a {what} holds sums: for warm-up, speeds and waiting poses {bags}",
         ],
     )
     if without_inputs:
@@ -179,6 +179,8 @@ def dataset_evidence(
     hours = tables.hours.join(runs.select("key"), on="key", how="semi")
     moved = float(hours["motion_time"].sum())
     found.rest_time = float(hours["observed_time"].sum()) - moved
+    shape = len(model.joints), len(DEGC_BINS) - 1
+    found.squared_speed, found.motion_time = np.zeros(shape), np.zeros(shape)
     still = np.zeros(len(model.joints))
     columns = ["robot", "hour_ns", "standby_time", "standby_energy"]
     summed = hours.select(columns).group_by(columns[:2], maintain_order=True).sum()

@@ -1,4 +1,4 @@
-"""What recordings show: rests, energy that was braked, demand on the DC bus."""
+"""What recordings show: rests, energy that was braked, friction over temperature."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robot_energy.model import RobotModel
+from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.pipeline.consecutive import ConsecutiveBlocks
@@ -15,8 +16,11 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock, Tor
 from robot_energy.timeline.pieces import Compared
 from robot_energy_plan.optimization.deviations import DeviationSums
 
+WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the work
 SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
+DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
+DEGC_MIDDLES = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
 DEMAND_BINS = 2.0 * np.sinh(np.linspace(-13.0, 13.0, 801))
 """Edges of the demand on the DC bus, fine near 0, to 4e5 W either way. [W]"""
 
@@ -51,7 +55,7 @@ class RecordedRest:
 
 SUMS = (
     "recordings", "observed_time", "grid_energy", "brake_energy", "brake_columns", "rests",
-    "rest_time", "motion_time", "motion_degc", "demand",
+    "rest_time", "squared_speed", "motion_time", "warm_loss", "demand",
 )  # fmt: skip
 """Fields of the evidence of several recordings that add up."""
 
@@ -66,8 +70,11 @@ class RecordedEvidence:
         brake_energy: Into the brake resistor. [J]
         brake_columns: Change of that with the error of each figure, shape (K,). [J]
         rest_time: In rests, those of a dataset included. [s]
-        motion_time: Of each motor, shape (n,). [s]
-        motion_degc: Integral of the temperature over that, shape (n,). [degC s]
+        squared_speed: Integral of the squared motor speed by 1 K of the motor temperature, while
+            the grid feeds the bus, shape (n, bins). [rad^2/s]
+        motion_time: Of each motor by temperature, shape (n, bins). [s]
+        warm_loss: Energy that drives lose more for each kelvin by which their windings are warmer,
+            by temperature, at rest too, shape (n, bins). [J/K]
         demand: Time [s], and integral of the demand on the DC bus [J], constant losses of that side
             included, by this demand in `DEMAND_BINS`, shape (2, bins).
         start_ns: First sample. [ns since 1970]
@@ -84,11 +91,13 @@ class RecordedEvidence:
     brake_columns: Float = field(default_factory=lambda: np.zeros(1))
     rests: list[RecordedRest] = field(default_factory=list[RecordedRest])
     rest_time: float = 0.0
-    motion_time: Float = field(default_factory=lambda: np.zeros(1))
-    motion_degc: Float = field(default_factory=lambda: np.zeros(1))
+    squared_speed: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    motion_time: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    warm_loss: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
     demand: Float = field(default_factory=lambda: np.zeros((2, len(DEMAND_BINS) - 1)))
     start_ns: int | None = None
     end_ns: int | None = None
+    measured_temperature: bool = False
     metered: bool = False
     robots: tuple[str, ...] = ()
     places: bool = True
@@ -99,7 +108,7 @@ class RecordedEvidence:
     def mean_degc(self) -> float:
         """Mean motor temperature of the motion, of all joints; NaN without motion. [degC]"""
         time = self.motion_time.sum()
-        return float(self.motion_degc.sum() / time) if time > 0 else math.nan
+        return float((self.motion_time * DEGC_MIDDLES).sum() / time) if time > 0 else math.nan
 
     def add(self, other: RecordedEvidence) -> None:
         """Add what another recording shows."""
@@ -108,6 +117,7 @@ class RecordedEvidence:
         starts = [one for one in (self.start_ns, other.start_ns) if one is not None]
         ends = [one for one in (self.end_ns, other.end_ns) if one is not None]
         self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)
+        self.measured_temperature |= other.measured_temperature
         self.metered |= other.metered
         self.notes += [note for note in other.notes if note not in self.notes]
 
@@ -127,8 +137,11 @@ class EvidenceSums:
         self._blocks = ConsecutiveBlocks()
         self._position: Float | None = None
         self._open: RecordedRest | None = None
-        self._motion_time, self._motion_degc = np.zeros((2, len(model.joints)))
+        shape = len(model.joints), len(DEGC_BINS) - 1
+        self._squared_speed, self._motion_time = np.zeros(shape), np.zeros(shape)
+        self._warm_loss = np.zeros(shape)
         self._demand = np.zeros((2, len(DEMAND_BINS) - 1))
+        self._drive = drive_from_model(model)
         self._energy = self._time = self._brake = 0.0
         self._rests: list[RecordedRest] = []
 
@@ -165,8 +178,9 @@ class EvidenceSums:
             brake_columns=self._deviations.brake,
             rests=self._rests,
             rest_time=sum(rest.duration for rest in self._rests),
+            squared_speed=self._squared_speed,
             motion_time=self._motion_time,
-            motion_degc=self._motion_degc,
+            warm_loss=self._warm_loss,
             demand=self._demand,
             metered=bool(compared),
         )
@@ -183,10 +197,20 @@ class EvidenceSums:
         )
         for row, weights in enumerate((time, bus * time)):
             self._demand[row] += np.histogram(bus, DEMAND_BINS, weights=weights)[0]
-        moving = (np.abs(block.motor_velocity[:-1]) > self._floor) & (time > 0.0)[:, None]
+        speed = np.abs(block.motor_velocity[:-1])
+        moving = (speed > self._floor) & (time > 0.0)[:, None]
+        fed = (brake[:-1] == 0.0) & (block.grid_power[:-1] > block.loss_grid[:-1])
         degc = np.nan_to_num(block.motor_temperature_degc[:-1], nan=self._fallback_degc)
-        self._motion_time += time @ moving
-        self._motion_degc += time @ (moving * degc)
+        warmer = self._warmer(block[slice(0, -1)], degc) * time[:, None]
+        for joint in range(speed.shape[1]):
+            rows = moving[:, joint]
+            at = degc[rows, joint]
+            squares = (speed[rows, joint] ** 2) * time[rows] * fed[rows]
+            self._squared_speed[joint] += np.histogram(at, DEGC_BINS, weights=squares)[0]
+            self._motion_time[joint] += np.histogram(at, DEGC_BINS, weights=time[rows])[0]
+            self._warm_loss[joint] += np.histogram(
+                degc[:, joint], DEGC_BINS, weights=warmer[:, joint]
+            )[0]
         rest = ~moving.any(axis=1) & (time > 0.0)
         cuts = (np.flatnonzero(np.diff(rest)) + 1).tolist()
         for start, stop in zip([0, *cuts], [*cuts, len(time)], strict=True):
@@ -199,6 +223,13 @@ class EvidenceSums:
                 self._open = RecordedRest(int(block.stamp_ns[start]), end_ns, 0.0, middle)
             self._open.end_ns = end_ns
             self._open.energy += float(energy[start:stop].sum())
+
+    def _warmer(self, block: PowerBlock, degc: Float) -> Float:
+        """Loss of the drives for each kelvin of warmer windings, shape (N, n). [W/K]"""
+        given = block.shaft_power, block.motor_velocity, block.motor_torque
+        now, _ = self._drive.input_power(*given, degc.copy())
+        then, _ = self._drive.input_power(*given, degc + WARMER)
+        return np.nan_to_num((then - now) / WARMER)
 
     def _close(self) -> None:
         if self._open is not None and self._open.duration >= MIN_REST:

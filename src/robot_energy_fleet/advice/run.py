@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from robot_energy_fleet.advice.claims import (
     shared_bus,
     standby,
     waiting_pose,
+    warm_up,
 )
 from robot_energy_fleet.advice.dataset_evidence import (
     MIN_BAGS,
@@ -44,17 +46,19 @@ LABELS = {
     "standby": "standby instead of drives that hold, in breaks and at night",
     "regenerative": "a regenerative supply",
     "shared_bus": "one DC bus for two robots",
+    "warm_up": "a warmer start",
     "speeds": "other speeds and accelerations, in the same cycle time",
     "waiting_pose": "wait where holding costs least",
 }
 OVERLAPS = (
-    ("speeds", "regenerative"), ("speeds", "shared_bus"),
+    ("speeds", "warm_up"), ("speeds", "regenerative"), ("speeds", "shared_bus"),
     ("regenerative", "shared_bus"),
 )  # fmt: skip
 ABSENT = {
     "standby": "standby: no rest of a minute or more that a state would pay for",
     "regenerative": "regenerative supply: nothing went into a brake resistor",
     "shared_bus": "one DC bus: nothing went into a brake resistor, or no samples are known",
+    "warm_up": "warm-up: no measured temperatures, or motors as warm all the time",
     "speeds": "speeds: no part of a bag that starts and ends at rest with two moves, or not asked "
     "for",
     "waiting_pose": "waiting pose: fewer than two places of rest, or no bags of the dataset are "
@@ -138,7 +142,9 @@ def advise(
         evidence = RecordedEvidence()
         for one in each:
             evidence.add(one)
-        fine = _fine(evidence, used)
+        moving = [row for row, one in enumerate(each) if not math.isnan(one.mean_degc)]
+        coldest = min(moving, key=lambda row: each[row].mean_degc, default=0)
+        fine = _fine(names[coldest], evidence, used, named)
         if look_at_speeds:
             fine["speeds"] = _speeds(names, each, used, named, options)
             evidence.notes += [
@@ -187,10 +193,14 @@ def advise(
     )
 
 
-def _fine(evidence: RecordedEvidence, model: RobotModel) -> dict[str, Claim | None]:
+def _fine(
+    path: str, evidence: RecordedEvidence, model: RobotModel, named: str
+) -> dict[str, Claim | None]:
     """What needs samples; speeds are looked for apart."""
+    replay = shlex.join(["robot-energy", "replay", path, "--model", named])
     return {
         "shared_bus": shared_bus(evidence, model),
+        "warm_up": warm_up(evidence, model, replay),
         "speeds": None,
         "waiting_pose": waiting_pose(evidence, model),
     }
@@ -228,7 +238,7 @@ def _sampled(
         given: Any = {**bag.options, "progress": options.get("progress")}
         try:
             own = _recorded(bag.address, model, problems, given)
-            fine = _fine(own, model)
+            fine = _fine(bag.address, own, model, named)
             if look_at_speeds:
                 fine["speeds"] = speeds(bag.address, own, model, given, named)
             found.append(fine)
@@ -237,9 +247,9 @@ def _sampled(
             continue
         time.append(own.observed_time)
     if len(found) < len(bags):
-        few = ", too few for speeds and waiting poses" if len(found) < MIN_BAGS else ""
+        few = ", too few for warm-up, speeds and waiting poses" if len(found) < MIN_BAGS else ""
         whole.notes.append(f"{len(found)} of these {len(bags)} bags could be analysed{few}")
-    names = ("shared_bus", "speeds", "waiting_pose")
+    names = ("shared_bus", "warm_up", "speeds", "waiting_pose")
     return {
         name: of_all([one[name] for one in found], time, whole.observed_time, whole.recordings)
         for name in names
@@ -257,6 +267,7 @@ def _recorded(
     found = sums.evidence(result.compared if result.topics.meter and at_grid else [])
     time = result.account.registers.time
     found.start_ns, found.end_ns = time.start_ns, time.end_ns
+    found.measured_temperature = bool(result.topics.temperatures)
     found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]
     problems += result.problems
     return found

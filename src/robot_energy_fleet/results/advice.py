@@ -33,7 +33,8 @@ class Advice(Result):
 
     name: Annotated[
         str,
-        "``standby``, ``regenerative``, ``shared_bus``, ``speeds`` or ``waiting_pose``.",
+        "``standby``, ``regenerative``, ``shared_bus``, ``warm_up``, ``speeds`` or "
+        "``waiting_pose``.",
     ]
     label: Annotated[str, "The change in words."]
     energy: Annotated[float, "Saved in the recordings. [J]"]

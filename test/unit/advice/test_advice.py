@@ -13,6 +13,7 @@ from places import ROOT
 from robot_energy.foundation.errors import DatasetError, ParameterError
 from robot_energy.history.store import HistoryStore
 from robot_energy.model import load
+from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
 from robot_energy_fleet.advice.claims import (
@@ -21,9 +22,11 @@ from robot_energy_fleet.advice.claims import (
     shared_bus,
     standby,
     waiting_pose,
+    warm_up,
 )
 from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
 from robot_energy_fleet.advice.evidence import (
+    DEGC_BINS,
     DEMAND_BINS,
     RecordedEvidence,
     RecordedRest,
@@ -133,6 +136,26 @@ def test_waiting_pose_takes_the_cheapest_place_that_a_meter_has_shown():
     assert "wait at the joint positions [0.50" in claim.change
 
 
+def test_warm_friction_saves_the_difference_of_the_viscous_coefficients():
+    squares = np.zeros((6, len(DEGC_BINS) - 1))
+    time = np.zeros_like(squares)
+    cold, warm = (int(np.searchsorted(DEGC_BINS, degc)) for degc in (30.0, 50.0))
+    squares[:, cold], time[:, [cold, warm]] = 1e4, [50.0, 50.0]
+    evidence = RecordedEvidence(squared_speed=squares, motion_time=time, measured_temperature=True)
+    claim = warm_up(evidence, MODEL)
+    friction = FrictionModel.from_model(MODEL)
+    at = [friction.viscous(np.full(6, DEGC_BINS[row] + 0.5)) for row in (cold, warm)]
+    assert claim.energy == pytest.approx(1e4 * (at[0] - at[1]).sum())
+    assert claim.energy > 0.0
+    # a fan may start: 5 % of what flows all the time, for as long as was recorded
+    evidence.observed_time = 100.0
+    longer = warm_up(evidence, MODEL)
+    fan = 1.645 * 0.05 * MODEL.constant_power() * 100.0
+    assert longer.half == pytest.approx(np.hypot(claim.half, fan), rel=1e-3)
+    evidence.measured_temperature = False
+    assert warm_up(evidence, MODEL) is None
+
+
 def test_braked_energy_is_that_of_the_replay():
     path = ROOT / "bags/kr16_cold"
     report = re.advise(path, MODEL, look_at_speeds=False).report
@@ -153,6 +176,15 @@ def test_a_recording_given_twice_counts_once_and_is_named(tmp_path):
     assert f"{copy} is the same recording as {cold}: they count once" in found.notes
     (overlap,) = once.notes
     assert overlap.startswith(f"{cold}, {warm} overlap in time, by 36.0 s in all")
+
+
+def test_a_warm_start_is_tried_at_the_warm_temperature_on_the_coldest_recording():
+    bags = [str(ROOT / "bags" / name) for name in ("kr16_warm", "kr16_cold")]
+    report = re.advise(bags, "kr16", look_at_speeds=False).report
+    (warm,) = [one for one in (*report.advice, *report.unproven) if one.name == "warm_up"]
+    degc = warm.change.split()[2]
+    assert int(degc) > 50
+    assert warm.command == f"robot-energy replay {bags[1]} --model kr16 --compare {degc}"
 
 
 def test_short_stops_belong_to_the_work_and_the_basis_says_so(capsys):
@@ -248,7 +280,7 @@ def test_what_overlaps_is_counted_once():
         RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
     )
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
-    assert _advice(claim, basis).overlaps == ("regenerative", "shared_bus")
+    assert _advice(claim, basis).overlaps == ("warm_up", "regenerative", "shared_bus")
     assert _advice(claim, basis).energy_per_year == pytest.approx(100.0)
 
 
@@ -385,10 +417,10 @@ def test_the_command_writes_json(bag, tmp_path, capsys):
 
 def test_the_page_names_what_is_not_proven(tmp_path):
     page = tmp_path / "advice.html"
-    bag = str(ROOT / "bags/drawn_test_cold")
+    bag = str(ROOT / "bags/kr16_all_topics")
     assert main(["advise", bag, "--model", "kr16", "--no-speeds", "--report", str(page)]) == 0
     said = page.read_text()
-    assert said.index("but not proven by them") < said.rindex("one DC bus for two robots")
+    assert said.index("but not proven by them") < said.rindex("a warmer start")
 
 
 def test_what_saves_next_to_nothing_is_not_listed():
