@@ -41,11 +41,10 @@ def _fleet(robots, faults, days, cycles) -> FleetTables:
 
 @contextmanager
 def short_bags(days, cycles=3):
-    """Bags of so many cycles while this lasts, on so many days of a week; short, rarely sampled."""
+    """Bags of so many cycles while this lasts, on so many days of a week; rarely sampled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generated_fleet, "CYCLES", cycles)
         patch.setattr(generated_fleet, "WORKDAYS", days)
-        patch.setattr(generated_fleet, "MAX_PAUSE", 5.0)
         patch.setattr(generated_fleet, "RATE", 25.0)
         patch.setattr(generated_fleet, "NIGHT_RATE", 1.0)
         yield
