@@ -292,13 +292,13 @@ def _priced(
     """Costs of the rows of a table, which are in order of time."""
     names, place = np.unique(table["robot"], return_inverse=True)
     place = np.array([robots.index(name) for name in names.tolist()], np.int64)[place]
-    priced = {name: np.zeros(len(table), _kind(name)) for name in PRICED}
+    priced: dict[str, Column] = {name: np.zeros(len(table), _kind(name)) for name in PRICED}
     firsts = np.searchsorted(table.stamp_ns, bounds)
     for (part, _), own in found.items():
         rows = slice(firsts[part], firsts[part + 1])
         for name, values in priced.items():
             values[rows] = own[name][place[rows]]
-    return dict(priced)
+    return priced
 
 
 def _kind(name: str) -> type:

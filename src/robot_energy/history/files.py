@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
@@ -124,7 +124,7 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
 
 
 @contextmanager
-def reader(folder: str | Path) -> Iterator[sqlite3.Connection]:
+def reader(folder: str | Path) -> Generator[sqlite3.Connection]:
     """Give a connection that reads one state of a history, whatever is written meanwhile.
 
     Args:

@@ -91,7 +91,7 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     if found.applied == 0.0:
         return found
     total = error.sum(axis=0)
-    row, column = np.unravel_index(total.argmin(), total.shape)
+    row, column = divmod(int(total.argmin()), total.shape[1])
     fine = np.arange(-FINE, FINE + 1) / FINE
     near, late = grid[row] + grid[1] * fine, lags[column] + lags[1] * fine
     late = np.concatenate([lags[:1], late[late > 0.0], lags[-1:]])  # ends: the same readings
