@@ -138,8 +138,8 @@ MODULES = {
         bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency fan likely_losses loss_map losses
-        total_covariance total_power total_sums
+        all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
+        total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out

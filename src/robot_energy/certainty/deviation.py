@@ -105,9 +105,7 @@ class PowerDeviation:
         cabinet = model.cabinet
         self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         form = FORM_AT_REST * model.constant_power()
-        fan = 0.0 if cabinet.fan is None else figure_std(cabinet.fan.power, "loss_grid")
         self._loss_grid = float(np.hypot(figure_std(cabinet.loss_grid, "loss_grid"), form))
-        self._loss_grid = float(np.hypot(self._loss_grid, fan))
         returned = cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
         bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
@@ -216,7 +214,7 @@ class PowerDeviation:
         np.multiply(self._payload, of_payload, out=payload)
         np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
-        np.hypot(self._loss_grid, balance.unsure_power, out=loss_grid)
+        loss_grid[:] = self._loss_grid
         unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
         np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
         squares = squares + bodies**2 + payload**2 + loss_dc**2

@@ -79,26 +79,6 @@ class Capacitor(ModelEntry):
         return 0.5 * self.capacitance.value * squares
 
 
-class CabinetFan(ModelEntry):
-    """A load on the grid side that switches with the temperature of the warmest motor.
-
-    Attributes:
-        power: While it runs. [W]
-        on_degc: From this temperature on it runs. [degC]
-        off_degc: Below this temperature it does not; between the two it stays as it was. [degC]
-    """
-
-    power: PositiveFigure
-    on_degc: Figure
-    off_degc: Figure
-
-    @model_validator(mode="after")
-    def _check(self) -> CabinetFan:
-        if self.off_degc.value > self.on_degc.value:
-            raise ValueError("off_degc must be at most on_degc")
-        return self
-
-
 class Cabinet(ModelEntry):
     """Supply and constant losses (paper A, section II-A).
 
@@ -108,25 +88,18 @@ class Cabinet(ModelEntry):
         regeneration_efficiency: Share of excess bus power returned to the grid; absent:
             the supply cannot regenerate. [-]
         capacitor: Optional DC-link capacitor.
-        fan: In addition to the constant loss of the grid side; absent: none is known.
     """
 
     loss_grid: PositiveFigure
     loss_dc: PositiveFigure
     regeneration_efficiency: PositiveFigure | None = None
     capacitor: Capacitor | None = None
-    fan: CabinetFan | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Cabinet:
         if self.regeneration_efficiency is not None and self.regeneration_efficiency.value > 1:
             raise ValueError("regeneration_efficiency must be at most 1")
         return self
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an absent key that came later: a model without it keeps its identity."""
-        return without_absent(dump(self), "fan")
 
 
 class Meter(ModelEntry):

@@ -14,50 +14,13 @@ and gives it back first. In every case
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import replace
 from math import isfinite
 
 import numpy as np
 
-from robot_energy.model.schema import Cabinet, CabinetFan
+from robot_energy.model.schema import Cabinet
 from robot_energy.physics.equations import Balance, grid_balance
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
-
-UNSEEN = 0.5  # share of a fan that runs before a temperature has decided it
-
-
-class FanSwitch:
-    """Whether a fan runs.
-
-    Args:
-        fan: Entry of the model file.
-
-    Attributes:
-        power: While it runs. [W]
-        share: At the newest sample: 0, 1, or 1/2 where not known. [-]
-    """
-
-    def __init__(self, fan: CabinetFan) -> None:
-        self.power = fan.power.value
-        self._on, self._off = fan.on_degc.value, fan.off_degc.value
-        self.share = UNSEEN
-
-    def step(self, samples: int, motor_temperature_degc: Float | None) -> Float:
-        """Return the share at each sample, shape (N,). [-]
-
-        Args:
-            samples: N.
-            motor_temperature_degc: NaN where unknown, shape (N, n); None: of no motor. [degC]
-        """
-        if motor_temperature_degc is None:
-            return np.full(samples, self.share)
-        warmest = np.fmax.reduce(motor_temperature_degc, axis=1)
-        runs = warmest >= self._on
-        decided = np.where(runs | (warmest < self._off), np.arange(samples), -1)
-        last = np.maximum.accumulate(decided)
-        share = np.where(last < 0, self.share, runs[last])
-        self.share = float(share[-1])
-        return share
 
 
 class CabinetStage:
@@ -75,36 +38,23 @@ class CabinetStage:
         self._returned = None if regeneration is None else regeneration.value
         self._swing = 0.0 if cabinet.capacitor is None else cabinet.capacitor.swing
         self.offset_dc = self.offset_grid = 0.0
-        self._fan = None if cabinet.fan is None else FanSwitch(cabinet.fan)
         self._stored = 0.0  # J above nominal voltage
         self._last: tuple[int, int] | None = None  # stamp, segment
 
-    def step(
-        self,
-        stamp_ns: Int,
-        segment: Int,
-        bus_power: Float,
-        motor_temperature_degc: Float | None = None,
-    ) -> Balance:
+    def step(self, stamp_ns: Int, segment: Int, bus_power: Float) -> Balance:
         """Return the balance of a block.
 
         Args:
             stamp_ns: Shape (N,); stamps may repeat. [ns]
             segment: Shape (N,). The capacitor is empty at the start of a segment.
             bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
-            motor_temperature_degc: NaN where unknown, shape (N, n); None: of no motor. [degC]
         """
         loss_dc, loss_grid = self._loss_dc + self.offset_dc, self._loss_grid + self.offset_grid
         demand = bus_power + loss_dc
         capacitor: Float | float = 0.0
         if self._swing > 0:
             capacitor = self._charge(stamp_ns, segment, demand)
-        if self._fan is None:
-            return grid_balance(bus_power, loss_dc, loss_grid, capacitor, self._returned)
-        share, power = self._fan.step(len(bus_power), motor_temperature_degc), self._fan.power
-        whole = loss_grid + share * power
-        balance = grid_balance(bus_power, loss_dc, whole, capacitor, self._returned)
-        return replace(balance, unsure_power=np.where(share == UNSEEN, UNSEEN * power, 0.0))
+        return grid_balance(bus_power, loss_dc, loss_grid, capacitor, self._returned)
 
     def _charge(self, stamp_ns: Int, segment: Int, demand: Float) -> Float:
         """Power into the capacitor, taken as constant over the interval before a sample."""

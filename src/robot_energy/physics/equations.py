@@ -35,7 +35,6 @@ class Balance:
         brake_power: Into the brake resistor, >= 0.
         capacitor_power: Into the capacitor, signed.
         grid_power: From the grid; negative while a regenerative supply feeds back.
-        unsure_power: Deviation of a load whose state is not known.
     """
 
     loss_dc: Float
@@ -43,7 +42,6 @@ class Balance:
     brake_power: Float
     capacitor_power: Float
     grid_power: Float
-    unsure_power: Float
 
     def at(self, rows: NDArray[np.int64]) -> Balance:
         """Return the flows at some samples.
@@ -240,7 +238,7 @@ def loss_model_power(
 def grid_balance(
     bus_power: ArrayLike,
     loss_dc: float = 0.0,
-    loss_grid: ArrayLike = 0.0,
+    loss_grid: float = 0.0,
     capacitor_power: ArrayLike = 0.0,
     regeneration_efficiency: float | None = None,
 ) -> Balance:
@@ -253,7 +251,7 @@ def grid_balance(
     Args:
         bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
         loss_dc: P_l,dc, constant. [W]
-        loss_grid: P_l,grid, one value or shape (N,). [W]
+        loss_grid: P_l,grid, constant. [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
         regeneration_efficiency: Share that a regenerative supply returns; None: the supply
             returns nothing and a resistor brakes. [-]
@@ -265,17 +263,16 @@ def grid_balance(
     capacitor = np.zeros_like(demand) + _float(capacitor_power)
     supplied = demand + capacitor
     excess = np.maximum(-supplied, 0.0)
-    brake, grid_side = excess, np.zeros_like(demand) + _float(loss_grid)
+    brake, grid_side = excess, np.full_like(demand, loss_grid)
     if regeneration_efficiency is not None:
         brake = excess * 0.0
-        grid_side = grid_side + excess * (1 - regeneration_efficiency)
+        grid_side = loss_grid + excess * (1 - regeneration_efficiency)
     return Balance(
         loss_dc=np.full_like(demand, loss_dc),
         loss_grid=grid_side,
         brake_power=brake,
         capacitor_power=capacitor,
         grid_power=supplied + brake + grid_side,
-        unsure_power=np.zeros_like(demand),
     )
 
 

@@ -187,7 +187,7 @@ class PowerStage:
         cabinet.offset_dc, cabinet.offset_grid = self.condition.offsets
         if self.condition.in_use:
             quality |= np.uint32(Quality.LEARNED)
-        bus, balance, phase = self._supply.balance(block, drawn, standing, degc, quality)
+        bus, balance, phase = self._supply.balance(block, drawn, standing, quality)
         turning = np.where(standing, 0.0, speed)
         of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
         held = np.zeros_like(torque)

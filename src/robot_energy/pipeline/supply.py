@@ -80,7 +80,7 @@ class SupplyStage:
 
     def balance(
         self, block: TorqueBlock | PowerBlock, drawn: Float, standing: NDArray[np.bool_],
-        motor_temperature_degc: Float, quality: Bits,
+        quality: Bits,
     ) -> tuple[Float, Balance, NDArray[np.uint8]]:  # fmt: skip
         """Return the power of the bus [W], what the cabinet makes of it, and the phase, (N,) each.
 
@@ -88,12 +88,11 @@ class SupplyStage:
             block: Samples in time order, behind those before.
             drawn: By every drive, shape (N, n). [W]
             standing: Where motors stand, shape (N, n).
-            motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
             quality: Marked in place where the power is not finite, shape (N,).
         """
         bus = sum_over_joints(drawn)
         bus[np.abs(bus) > MAX_POWER] = np.nan
-        balance = self.cabinet.step(block.stamp_ns, block.segment, bus, motor_temperature_degc)
+        balance = self.cabinet.step(block.stamp_ns, block.segment, bus)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)
         phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
@@ -115,9 +114,7 @@ class SupplyStage:
         shaft = power.rigid_power + power.friction_power
         winding = self.winding(power.motor_temperature_degc)
         drawn = self.drawn(shaft, speed, wound, winding, quality)
-        bus, balance, phase = self.balance(
-            power, drawn, standing, power.motor_temperature_degc, quality
-        )
+        bus, balance, phase = self.balance(power, drawn, standing, quality)
         return replace(
             power,
             quality=quality,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation, Phase
+from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation, Phase
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.bounds import identified, only_the_sum
 from robot_energy_identify.data.recordings import (
@@ -176,11 +176,7 @@ def fit_cabinet(recordings: Sequence[Recording], rest: Rest | None = None) -> Ca
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
         fed = [readings_inside(part, _feeding(part), INSIDE, INSIDE) for part in metered]
-        less_fan = [
-            (rows, rows.mean_power - _fan_power(part)[_rows_of(part, rows)])
-            for part, rows in zip(metered, fed, strict=True)
-        ]
-        generating = _level(less_fan, metered[0].sensors.std.meter)
+        generating = _level([(rows, rows.mean_power) for rows in fed], metered[0].sensors.std.meter)
     if hold is None and generating is None:
         raise NotIdentifiableError(
             f"{why}, and none inside hard braking",
@@ -358,23 +354,10 @@ def readings_inside(
 def _at_rest(recording: Recording, rest: NDArray[np.bool_]) -> tuple[CoveredPieces, Float]:
     """Pieces inside rest, and their power minus what the model says the drives take. [W]"""
     pieces = readings_inside(recording, rest, SETTLED, BEFORE_MOTION)
-    row = _rows_of(recording, pieces)
-    return pieces, pieces.mean_power - recording.power.bus_power[row] - _fan_power(recording)[row]
-
-
-def _rows_of(recording: Recording, pieces: CoveredPieces) -> Int:
-    """The sample in the middle of each piece."""
     middle = (pieces.start_ns + pieces.end_ns) // 2
     row = np.searchsorted(recording.power.stamp_ns, middle)
-    return np.minimum(row, len(recording.power) - 1)
-
-
-def _fan_power(recording: Recording) -> Float:
-    """Power of the fan that the model knows, shape (N,). [W]"""
-    cabinet = recording.model.cabinet
-    if cabinet.fan is None:
-        return np.zeros(len(recording.power))
-    return recording.power.loss_grid - cabinet.loss_grid.value
+    row = np.minimum(row, len(recording.power) - 1)
+    return pieces, pieces.mean_power - recording.power.bus_power[row]
 
 
 def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level | None:

@@ -320,9 +320,7 @@ def _use_of(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]
     for part in metered:
         power = part.power
         stamp, segment = power.stamp_ns, power.segment
-        flows = CabinetStage(cabinet).step(
-            stamp, segment, power.bus_power, power.motor_temperature_degc
-        )
+        flows = CabinetStage(cabinet).step(stamp, segment, power.bus_power)
         step = np.diff(stamp, prepend=stamp[:1]) * NANOSECOND
         stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
         first = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))  # empty there

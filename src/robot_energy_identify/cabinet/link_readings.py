@@ -126,12 +126,7 @@ def readings_of(
         if change is not None:
             bus = bus + change[number]
         grid = np.column_stack(
-            [
-                CabinetStage(entry)
-                .step(stamp, segment, bus, power.motor_temperature_degc)
-                .grid_power
-                for entry in cabinets
-            ]
+            [CabinetStage(entry).step(stamp, segment, bus).grid_power for entry in cabinets]
         )
         integrals = Integrals(stamp, segment, grid)
         for pieces in recording.limits.pieces(meter):

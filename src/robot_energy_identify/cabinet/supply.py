@@ -14,7 +14,6 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.cabinet import CabinetStage
-from robot_energy.pipeline.supply import OF_CABINET
 from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy_identify.data.recordings import Recording, spread
@@ -100,12 +99,10 @@ def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit |
 def _rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
     """A recording as if its model had another cabinet; what was compared stays out."""
     power = recording.power
-    flows = CabinetStage(cabinet).step(
-        power.stamp_ns, power.segment, power.bus_power, power.motor_temperature_degc
-    )
+    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
     return replace(
         recording,
         model=recording.model.model_copy(update={"cabinet": cabinet}),
-        power=replace(power, **{name: getattr(flows, name) for name in OF_CABINET}),
+        power=replace(power, **flows.__dict__),
         known=(),
     )

@@ -8,7 +8,6 @@ from functools import partial
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify.drives.delays import (
     estimate_power_delay,
     meter_lags,
@@ -19,7 +18,6 @@ from robot_energy_identify.drives.delays import (
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy_identify.drives.efficiency import CUTOFF
-from robot_energy_identify.drives.fan import FoundFan, with_fan
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
 from robot_energy_identify.drives.total_sums import Sums, sums
@@ -37,7 +35,6 @@ class TotalFound:
         delay: Of the meter behind the joint states; undone where it is sure. None where it
             cannot be determined, or was known before.
         low_pass: Time constant of a low pass in the meter; likewise.
-        fan: When a fan of the cabinet runs; None without one.
     """
 
     data: Sums
@@ -46,7 +43,6 @@ class TotalFound:
     scores: dict[str, EnergyScore]
     delay: Delay | None = None
     low_pass: Delay | None = None
-    fan: FoundFan | None = None
 
 
 @dataclass(frozen=True)
@@ -86,16 +82,6 @@ class DrivesFound:
                 source,
                 self.total.data.sensors.std.meter,
             )
-            if self.total.data.location is MeterLocation.GRID:
-                fan, fit = self.total.fan, self.total.fit  # none: it is in the constant
-                entry = None if fan is None else fan.entry(fit.fan, fit.fan_std, source)
-                cabinet = changed.cabinet.model_copy(update={"fan": entry})
-                changed = changed.changed(cabinet=cabinet)
-                if entry is not None:
-                    notes.append(
-                        f"a fan takes {entry.power.value:.3g} W from {entry.on_degc.value:.3g} "
-                        "degC of the warmest motor on"
-                    )
             known = total_covariance(self.total.data, self.total.fit, changed, source)
             changed = changed.changed(covariance=known)
             return changed, [*_unfitted(model, changed.drive), *notes]
@@ -132,12 +118,9 @@ def find_drives(
         if not in_time:
             low_pass, lag = meter_lags(partial(with_meters_earlier, data, 0.0))
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
-        pieces, fan = sums(data, model), None
-        if model is not None and location(data) is MeterLocation.GRID:
-            pieces, fan = with_fan(pieces)
+        pieces = sums(data, model)
         fit = fit_total(pieces)
-        fan = fan if fit.fan > 0.0 else None
-        total = TotalFound(pieces, fit, *compare_total(pieces, model), lag, low_pass, fan)
+        total = TotalFound(pieces, fit, *compare_total(pieces, model), lag, low_pass)
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",

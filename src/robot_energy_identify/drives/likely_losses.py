@@ -5,8 +5,8 @@ Before the readings each figure is the one that all axes share, and errs for its
 
     e = f C X' W^2 (y - X v),  C = (S^-2 + f X' W^2 X)^-1
 
-X has a column for the constant, for each term of each joint, and for a fan; f is the share of the
-readings that are independent. W has their reciprocal deviations ``hypot(a, b p)``, smaller at
+X has a column for the constant and for each term of each joint; f is the share of the readings that
+are independent. W has the reciprocal deviations ``hypot(a, b p)`` of the readings, smaller at
 outliers (Huber): what delays, gears and braking leave grows with the shaft power p that was moved
 half a second around, so that readings at rest say most of constant and copper. Both are taken from
 the residuals: a from the quarter with the least p, b from the others.
@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.certainty.priors import SPREAD
@@ -45,23 +44,19 @@ def likely_losses(data: Sums, shared: TotalFit) -> tuple[Float, Float]:
         shared: Fit in which axes share their figures.
 
     Returns:
-        Constant, copper, linear and quadratic coefficient of every joint, power of the fan, shape
-        (2 + 3 n,); their covariance.
+        Constant, then copper, linear and quadratic coefficient of every joint, shape
+        (1 + 3 n,); their covariance.
     """
     fit = shared.losses.fit
-    given = np.concatenate([[shared.constant], shared.coefficients.ravel(), [0.0]])
+    given = np.concatenate([[shared.constant], shared.coefficients.ravel()])
     prior = _prior(shared)
-    columns = np.column_stack([np.ones(len(data)), data.terms.reshape(len(data), -1), data.fan])
+    columns = np.column_stack([np.ones(len(data)), data.terms.reshape(len(data), -1)])
     target = data.measured - data.shaft
-    share = (
-        1.0 if fit is None else _independent(fit, columns[:, :-1] @ _figures_of_parameters(shared))
-    )
+    share = 1.0 if fit is None else _independent(fit, columns @ _figures_of_parameters(shared))
     values, free = given, np.ones(len(prior), dtype=np.bool_)
     left = np.eye(len(prior))
     for _ in range(ROUNDS):
-        rest = target - columns @ values
-        deviation = deviation_of_readings(data, rest)
-        weight = huber_weight(rest / deviation) / deviation**2
+        weight = _weight(data, target - columns @ values)
         scaled = columns * prior * free  # per deviation of the prior
         missed = target - columns @ np.where(free, given, 0.0)
         weighted = share * (scaled * weight[:, None]).T
@@ -73,42 +68,24 @@ def likely_losses(data: Sums, shared: TotalFit) -> tuple[Float, Float]:
     return values, left * np.outer(prior, prior)
 
 
-def deviation_of_readings(data: Sums, rest: Float) -> Float:
-    """Return ``hypot(a, b p)`` of each reading, shape (K,). [W]
-
-    Args:
-        rest: What a prediction leaves of the readings, shape (K,). [W]
-    """
+def _weight(data: Sums, rest: Float) -> Float:
+    """Reciprocal variances of the readings, shape (K,). [1/W^2]"""
     size, moved = np.abs(rest), np.maximum(data.moved, TINY)
-    quiet = quiet_readings(data)
+    quiet = data.moved <= np.quantile(data.moved, QUIET)
     least = max(AT_REST * float(np.abs(data.measured).mean()), TINY)
     at_rest = max(MEDIAN_TO_STD * float(np.median(size[quiet])), least)
     share = MEDIAN_TO_STD * float(np.median((size / moved)[~quiet])) if not quiet.all() else 0.0
-    return np.hypot(at_rest, share * data.moved)
-
-
-def quiet_readings(data: Sums) -> NDArray[np.bool_]:
-    """Return the quarter of the readings around which least is moved, shape (K,)."""
-    return np.asarray(data.moved <= np.quantile(data.moved, QUIET))
-
-
-def huber_weight(score: Float) -> Float:
-    """Return the weight of each reading, shape (K,). [-]
-
-    Args:
-        score: What is left of it over its deviation, shape (K,). [-]
-    """
-    return np.minimum(1.0, HUBER / np.maximum(np.abs(score), TINY))
+    deviation = np.hypot(at_rest, share * data.moved)
+    return np.minimum(1.0, HUBER * deviation / np.maximum(size, TINY)) / deviation**2
 
 
 def _prior(shared: TotalFit) -> Float:
-    """Deviations before the readings: of the constant, each term of each joint, the fan."""
+    """Deviations before the readings: of the constant, then of each term of each joint."""
     size = np.abs(shared.coefficients)
     spread = np.array([SPREAD[term] for term in COEFFICIENTS])[:, None]
     deviation = spread * np.maximum(size, LEAST * size.max(axis=1, keepdims=True))
     constant = SPREAD["constant"] * abs(shared.constant)
-    fan = SPREAD["loss_grid"] * abs(shared.constant)
-    return np.maximum(np.concatenate([[constant], deviation.ravel(), [fan]]), TINY)
+    return np.maximum(np.concatenate([[constant], deviation.ravel()]), TINY)
 
 
 def _figures_of_parameters(shared: TotalFit) -> Float:

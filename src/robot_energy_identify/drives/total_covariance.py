@@ -39,9 +39,9 @@ def total_covariance(
     if shared.losses.fit is None:
         return None
     values, covariance = likely_losses(data, shared)
-    missed = values[:-1] - np.concatenate([[fit.constant], fit.coefficients.ravel()])
+    missed = values - np.concatenate([[fit.constant], fit.coefficients.ravel()])
     moves = moves_of_figures(shared)
-    covariance = covariance[:-1, :-1] + np.outer(missed, missed) + moves @ moves.T
+    covariance += np.outer(missed, missed) + moves @ moves.T
     names = ["loss_dc", *(f"{term} of {name}" for term in COEFFICIENTS for name in data.names)]
     if data.location is MeterLocation.GRID:
         covariance = _with_grid_side(covariance, figure_std(model.cabinet.loss_grid, "loss_grid"))

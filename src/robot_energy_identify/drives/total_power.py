@@ -66,8 +66,6 @@ class TotalFit:
         deviations: Standard deviations of them; NaN where not determined, shape (3, n).
         errors: RMS on blocks not seen, of every structure that was tried. [W]
         spread: Coefficients per parameter of the regression, shape (3, n, P).
-        fan: Power of the fan, where data hold when it runs. [W]
-        fan_std: [W]
     """
 
     structure: Structure
@@ -78,8 +76,6 @@ class TotalFit:
     deviations: Float
     errors: dict[Structure, float]
     spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
-    fan: float = 0.0
-    fan_std: float = 0.0
 
 
 @one_thread
@@ -169,10 +165,10 @@ def _of_each_axis(data: Sums, shared: TotalFit) -> TotalFit:
     """The most likely losses; where the readings say little of one, it has no deviation."""
     values, covariance = likely_losses(data, shared)
     moves = moves_of_figures(shared)
-    std = np.sqrt(np.diagonal(covariance)[:-1] + (moves**2).sum(axis=1))
-    coefficients = values[1:-1].reshape(shared.coefficients.shape)
+    std = np.sqrt(np.diagonal(covariance) + (moves**2).sum(axis=1))
+    coefficients = values[1:].reshape(shared.coefficients.shape)
     names = [f"{term} of {name}" for term in COEFFICIENTS for name in data.names]
-    stopped = (values[1:-1] == 0.0) & (shared.coefficients.ravel() > 0.0)
+    stopped = (values[1:] == 0.0) & (shared.coefficients.ravel() > 0.0)
     negative = [*shared.losses.negative, *(names[k] for k in np.flatnonzero(stopped))]
     fit = replace(
         shared,
@@ -182,8 +178,6 @@ def _of_each_axis(data: Sums, shared: TotalFit) -> TotalFit:
         deviations=np.where(
             np.isfinite(shared.deviations), std[1:].reshape(coefficients.shape), np.nan
         ),
-        fan=float(values[-1]),
-        fan_std=float(np.sqrt(covariance[-1, -1])),
     )
     rms = rms_of(predict(data, fit) - data.measured)
     return replace(fit, losses=replace(shared.losses, negative=tuple(negative), rms=rms))
@@ -212,8 +206,7 @@ def predict(data: Sums, fit: TotalFit) -> Float:
         fit: Losses behind them.
     """
     shaft = 0.0 if fit.structure == "constant" else data.shaft
-    losses = np.einsum("krj,rj->k", data.terms, fit.coefficients)
-    return shaft + fit.constant + losses + fit.fan * data.fan
+    return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 
 
 @one_thread

@@ -22,7 +22,7 @@ COEFFICIENTS = ("copper", "linear", "quadratic")
 MIN_READINGS = 20
 NEAR = 0.5  # s around a motion, in which delays and low passes that are nearly undone still show
 OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block",
-             "shares", "moved", "warmest_degc", "fan")  # fmt: skip
+             "shares", "moved")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,6 @@ class Sums:
         scale: Of each joint's coefficients where axes share them, shape (3, n).
         shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
         moved: Greatest sum of |shaft power| within half a second of each, shape (K,). [W]
-        warmest_degc: Of the motors, shape (K,). [degC]
-        fan: Share of the fan that runs, 0 where none is known, shape (K,). [-]
         deviations: Whether a fit of it needs them, or only predicts what was held out.
     """
 
@@ -61,8 +59,6 @@ class Sums:
     scale: Float
     shares: Float
     moved: Float
-    warmest_degc: Float
-    fan: Float
     sensors: SensorLimits = DEFAULT_LIMITS
     deviations: bool = True
 
@@ -131,17 +127,15 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         recording[first],
         data.block[rows][first],
         _scale(data, model),
-        means[:, 3 + 3 * len(data.names) : -2],
-        means[:, -2],
+        means[:, 3 + 3 * len(data.names) : -1],
         means[:, -1],
-        np.zeros(len(means)),
         data.sensors,
     )
     return found.rows(few(len(found)))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
-    """Shaft power, given and measured drives, terms, shares, moved, warmest; (N, 5 + 4 n)."""
+    """Shaft power, given and measured drives, terms, shares, what is moved; (N, 4 + 4 n)."""
     from scipy.ndimage import maximum_filter1d
 
     given = np.full(len(data), np.nan)
@@ -155,8 +149,7 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     moved = np.nan_to_num(np.abs(data.shaft_power)).sum(axis=1)
     near = 2 * round(min(NEAR / data.period, len(data))) + 1 if data.period > 0 else 1
     moved = maximum_filter1d(moved, near, mode="nearest")
-    warmest = data.motor_temperature_degc.max(axis=1)
-    return np.column_stack([data.supplied_power, given, measured, terms, shares, moved, warmest])
+    return np.column_stack([data.supplied_power, given, measured, terms, shares, moved])
 
 
 def joined(

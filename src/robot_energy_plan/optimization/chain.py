@@ -129,8 +129,7 @@ class PowerChain:
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            stage = CabinetStage(self.model.cabinet)
-            balance = stage.step(stamp, place, electrical.sum(axis=1), winding)
+            balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
             returned = self.model.cabinet.regeneration_efficiency
             share = 0.0 if returned is None else returned.value
             excess = np.maximum(

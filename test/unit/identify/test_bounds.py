@@ -61,7 +61,7 @@ def total():
         np.arange(300) // 10,
         np.ones((3, 2)),
         np.zeros((300, 2)),
-        *np.zeros((3, 300)),
+        np.zeros(300),
     )
 
 

@@ -3,9 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_energy.model import load
-from robot_energy.model.figure import Figure, PositiveFigure
-from robot_energy.model.schema import Cabinet, CabinetFan
+from robot_energy.model.schema import Cabinet
 from robot_energy.physics.cabinet import CabinetStage
 from robots import figure
 
@@ -92,43 +90,3 @@ def test_capacitor_is_the_plain_recursion_however_the_input_is_cut(seed, cuts):
         first += cut
     expected = plain_recursion(stamp, segment, bus + 150.0, 176.4)
     np.testing.assert_allclose(np.concatenate(flow), expected, rtol=1e-9, atol=1e-6)
-
-
-def fan_model():
-    figure = {"tag": "assumed"}
-    fan = CabinetFan(
-        power=PositiveFigure(value=30.0, **figure),
-        on_degc=Figure(value=45.0, **figure),
-        off_degc=Figure(value=40.0, **figure),
-    )
-    loss = PositiveFigure(value=100.0, tag="assumed")
-    return Cabinet(loss_grid=loss, loss_dc=loss, fan=fan)
-
-
-def test_a_fan_starts_and_stops_by_the_warmest_motor_however_it_is_cut():
-    """42 degC at first is between both: half of it, with as much deviation."""
-    warmest = np.array([42.0, 42.0, 39.0, 44.0, 45.0, 41.0, np.nan, 39.9, 42.0])
-    degc = np.column_stack([warmest, np.full(9, 20.0)])
-    degc[6] = np.nan
-    share = np.array([0.5, 0.5, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0])
-    stamp, segment = np.arange(9, dtype=np.int64), np.zeros(9, dtype=np.int64)
-    bus = np.full(9, 50.0)
-    whole = CabinetStage(fan_model()).step(stamp, segment, bus, degc)
-    np.testing.assert_array_equal(whole.loss_grid, 100.0 + 30.0 * share)
-    np.testing.assert_array_equal(whole.grid_power, 250.0 + 30.0 * share)
-    np.testing.assert_array_equal(whole.unsure_power, np.where(share == 0.5, 15.0, 0.0))
-    stage, parts = CabinetStage(fan_model()), []
-    for cut in (slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 9)):
-        parts.append(stage.step(stamp[cut], segment[cut], bus[cut], degc[cut]).grid_power)
-    np.testing.assert_array_equal(np.concatenate(parts), whole.grid_power)
-
-
-def test_a_fan_without_any_temperature_counts_half():
-    now = np.zeros(2, dtype=np.int64)
-    balance = CabinetStage(fan_model()).step(now, now, np.full(2, 50.0))
-    assert balance.grid_power.tolist() == [265.0, 265.0]
-    assert balance.unsure_power.tolist() == [15.0, 15.0]
-
-
-def test_a_cabinet_without_a_fan_keeps_its_identity():
-    assert "fan" not in load("kr16").model_dump_json()
