@@ -41,6 +41,7 @@ TOTAL_NAMES = {
     "shaft": "shaft power and a constant",
     "given": "the model as given",
     "shared": "losses, shared by all axes",
+    "axis_copper": "losses, copper of each axis",
     "axis": "losses of each axis",
     "identified": "identified",
     "drives_measured": "measured drives and a constant",

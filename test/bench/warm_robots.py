@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +89,7 @@ class WarmPlant:
         robot, _ = self.profile.mechanics()
         self._limits = self.profile.motion_limits(robot)
         self._accept = tool_above(robot, "tool0", 0.0) if robot.n_joints == 6 else None
+        self.override = self._bearable()
 
     def program(self, number: int, dwell: float, override: float) -> Program:
         """Return a program of its own number.
@@ -115,8 +115,7 @@ class WarmPlant:
             rate_hz=RATE, device_seed=self._seed, start_gear_degc=gear_degc,
         )  # fmt: skip
 
-    @cached_property
-    def override(self) -> float:
+    def _bearable(self) -> float:
         """The highest speed at which no motor gets too hot."""
         for override in (1.0, 0.6, 0.35):
             rig = self.rig(0, self.program(0, 1.0, override), AMBIENT)

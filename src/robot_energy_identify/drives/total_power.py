@@ -2,9 +2,8 @@
 
 ``P = C + sum_i (P_mech + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2)_i`` over the same
 time as each reading. The constants of drives, DC side and, for a meter at the grid, grid
-side show as one sum. Losses are taken where they predict blocks that they have not seen better than
-shaft power and a constant. Each axis has those that are most likely: what the readings say
-of it, and for the rest what all axes share (`likely_losses`).
+side show as one sum. How much of the rest can be distinguished is tried from little to much;
+the simplest structure that no other beats on blocks it has not seen is taken.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from robot_energy.certainty.priors import SPREAD
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
@@ -23,7 +21,6 @@ from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int, MeterLocation
 from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
-from robot_energy_identify.drives.likely_losses import likely_losses, moves_of_figures
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy_identify.stats.cross_validation import (
@@ -45,9 +42,8 @@ from robot_energy_identify.stats.systematic import (
     total,
 )
 
-Structure = Literal["constant", "shaft", "shared", "axis"]
-STRUCTURES: tuple[Structure, ...] = ("shaft", "shared")  # of which one is chosen
-DETERMINED = 0.5  # of its prior: a figure whose deviation is less is identified for itself
+Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
+STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
 
 NO_BETTER = PositiveFigure(
     value=0.0, tag="assumed", source="losses predict held-out readings no better than 0"
@@ -80,9 +76,7 @@ class TotalFit:
 
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
-    """Return the losses of each axis, or shaft power and a constant where losses help nothing.
-
-    What axes share decides it, on blocks that the fit has not seen.
+    """Return the fit of the simplest structure that no other beats on blocks it has not seen.
 
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
@@ -98,7 +92,7 @@ def fit_total(data: Sums) -> TotalFit:
             continue
         errors[structure] = rms_of(predicted - data.measured)
     chosen = simplest(errors) if errors else STRUCTURES[0]
-    return fit_structure(data, "axis" if chosen == "shared" else chosen, errors)
+    return fit_structure(data, chosen, errors)
 
 
 def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
@@ -120,21 +114,29 @@ def fit_structure(
     Raises:
         NotIdentifiableError: If the readings are too few.
     """
-    if structure == "axis":
-        # how many readings are independent shows in the scatter of what axes share
-        return _of_each_axis(data, fit_structure(replace(data, deviations=True), "shared", errors))
     n_joints = len(data.names)
-    columns, names = [np.ones(len(data))], ["constant"]
-    if structure == "shared":
-        for row, term in enumerate(COEFFICIENTS):
+    columns, names, place = [np.ones(len(data))], ["constant"], [(-1, -1)]
+    for row, term in enumerate(COEFFICIENTS):
+        apart = structure == "axis" or (structure == "axis_copper" and row == 0)
+        if apart:
+            columns += [data.terms[:, row, k] for k in range(n_joints)]
+            names += [f"{term} of {name}" for name in data.names]
+            place += [(row, k) for k in range(n_joints)]
+        elif structure in ("shared", "axis_copper"):
             columns.append(data.terms[:, row] @ data.scale[row])
             names.append(f"{term} of all axes")
+            place.append((row, -1))
     shaft = 0.0 if structure == "constant" else data.shaft
 
     def spread(values: dict[str, float]) -> Float:
         """Coefficients of every joint, shape (3, n)."""
-        shared = [values[name] for name in names[1:]] or [0.0] * len(COEFFICIENTS)
-        return np.array(shared)[:, None] * data.scale
+        found = np.zeros((3, n_joints))
+        for name, (row, joint) in zip(names[1:], place[1:], strict=True):
+            if joint < 0:
+                found[row] = values[name] * data.scale[row]
+            else:
+                found[row, joint] = values[name]
+        return found
 
     losses = fit_losses(
         np.column_stack(columns),
@@ -155,32 +157,8 @@ def fit_structure(
         coefficients,
         deviations,
         dict(errors or {}),
-        np.stack([spread({**none, name: 1.0}) for name in known], axis=-1).reshape(
-            len(COEFFICIENTS), n_joints, len(known)
-        ),
+        np.stack([spread({**none, name: 1.0}) for name in known], axis=-1),
     )
-
-
-def _of_each_axis(data: Sums, shared: TotalFit) -> TotalFit:
-    """The most likely losses; where the readings say little of one, it has no deviation."""
-    values, covariance = likely_losses(data, shared)
-    moves = moves_of_figures(shared)
-    std = np.sqrt(np.diagonal(covariance) + (moves**2).sum(axis=1))
-    coefficients = values[1:].reshape(shared.coefficients.shape)
-    names = [f"{term} of {name}" for term in COEFFICIENTS for name in data.names]
-    stopped = (values[1:] == 0.0) & (shared.coefficients.ravel() > 0.0)
-    negative = [*shared.losses.negative, *(names[k] for k in np.flatnonzero(stopped))]
-    fit = replace(
-        shared,
-        structure="axis",
-        constant=float(values[0]),
-        coefficients=coefficients,
-        deviations=np.where(
-            np.isfinite(shared.deviations), std[1:].reshape(coefficients.shape), np.nan
-        ),
-    )
-    rms = rms_of(predict(data, fit) - data.measured)
-    return replace(fit, losses=replace(shared.losses, negative=tuple(negative), rms=rms))
 
 
 def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
@@ -230,7 +208,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
         ways["given"] = lambda: data.given + cabinet
-    ways["shared"] = fitted("shared")
+    ways |= {structure: fitted(structure) for structure in STRUCTURES[1:]}
     ways["identified"] = lambda: _held_out(data, fold, fit_total)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives
@@ -303,14 +281,13 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
     }
     for row, name in enumerate(COEFFICIENTS):
         value, std = float(fit.coefficients[row, joint]), float(fit.deviations[row, joint])
-        if not np.isfinite(std):
-            entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
-        elif value == 0.0:
+        shared = f"{name} of all axes"
+        if std == 0.0 and value == 0.0:
             entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
-        elif fit.coefficients.shape[1] > 1 and std > DETERMINED * SPREAD[name] * value:
-            shared = float(fit.losses.std[f"{name} of all axes"])
-            size = float(fit.losses.values[f"{name} of all axes"])
-            known = f"{100.0 * shared / size:.2g} %" if size else "0"
+        elif not np.isfinite(std):
+            entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
+        elif shared in fit.losses.values and fit.coefficients.shape[1] > 1:
+            known = f"{100.0 * std / value:.2g} %" if value else "0"
             entries[name] = only_the_sum(value, f"all axes, known to {known}", source)
         else:
             entries[name] = identified(value, std, source)

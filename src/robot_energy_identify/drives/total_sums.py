@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
-from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.data.thinned import few
@@ -20,9 +19,8 @@ from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
 MIN_READINGS = 20
-NEAR = 0.5  # s around a motion, in which delays and low passes that are nearly undone still show
 OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block",
-             "shares", "moved")  # fmt: skip
+             "shares")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,6 @@ class Sums:
         block: Shape (K,).
         scale: Of each joint's coefficients where axes share them, shape (3, n).
         shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
-        moved: Greatest sum of |shaft power| within half a second of each, shape (K,). [W]
         deviations: Whether a fit of it needs them, or only predicts what was held out.
     """
 
@@ -58,7 +55,6 @@ class Sums:
     block: Int
     scale: Float
     shares: Float
-    moved: Float
     sensors: SensorLimits = DEFAULT_LIMITS
     deviations: bool = True
 
@@ -127,17 +123,14 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         recording[first],
         data.block[rows][first],
         _scale(data, model),
-        means[:, 3 + 3 * len(data.names) : -1],
-        means[:, -1],
+        means[:, 3 + 3 * len(data.names) :],
         data.sensors,
     )
     return found.rows(few(len(found)))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
-    """Shaft power, given and measured drives, terms, shares, what is moved; (N, 4 + 4 n)."""
-    from scipy.ndimage import maximum_filter1d
-
+    """Shaft power, drives as given, measured drives, terms, and shares; shape (N, 3 + 4 n)."""
     given = np.full(len(data), np.nan)
     if model is not None:
         from robot_energy.physics.drive import drive_from_model
@@ -146,10 +139,7 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     measured = data.drive_power.sum(axis=1)
     terms = data.loss_columns()[:, :, 1:].swapaxes(1, 2).reshape(len(data), -1)
     shares = data.torque_share * data.motor_velocity
-    moved = np.nan_to_num(np.abs(data.shaft_power)).sum(axis=1)
-    near = 2 * round(min(NEAR / data.period, len(data))) + 1 if data.period > 0 else 1
-    moved = maximum_filter1d(moved, near, mode="nearest")
-    return np.column_stack([data.supplied_power, given, measured, terms, shares, moved])
+    return np.column_stack([data.supplied_power, given, measured, terms, shares])
 
 
 def joined(
@@ -225,12 +215,7 @@ class Integrals:
 
 
 def _scale(data: DriveData, model: RobotModel | None) -> Float:
-    """Ratio of the coefficients between axes, from what the model knows.
-
-    Where it knows nothing of the losses, motors of all sizes lose the same share of their greatest
-    power ``tau w``: copper losses go with ``w / tau``, linear ones with ``tau``, quadratic ones
-    with ``tau / w``. Limits are those of the URDF, motor side.
-    """
+    """Ratio of the coefficients between axes, from what the model knows."""
     scale = np.ones((3, len(data.names)))
     if model is None:
         return scale
@@ -241,11 +226,6 @@ def _scale(data: DriveData, model: RobotModel | None) -> Float:
             if values.max() > 0:
                 scale[row] = values
         return scale
-    limits = Robot.from_model(model).limits
-    ratio = np.abs([joint.gear_ratio.value for joint in model.joints])
-    torque, speed = limits.effort / ratio, limits.velocity * ratio
-    if (np.isfinite(torque) & (torque > 0) & np.isfinite(speed) & (speed > 0)).all():
-        scale[:] = speed / torque, torque, torque / speed
     constants = [joint.torque_constant for joint in model.joints]
     known = [figure.value for figure in constants if figure is not None]
     if len(known) == len(constants):

@@ -123,6 +123,6 @@ def _not_determined(fit: TotalFit) -> list[str]:
         notes.append(f"not distinguished from those before, taken as 0: {', '.join(undetermined)}")
     if negative:
         notes.append(f"at the bound 0, negative otherwise: {', '.join(negative)}")
-    if fit.structure == "axis":
-        notes.append("what the meter does not show of an axis is what all axes share")
+    if fit.structure in ("shared", "axis_copper"):
+        notes.append("what axes share cannot be distinguished per axis from one meter here")
     return notes

@@ -61,12 +61,11 @@ def total():
         np.arange(300) // 10,
         np.ones((3, 2)),
         np.zeros((300, 2)),
-        np.zeros(300),
     )
 
 
 def test_losses_behind_one_meter_say_it_by_name(total):
-    fit = fit_structure(total, "axis")
+    fit = fit_structure(total, "axis_copper")
     notes = total_power(TotalFound(total, fit, "blocks", {})).notes
     assert any("at the bound 0" in note and "copper of two" in note for note in notes)
     entries = [_entry(fit, joint, "bag") for joint in range(2)]

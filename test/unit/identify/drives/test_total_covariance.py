@@ -33,8 +33,7 @@ def drawn(seed: int, location: MeterLocation) -> tuple[Sums, Float, np.random.Ge
     measured = 120.0 + np.einsum("krj,rj->k", terms, losses) + random.normal(0.0, 6.0, 400)
     unknown, block = np.full(400, np.nan), np.arange(400) // 10
     data = Sums(NAMES, location, np.ones(400), measured, np.zeros(400), terms, unknown, unknown,
-                np.zeros(400, dtype=np.int64), block, SIZES, np.zeros((400, 6)),
-                np.zeros(400), EXACT)  # fmt: skip
+                np.zeros(400, dtype=np.int64), block, SIZES, np.zeros((400, 6)), EXACT)  # fmt: skip
     return data, losses, random
 
 
