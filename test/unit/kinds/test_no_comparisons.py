@@ -22,7 +22,7 @@ OTHER_WORDS = {
     ("robot_energy/bag/sqlite_source.py", "table"),  # type of an object of a database
     ("robot_energy_fleet/merged_friction.py", "constant"),  # the law that every joint must have
     ("robot_energy_identify/drives/total_power.py", "constant"),  # a structure of losses
-    ("robot_energy_identify/drives/likely_losses.py", "constant"),  # the name of a figure
+    ("robot_energy_identify/drives/total_covariance.py", "constant"),  # the name of a figure
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
     ("robot_energy/model/open_schema.py", "loss_map"),
     ("robot_energy_studies/advice_study.py", "regenerative"),  # an advice
