@@ -74,11 +74,12 @@ def test_whole_recordings_are_predicted_to_a_percent(data):
     assert scores["identified"].rms < 0.2 * scores["given"].rms
 
 
-def test_losses_of_each_axis_are_the_same_where_no_deviations_are_wanted(data):
+def test_losses_of_each_axis_hardly_differ_where_no_deviations_are_wanted(data):
+    """Weights of outliers settle less closely there."""
     whole = sums(data, MODEL)
     fits = [fit_structure(replace(whole, deviations=want), "axis") for want in (True, False)]
     assert np.isfinite(fits[0].coefficients).all()
-    np.testing.assert_array_equal(fits[0].coefficients, fits[1].coefficients)
+    np.testing.assert_allclose(fits[0].coefficients, fits[1].coefficients, rtol=5e-3)
 
 
 def test_copper_losses_of_the_strong_axes_are_those_of_the_rig(data):
