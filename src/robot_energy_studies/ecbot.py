@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -204,7 +204,7 @@ def tested(
     rows: list[TestedRecording] = []
     for place, number in enumerate(numbers):
         out = pieces.recording == number
-        train, test = pieces.rows(~out), pieces.rows(out)
+        train, test = replace(pieces, deviations=False).rows(~out), pieces.rows(out)
         predicted[out] = predict(test, fit_total(train))
         constant[out] = predict(test, fit_structure(train, "constant"))
         path, moved = (None, None) if work is None else work[place]

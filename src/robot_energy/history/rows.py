@@ -42,7 +42,7 @@ JOINTS = {
 def attempt(connection: sqlite3.Connection, work: Callable[[], T]) -> T | None:
     """Do work on the tables, or none of it where they cannot hold a value.
 
-    So what one robot sends keeps no other from being written. A disk in trouble is no such case.
+    So what one robot sends keeps no other from being written. A failing disk refuses nothing.
 
     Returns:
         What the work does; None where it was refused.

@@ -36,7 +36,7 @@ class ByNames(dict[tuple[str, ...], Value], Generic[Value]):
     _characters = 0
 
     def put(self, names: tuple[str, ...], value: Value) -> Value:
-        """Return a value, remembered now; when there is no room, the others are forgotten."""
+        """Return a value, remembered from now on; a full memory is emptied before."""
         size = sum(map(len, names)) + len(names)
         if len(self) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
             self.clear()

@@ -50,8 +50,8 @@ def test_the_same_figure_as_identification_says(robots):
     )
     kind, scores = compare_total(sums(data, None), None)
     assert kind == "recordings"
-    assert robots[1].rms == pytest.approx(scores["identified"].rms, rel=1e-5)
-    assert robots[1].constant_rms == pytest.approx(scores["constant"].rms, rel=1e-5)
+    assert robots[1].rms == pytest.approx(scores["identified"].rms, rel=1e-9)
+    assert robots[1].constant_rms == pytest.approx(scores["constant"].rms, rel=1e-9)
 
 
 @needs_data
