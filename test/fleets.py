@@ -29,7 +29,7 @@ EXACT = {
 }
 
 
-def fleet(robots, faults=True, days=5, cycles=2) -> FleetTables:
+def fleet(robots, faults=True, days=5, cycles=3) -> FleetTables:
     """A week of some robots; with faults one has another payload, one stands by at night."""
     return _fleet(robots, faults, days, cycles)
 
