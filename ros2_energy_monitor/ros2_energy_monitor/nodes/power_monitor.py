@@ -128,18 +128,22 @@ class PowerMonitor(AccountNode[PowerParameters]):
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
         self._loads.take(self._loads.drain())
-        self.guard.feed(
-            "joint_friction",
-            [(self._friction.rejections, messages_in(frictions))],
-            lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
-            self._friction.restart,
-        )
-        self.guard.feed(
-            "meter",
-            [(self._meter.rejections, messages_in(readings))],
-            lambda: self._use_meter(self._meter.step(readings)),
-            self._meter.restart,
-        )
+        if frictions:
+            self.guard.feed(
+                "joint_friction",
+                [(self._friction.rejections, messages_in(frictions))],
+                lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
+                self._friction.restart,
+            )
+        if readings:
+            self.guard.feed(
+                "meter",
+                [(self._meter.rejections, messages_in(readings))],
+                lambda: self._use_meter(self._meter.step(readings)),
+                self._meter.restart,
+            )
+        if not torques:
+            return
         means = self.guard.feed(
             "joint_torque",
             [(self._torque.rejections, messages_in(torques))],
