@@ -24,7 +24,7 @@ from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import FrictionStage, TorqueStage
-from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.pipeline.friction_timeline import FallbackUse
 from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy.timeline.epochs import EpochSplitter
 from robot_energy.timeline.streams import sentence_of

@@ -183,17 +183,22 @@ class Robot:
         if kernels.compiled is not None and self._table is not None:
             motion = joint_position, joint_velocity, joint_acceleration
             torque = self._compiled_torque(kernels.compiled, self._table, *motion)
-            return add_counterbalance(torque, joint_position, self.counterbalance)
+        else:
+            torque = self._parallel_torque(joint_position, joint_velocity, joint_acceleration)
+        if any(self.counterbalance):
+            add_counterbalance(torque, joint_position, self.counterbalance)
+        return torque
+
+    def _parallel_torque(self, *motion: Float) -> Float:
+        """Return the joint torque by Pinocchio, from position, velocity and acceleration."""
         columns = [
-            (values if self._same_order else values[:, self._to_model]).T
-            for values in (joint_position, joint_velocity, joint_acceleration)
+            (values if self._same_order else values[:, self._to_model]).T for values in motion
         ]
         torque = pin.rneaInParallel(1, self._pool, *map(np.asfortranarray, columns))
-        torque = torque.reshape(self.n_joints, shape[0])  # one sample comes back flat
+        torque = torque.reshape(self.n_joints, len(motion[0]))  # one sample comes back flat
         if not self._same_order:
             torque = torque[self._from_model]
-        torque = np.ascontiguousarray(torque).T
-        return add_counterbalance(torque, joint_position, self.counterbalance)
+        return np.ascontiguousarray(torque).T
 
     def _compiled_torque(self, compiled: kernels.Compiled, table: Float, *motion: Float) -> Float:
         """Return the joint torque by the kernel, from position, velocity and acceleration."""
