@@ -93,10 +93,6 @@ def export(args: Namespace, folder: Path) -> int:
 
     Returns:
         The exit code.
-
-    Raises:
-        HistoryError: If there is no history, or a day or time zone is none.
-        ReportError: If the file cannot be written, or has no known format.
     """
     from robot_energy.foundation.time_zone import time_zone
     from robot_energy.history.outputs import WRITERS, Wanted
@@ -132,11 +128,7 @@ def export(args: Namespace, folder: Path) -> int:
 
 
 def day_of(text: str) -> date:
-    """Return a day that was typed.
-
-    Raises:
-        HistoryError: If it is none.
-    """
+    """Return a day that was typed."""
     try:
         return date.fromisoformat(text)
     except ValueError:

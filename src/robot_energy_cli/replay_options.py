@@ -22,11 +22,7 @@ ROBOT: Options = {
 
 
 def model_named(args: Namespace) -> str:
-    """Return the model that --model or --robot names.
-
-    Raises:
-        ModelFileError: If neither names one.
-    """
+    """Return the model that --model or --robot names."""
     from robot_energy.presets import ROBOTS
 
     if args.robot is not None:

@@ -102,9 +102,6 @@ def check_outputs(
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-
-    Raises:
-        ReportError: If one cannot be written, must not be replaced, or is named twice.
     """
     if getattr(args, "plot", None) is not None:
         from robot_energy_report.canvas import check_format
@@ -138,11 +135,7 @@ def check_report(path: str, inputs: Iterable[str] = ()) -> None:
 def check_bag(
     path: str, overwrite: bool, inputs: Iterable[str | None] = (), files: Iterable[str | None] = ()
 ) -> None:
-    """Refuse the folder of a new bag before the work that it is for.
-
-    Raises:
-        BagError: If it must not be replaced, or one of the files lies in it.
-    """
+    """Refuse the folder of a new bag before the work that it is for."""
     from robot_energy.bag.ownership import foreign_entries
 
     known = [name for name in inputs if name]

@@ -143,9 +143,6 @@ def list_bags(
     Args:
         model: File or name of the model of bags for which a table names none.
         robot: Name of the robot of all bags; None: that of the folder in which a recording lies.
-
-    Raises:
-        DatasetError: If place or table cannot be used.
     """
     if robot and robot != shown(robot):
         raise DatasetError(f"the name of the robot is '{shown(robot)}'", "one of letters, digits")

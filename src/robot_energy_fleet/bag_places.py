@@ -81,11 +81,7 @@ def no_bag(where: str) -> DatasetError:
 
 
 def file_system(address: str) -> tuple[Any, str]:
-    """Return the file system of an address, and the path there.
-
-    Raises:
-        DatasetError: If its protocol is none of `PROTOCOLS`, or its client is missing.
-    """
+    """Return the file system of an address, and the path there."""
     protocol, mark, _ = address.partition("://")
     if not mark or protocol == "file":
         local = cast("Any", LocalFileSystem())

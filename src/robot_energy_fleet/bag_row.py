@@ -90,9 +90,6 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
 
     Returns:
         Its row.
-
-    Raises:
-        DatasetError: If this process runs another version than the one that asks.
     """
     if bag.version != __version__:
         raise DatasetError(

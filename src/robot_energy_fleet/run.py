@@ -174,9 +174,6 @@ def where_asked(
     Args:
         workers: Processes to start; None: one for each core; 0 without a scheduler: in this
             process, one bag after the other.
-
-    Raises:
-        ParameterError: If the number of workers, or their memory, makes no sense.
     """
     from dask.utils import parse_bytes
 

@@ -58,9 +58,6 @@ def on_dask(
 
     Yields:
         How bags are replayed.
-
-    Raises:
-        DatasetError: If the scheduler does not answer.
     """
     require("distributed", "a fleet")
     import dask.config

@@ -62,11 +62,7 @@ class BusRobot:
             self._moving = bool((speed > motor_rest(self.model)).any())
 
     def power(self) -> tuple[Int, Float]:
-        """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap.
-
-        Raises:
-            MotionError: If there is nothing, or time jumps back.
-        """
+        """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap."""
         if not self._parts:
             raise MotionError(f"{self.name} gave no power", "samples of motion")
         stamp, segment, power = (np.concatenate(part) for part in zip(*self._parts, strict=True))
@@ -91,9 +87,6 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
     Args:
         robots: Each with its recording.
         same_start: Whether the recordings, made at other times, count as begun at once.
-
-    Raises:
-        MotionError: If there is no such time.
     """
     series = [robot.power() for robot in robots]
     if same_start:
@@ -158,9 +151,6 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
     Args:
         robots: Each with its motion.
         cycle_time: Of all; None: the longest motion. [s]
-
-    Raises:
-        MotionError: If a motion is longer than the cycle, or does not end at rest where it waits.
     """
     series = [robot.power() for robot in robots]
     times = [(stamp - stamp[0]) * NANOSECOND for stamp, _ in series]

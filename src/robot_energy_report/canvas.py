@@ -129,11 +129,7 @@ def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
 
 
 def check_format(path: Path) -> None:
-    """Refuse a file that is not a picture.
-
-    Raises:
-        ReportError: If the suffix is not one of the formats.
-    """
+    """Refuse a file that is not a picture."""
     if path.suffix.lower() not in FORMATS:
         raise ReportError(
             f"the figure '{path}' has no known format",

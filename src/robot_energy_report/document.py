@@ -174,9 +174,6 @@ class Document:
 
         Args:
             depth: 2 for a section, 3 and 4 for those inside it.
-
-        Raises:
-            ReportError: If the depth is not 2, 3 or 4.
         """
         if depth not in HEADINGS:
             raise ReportError(f"a heading of depth {depth}", f"2 to {max(HEADINGS)}")
@@ -218,11 +215,7 @@ class Document:
     def table(
         self, title: str, columns: Sequence[str], rows: Rows, total: Sequence[str] | None = None
     ) -> None:
-        """Add a table: first column and sentences left, numbers right.
-
-        Raises:
-            ReportError: If a row has another number of cells.
-        """
+        """Add a table: first column and sentences left, numbers right."""
         for row in (*rows, *([total] if total is not None else [])):
             if len(row) != len(columns):
                 raise ReportError(

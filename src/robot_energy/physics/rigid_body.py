@@ -48,10 +48,6 @@ class Robot:
         payload: Rigid bodies fixed to links.
         massless_links: Links that may move without inertia, on purpose.
         counterbalance: Springs at the joints, one entry per joint; empty for none.
-
-    Raises:
-        RobotDescriptionError: If the URDF cannot be used.
-        UnknownJointError: If it lacks a joint that the model names.
     """
 
     def __init__(
@@ -112,10 +108,6 @@ class Robot:
 
         Returns:
             The robot with the payload of the model.
-
-        Raises:
-            RobotDescriptionError: If the URDF cannot be used.
-            UnknownJointError: If the URDF lacks a joint of the model.
         """
         robot = _robot_of(
             model.urdf_xml, tuple(model.joint_names), tuple(model.gravity), tuple(model.payload),
@@ -138,9 +130,6 @@ class Robot:
 
         Args:
             payload: Rigid bodies fixed to links.
-
-        Raises:
-            RobotDescriptionError: If the URDF lacks one of the links.
         """
         robot = self._copy()  # not read again: what it carries is all that differs
         robot._load(payload)
@@ -173,9 +162,6 @@ class Robot:
 
         Returns:
             Joint side, without friction and rotor inertia, shape (N, n). [N m] or [N]
-
-        Raises:
-            ShapeError: If a shape is not (N, n).
         """
         shape = self._check(joint_position, joint_velocity, joint_acceleration)
         if shape[0] == 0:
@@ -233,9 +219,6 @@ class Robot:
 
         Returns:
             Joint torque per unit of each parameter, shape (N, n, 10 n).
-
-        Raises:
-            ShapeError: If a shape is not (N, n).
         """
         n_samples, n_joints = self._check(joint_position, joint_velocity, joint_acceleration)
         result = np.empty((n_samples, n_joints, 10 * n_joints))
@@ -280,9 +263,6 @@ class Robot:
 
         Returns:
             Shape (3,). [m]
-
-        Raises:
-            RobotDescriptionError: If there is no such link.
         """
         return self.link_pose(joint_position, link)[0]
 
@@ -295,9 +275,6 @@ class Robot:
 
         Returns:
             Position, shape (3,) [m], and rotation, shape (3, 3).
-
-        Raises:
-            RobotDescriptionError: If there is no such link.
         """
         data, frame = self._placed(joint_position, link, jacobian=False)
         return np.array(data.oMf[frame].translation), np.array(data.oMf[frame].rotation)
@@ -312,9 +289,6 @@ class Robot:
         Returns:
             Position, shape (3,) [m]; rotation, shape (3, 3); Jacobian in base axes, shape
             (6, n): velocity of the frame's origin, then angular velocity, per joint velocity.
-
-        Raises:
-            RobotDescriptionError: If there is no such link.
         """
         data, frame = self._placed(joint_position, link, jacobian=True)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

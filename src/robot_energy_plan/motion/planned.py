@@ -58,9 +58,6 @@ class SampledMotion:
     Attributes:
         duration: As given. [s]
         sample_count: Number of samples, or a few more.
-
-    Raises:
-        MotionError: If duration or step make no sense.
     """
 
     def __init__(

@@ -79,9 +79,6 @@ class MotionLimits:
             robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
-
-        Raises:
-            MotionError: If the URDF gives no finite velocity limit.
         """
         limits = robot.limits
         return cls(limits.lower, limits.upper, limits.velocity, acceleration, jerk_time)
@@ -97,9 +94,6 @@ class MotionLimits:
         Args:
             joint_position: Shape (n,). [rad] or [m]
             name: What it is, for the message.
-
-        Raises:
-            MotionError: Naming the joint, what was found and its range.
         """
         if joint_position.shape != self.lower.shape:
             raise MotionError(
@@ -125,9 +119,6 @@ class MotionLimits:
 
         Args:
             override: Share of full speed, in (0, 1]. [-]
-
-        Raises:
-            MotionError: If it is outside (0, 1].
         """
         if not 0 < override <= 1:
             raise MotionError(f"the speed override is {override}", "a share in (0, 1]")

@@ -39,9 +39,6 @@ class Program:
         moves: Number of motions in one loop.
         n_joints: Number of joints.
         period: Length of one loop. [s]
-
-    Raises:
-        MotionError: If a via breaks the limits, or nothing takes any time.
     """
 
     def __init__(
@@ -144,9 +141,6 @@ def random_program(
             every motion, the way back to the first via included. See `tool_above`.
         start: First via, so that programs can follow one another, shape (n,); default: drawn
             like the others. [rad] or [m]
-
-    Raises:
-        MotionError: If the figures make no sense, or no allowed program is found.
     """
     share = np.broadcast_to(np.asarray(zone, dtype=np.float64), limits.lower.shape)
     if not ((share > 0) & (share <= 1)).all():
@@ -189,9 +183,6 @@ def tool_above(robot: Robot, link: str, height: float) -> Callable[[Float], bool
         robot: The robot.
         link: Link of the URDF, such as the flange.
         height: In the base frame. [m]
-
-    Raises:
-        RobotDescriptionError: When asked, if there is no such link.
     """
     return lambda joint_position: bool(robot.link_position(joint_position, link)[2] >= height)
 

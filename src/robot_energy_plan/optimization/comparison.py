@@ -95,9 +95,6 @@ def compare_motions(
         peak_limit: Of the power from the grid. [W]
         calibration: What a meter has shown of the bands of this model.
         progress: Called with the share done, 0 to 1.
-
-    Raises:
-        MotionError: If there is none, or a figure makes no sense.
     """
     if not motions:
         raise MotionError("no trajectory was given", "one at least")

@@ -77,9 +77,6 @@ def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
 
     Returns:
         The files.
-
-    Raises:
-        LayoutError: If a file cannot be written, or is another's.
     """
     place = Path(folder)
     try:

@@ -83,9 +83,6 @@ def page_access(
 
     Returns:
         The rules.
-
-    Raises:
-        PageError: If the address is none, or a token is needed and missing or too weak.
     """
     try:
         found = ipaddress.ip_address(address)

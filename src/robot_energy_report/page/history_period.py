@@ -150,11 +150,7 @@ class Period:
 
 
 def zone_of(name: str) -> ZoneInfo:
-    """Return a time zone.
-
-    Raises:
-        HistoryError: If there is none of that name.
-    """
+    """Return a time zone."""
     try:
         return time_zone(name)
     except ValueError as error:
@@ -167,9 +163,6 @@ def period_at(kind: str, stamp_ns: int, zone: ZoneInfo) -> Period:
 
     Args:
         stamp_ns: The instant. [ns]
-
-    Raises:
-        HistoryError: If there is no such kind.
     """
     found = KINDS.get(kind)
     if found is None:
@@ -184,9 +177,6 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
     Args:
         start_ns: Its begin. [ns]
         stop_ns: Its end. [ns]
-
-    Raises:
-        HistoryError: If it ends before it begins, or is too long.
     """
     start_ns, stop_ns = start_ns // SLOT_NS * SLOT_NS, -(-stop_ns // SLOT_NS) * SLOT_NS
     length = stop_ns - start_ns
@@ -205,9 +195,6 @@ def instant(text: str, zone: ZoneInfo) -> int:
 
     Args:
         text: A date, or date and time, local to the zone unless it says its offset.
-
-    Raises:
-        HistoryError: If it names none.
     """
     try:
         found = datetime.fromisoformat(text)

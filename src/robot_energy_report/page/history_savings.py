@@ -44,9 +44,6 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
 
     Args:
         now_ns: Time of this computer. [ns]
-
-    Raises:
-        HistoryError: If it asks for what there is not.
     """
     zone = period.zone
     first = {name: values[0] for name, values in asked.items() if values}

@@ -72,9 +72,6 @@ class HistoryView:
             asked: ``period`` with ``at``, or ``start`` and ``stop``; ``timezone``, else
                 ``fallback`` where no tariff has one; ``robot``, several; ``by``.
             now_ns: Time of this computer. [ns]
-
-        Raises:
-            HistoryError: If it asks for what there is not.
         """
         first = {name: values[0] for name, values in asked.items() if values}
         name = first.get("timezone") or self._zone() or first.get("fallback") or "UTC"
