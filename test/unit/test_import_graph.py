@@ -25,7 +25,7 @@ MODULES = {
         totals
     """,
     "robot_energy.bag": """
-        by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
+        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
         reader sources sqlite_source time_range writer
     """,
     "robot_energy.bag.cdr": """
@@ -44,7 +44,7 @@ MODULES = {
         signature stopping time_zone units
     """,
     "robot_energy.foundation.files": """
-        first_bytes output_files output_folder output_streams placement private_file
+        first_bytes output_files output_folder placement private_file
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
@@ -97,7 +97,7 @@ MODULES = {
         blocks coverage epochs gaps hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        advise check command commands export fleet_identify fleet_report fleet_run
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
         identify_thermal import_logs info layouts listings main models monitoring numbers

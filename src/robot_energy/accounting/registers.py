@@ -30,6 +30,8 @@ SHAFT_REGISTERS = (
     "predicted_positive",
     "predicted_negative",
 )
+PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
+MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is not a measurement, does not fit the sums
 
 
 class Registers(ExactSum):
@@ -158,10 +160,6 @@ def _columns(block: PowerBlock) -> Float:
     np.maximum(shaft, 0.0, out=positive)
     np.subtract(positive, shaft, out=negative)
     return columns
-
-
-PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
-MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is not a measurement, does not fit the sums
 
 
 class ShaftEnergySums(ExactSum):

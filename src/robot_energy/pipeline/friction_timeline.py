@@ -19,6 +19,7 @@ HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own
 MAX_BEGINNING = 3  # rows of a line that may have been none: the first stamps were wrong
 MAX_ROWS = 100_000  # friction kept ahead of the samples: hours
+APART_NS = 5_000_000_000  # stamps that far from the torques' are another clock's [ns]
 
 
 class FrictionTimeline:
@@ -175,9 +176,6 @@ class FrictionTimeline:
         needed = first_needed(line.stamp_ns, oldest_ns)
         if needed > 1:
             self._line = FrictionBlock.concatenate([line[slice(0, 1)], line[slice(needed, None)]])
-
-
-APART_NS = 5_000_000_000  # stamps that far from the torques' are another clock's [ns]
 
 
 class FallbackUse:
