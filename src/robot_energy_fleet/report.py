@@ -50,8 +50,6 @@ def fleet_report(
     """Make the report of a fleet.
 
     Args:
-        tables: Rows of all its bags.
-        dataset: Where they lie.
         settings: Prices, emissions and the time zone; None for none and UTC.
         shifts: Hours of the day, local time, at which a shift begins; rising.
 

@@ -50,11 +50,7 @@ class BusRobot:
         return self._moving
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: In time order.
-        """
+        """Take what a step of the pipeline gave."""
         self.deviations.take(output)
         if output.power is not None and len(block := output.power):
             self._parts.append((block.stamp_ns, block.segment, block.bus_power))
@@ -85,7 +81,6 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
     Between samples of a robot its power is linear.
 
     Args:
-        robots: Each with its recording.
         same_start: Whether the recordings, made at other times, count as begun at once.
     """
     series = [robot.power() for robot in robots]
@@ -133,7 +128,6 @@ def planned_robot(
 
     Args:
         degc: Of all motors, or of each, shape (n,). [degC]
-        repeat: How often the motion is made in a cycle.
     """
     robot = BusRobot(name, model)
     found = predict(model, motion, degc, name, repeat, on_output=robot.take)
@@ -149,7 +143,6 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
     as they are after a cycle.
 
     Args:
-        robots: Each with its motion.
         cycle_time: Of all; None: the longest motion. [s]
     """
     series = [robot.power() for robot in robots]

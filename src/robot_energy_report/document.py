@@ -197,11 +197,7 @@ class Document:
             self.note(text)
 
     def pairs(self, rows: Sequence[tuple[str, str]]) -> None:
-        """Add names and values.
-
-        Args:
-            rows: Name and value of each row.
-        """
+        """Add names and values."""
         self.add(Table("", (), rows))
 
     def figure(self, draw: Draw, caption: str) -> None:
@@ -226,11 +222,7 @@ class Document:
     def rows(
         self, title: str, columns: Sequence[Column], rows: Sequence[Any], total: str = ""
     ) -> None:
-        """Add a table of objects.
-
-        Args:
-            columns: What it shows of each object.
-        """
+        """Add a table of objects."""
         columns = [one for one in columns if not one.optional or one.has_something(rows)]
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
         cells = [[column.cell(row) for column in columns] for row in rows]

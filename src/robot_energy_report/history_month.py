@@ -49,7 +49,6 @@ def month_document(
 
     Args:
         month: Such as 2026-10; empty for the last one that is over.
-        now_ns: Time of this computer. [ns]
         timezone: Where days begin; empty for that of the newest tariff, else UTC.
     """
     view = HistoryView(folder)

@@ -59,9 +59,6 @@ def series_of(
 ) -> tuple[Series, Series] | None:
     """Return measured and predicted power at the meter.
 
-    Args:
-        start_ns: Where the axis of time begins. [ns]
-
     Returns:
         Measured and predicted, or None where nothing was compared.
     """

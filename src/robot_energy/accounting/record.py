@@ -268,9 +268,6 @@ class AccountRecord(RecordPart):
     def from_json(cls, text: bytes) -> AccountRecord:
         """Read what `to_json` wrote.
 
-        Args:
-            text: JSON of one record, in UTF-8.
-
         Returns:
             The record; values beyond their limits are at them, and `repairs` says which.
         """

@@ -71,8 +71,6 @@ class Standby:
         """Add what was counted elsewhere.
 
         Args:
-            ns: Time. [ns]
-            microjoule: Energy. [uJ]
             remainder: What it holds beyond. [2^-40 uJ]
         """
         self.energy.add_sums(np.array([microjoule]), np.array([remainder]))

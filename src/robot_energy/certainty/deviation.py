@@ -336,11 +336,7 @@ def _loss_stds(entries: list[LossDrive]) -> dict[str, Float]:
 
 
 def loss_model_deviation(entries: list[LossDrive]) -> DriveDeviation:
-    """Return the deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """Return the deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC."""
     return partial(_loss_deviation, **_loss_stds(entries))
 
 
@@ -365,11 +361,7 @@ def _share_of_loss(speed: Float, torque: Float, loss: Float, *, share: float) ->
 
 
 def loss_model_deviations(entries: list[LossDrive]) -> LossDeviations:
-    """Return the four terms of `loss_model_deviation`, each for itself.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """Return the four terms of `loss_model_deviation`, each for itself."""
     stds = _loss_stds(entries).values()
 
     def deviations(speed: Float, torque: Float) -> Float:

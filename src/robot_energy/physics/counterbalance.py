@@ -70,7 +70,6 @@ def add_counterbalance(
     Args:
         torque: Joint side, shape (N, n). [N m] or [N]
         joint_position: Shape (N, n). [rad] or [m]
-        entries: One per joint.
     """
     for joint, entry in enumerate(entries):
         if entry is not None:

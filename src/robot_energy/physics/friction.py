@@ -205,11 +205,7 @@ def table_law(entry: TableLaw) -> ViscousLaw:
 
 
 class FrictionModel:
-    """Friction of all axes of one robot.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """Friction of all axes of one robot."""
 
     def __init__(self, entries: list[JointFriction]) -> None:
         self.laws = [viscous_law(entry.viscous) for entry in entries]

@@ -45,7 +45,6 @@ class Robot:
         urdf_xml: Text of the URDF. Meshes are never opened.
         joint_names: Modelled joints, in the order of every array.
         gravity: In the base frame. [m/s^2]
-        payload: Rigid bodies fixed to links.
         massless_links: Links that may move without inertia, on purpose.
         counterbalance: Springs at the joints, one entry per joint; empty for none.
     """
@@ -103,9 +102,6 @@ class Robot:
     def from_model(cls, model: RobotModel) -> Robot:
         """Build the robot that a model file describes.
 
-        Args:
-            model: The robot's model with its URDF.
-
         Returns:
             The robot with the payload of the model.
         """
@@ -126,11 +122,7 @@ class Robot:
         )  # fmt: skip
 
     def with_payload(self, payload: Sequence[Payload]) -> Robot:
-        """Return this robot with another payload instead of its own.
-
-        Args:
-            payload: Rigid bodies fixed to links.
-        """
+        """Return this robot with another payload instead of its own."""
         robot = self._copy()  # not read again: what it carries is all that differs
         robot._load(payload)
         return robot
@@ -247,11 +239,7 @@ class Robot:
         return shape
 
     def has_link(self, link: str) -> bool:
-        """Whether the URDF has a link of that name.
-
-        Args:
-            link: The name.
-        """
+        """Whether the URDF has a link of that name."""
         return bool(self._model.existFrame(frame_of(link), pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:
@@ -259,7 +247,6 @@ class Robot:
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            link: Name of the link.
 
         Returns:
             Shape (3,). [m]
@@ -271,7 +258,6 @@ class Robot:
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            link: Name of the link.
 
         Returns:
             Position, shape (3,) [m], and rotation, shape (3, 3).
@@ -284,7 +270,6 @@ class Robot:
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            link: Name of the link.
 
         Returns:
             Position, shape (3,) [m]; rotation, shape (3, 3); Jacobian in base axes, shape

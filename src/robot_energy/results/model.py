@@ -93,11 +93,7 @@ def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
 
 
 def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
-    """Return what a result says of its model.
-
-    Args:
-        change: What was changed about it.
-    """
+    """Return what a result says of its model."""
     return ModelUsed(
         model_id=model.model_id,
         source=model.source,
@@ -112,11 +108,7 @@ def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
 
 
 def model_report(model: RobotModel, robot: Robot) -> ModelReport:
-    """Return what a model holds.
-
-    Args:
-        robot: Its rigid bodies, which were built from it.
-    """
+    """Return what a model holds."""
     cabinet = model.cabinet
     return ModelReport(
         **vars(model_used(model)),

@@ -70,7 +70,6 @@ class FourierMotion:
     """One Fourier series per joint, repeated without end.
 
     Args:
-        basis: Harmonics and period.
         weights: Weights of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
             then speeds [rad/s] or [m/s].
 

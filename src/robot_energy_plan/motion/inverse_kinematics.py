@@ -37,7 +37,6 @@ class InverseKinematics:
     """Joint positions from tool positions.
 
     Args:
-        robot: The robot.
         link: Link of the URDF whose frame is the tool.
         held: Names of joints that stay where they start; planar arms only.
         weight: Weight of each joint in the distance from the start, where a planar arm has more

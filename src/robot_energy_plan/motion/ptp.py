@@ -76,7 +76,6 @@ class MotionLimits:
         """Return limits with positions and speeds of the URDF, which has no accelerations.
 
         Args:
-            robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
         """
@@ -188,7 +187,6 @@ class Profile:
 
     Args:
         distance: Signed way of every joint, shape (K, n). [rad] or [m]
-        limits: Velocity, acceleration and jerk time.
         speed_share: Of the velocity limits, in (0, 1], one value or shape (K,). [-]
         acceleration_share: Of the acceleration limits, in (0, 1], one value or shape (K,). [-]
 

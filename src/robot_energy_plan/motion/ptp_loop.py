@@ -23,7 +23,6 @@ class Program:
 
     Args:
         via: Configurations, joint side, shape (K, n), K >= 1. [rad] or [m]
-        limits: Limits kept throughout.
         dwell: Rest at each via, one value or shape (K,), >= 0. [s]
         override: Share of full speed, in (0, 1]. [-]
         speed_share: Share of the speed under that override, of the move to the next via, in
@@ -130,7 +129,6 @@ def random_program(
     """Return a program of random configurations, the same for the same seed.
 
     Args:
-        limits: Position, velocity and acceleration limits.
         seed: Any integer >= 0.
         moves: Number of motions in a loop (paper A: 20).
         zone: Share of each joint's range around its middle that may be used, one value
@@ -180,7 +178,6 @@ def tool_above(robot: Robot, link: str, height: float) -> Callable[[Float], bool
     """Return a condition for `random_program`: a link stays above a height.
 
     Args:
-        robot: The robot.
         link: Link of the URDF, such as the flange.
         height: In the base frame. [m]
     """

@@ -43,11 +43,7 @@ class ComparedMotion:
     columns: Float = field(default_factory=lambda: np.full(1, np.nan))
 
     def more_than(self, other: ComparedMotion) -> tuple[float, float]:
-        """Return what it needs more than another, and half the width of the 90 % band of that.
-
-        Args:
-            other: Of the same comparison. [J]
-        """
+        """Return what it needs more than another, and half the width of the 90 % band of that."""
         if np.isnan(self.energy + other.energy):
             return np.nan, np.nan
         apart = self.columns - other.columns

@@ -73,7 +73,6 @@ def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
 
     Args:
         folder: Folder of the files; made if it is missing.
-        joint_names: In the order of the model.
 
     Returns:
         The files.

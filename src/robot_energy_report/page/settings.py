@@ -44,8 +44,6 @@ class CostCounter:
         """Take a register.
 
         Args:
-            start_ns: When it was last set to zero. [ns]
-            stamp_ns: Up to when it has counted. [ns]
             energy: Its value. [J]
         """
         if self._settings.price_per_kwh is None or not energy >= 0.0:
