@@ -143,11 +143,7 @@ def add_replay(
 
 
 def add_reading(parser: ArgumentParser) -> Any:
-    """Add how bags are read, without their robot.
-
-    Returns:
-        The group of the settings.
-    """
+    """Return the group of the settings, after adding how bags are read, without their robot."""
     topics = parser.add_argument_group("topics")
     settings = parser.add_argument_group("settings, seldom needed")
     parts = parser.add_argument_group("part of the bag")

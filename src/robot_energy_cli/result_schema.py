@@ -159,11 +159,7 @@ class _Generator(GenerateJsonSchema):
 
 
 def read_result(path: str | Path) -> ReplayReport | PredictionsReport:
-    """Read a result back from the JSON of a command.
-
-    Returns:
-        The same as the command gave.
-    """
+    """Return a result of a command from its JSON."""
     place = f"'{shown(str(path))}'"
     try:
         data = json.loads(read_regular(path, MAX_JSON_BYTES))

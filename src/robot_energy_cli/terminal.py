@@ -78,11 +78,7 @@ def console() -> Console:
 
 @contextmanager
 def progress(label: str) -> Generator[Callable[[float], None], None, None]:
-    """Show a bar on a terminal, nothing elsewhere.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
+    """Yield what takes the share done, 0 to 1: a bar on a terminal, nothing elsewhere."""
     if not (sys.stderr.isatty() and sys.stdout.isatty()):
         yield lambda share: None
         return

@@ -130,12 +130,9 @@ class Dataset:
         return name in self._rows()
 
     def add(self, key: RowKey, date: str, data: bytes) -> Path:
-        """Put the row of a bag in place, whole or not at all, and remove older rows of it.
+        """Return the file of a bag's row, whole or not at all in place; older rows of it go.
 
         A bag that cannot be read takes no row away: where it was read before, that row stays.
-
-        Returns:
-            The file.
         """
         robot = f"robot={quote(key.robot, safe=' ')}"
         path = self.folder / robot / f"date={date}" / f"{key.name}.parquet"

@@ -74,16 +74,13 @@ class Deviation:
 def levels(
     figure: Float, robot: Int, work: Float, counted: np.ndarray, least: int = MIN_BAGS
 ) -> Levels:
-    """Return the levels of the robots at equal work.
+    """Return the levels at equal work, one for each robot number up to the largest.
 
     Args:
         figure: Of each bag; NaN where unknown, shape (B,). [any unit]
         robot: Number of each bag's robot, shape (B,).
         work: What bags differ in, shape (B, K). [-]
         counted: Which bags count for the level, such as the newest, shape (B,).
-
-    Returns:
-        One level for each robot number up to the largest.
     """
     known = np.isfinite(figure) & np.isfinite(work).all(axis=1)
     robots = int(robot.max()) + 1 if len(robot) else 0
@@ -122,14 +119,11 @@ def levels(
 
 
 def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
-    """Return the robots that differ from the others.
+    """Return the robots that differ from the others, the farthest first; empty for too few.
 
     Args:
         level: NaN for a robot that is not compared, shape (R,). [any unit]
         std: Standard errors, shape (R,). [as the level]
-
-    Returns:
-        The farthest first; empty where there are too few robots.
     """
     from scipy.special import stdtr
 

@@ -118,10 +118,7 @@ class EnergyAccount:
         self.comparison.measure(block)
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
-        """Count power samples.
-
-        Returns:
-            Means of the periods that ended, or None.
+        """Return the means of the periods that end with these power samples, or None.
 
         Raises:
             Exception: Whatever a fault of the program raises; nothing of the block, or of its

@@ -185,13 +185,10 @@ class ShaftEnergySums(ExactSum):
         self.compared_ns[:] = 0
 
     def joints(self, name: str) -> Float:
-        """Return a register of every joint by its name in ``SHAFT_REGISTERS``.
+        """Return a register by its name in ``SHAFT_REGISTERS``, (n,); NaN: not compared. [J]
 
         Args:
             name: Of the register; both parts are >= 0 and never fall.
-
-        Returns:
-            Shape (n,); NaN where nothing was compared yet. [J]
         """
         start = SHAFT_REGISTERS.index(name) * self.n_joints
         joule = self.joule[start : start + self.n_joints]

@@ -119,7 +119,7 @@ class BagReader:
     def parts(
         self, topics: Collection[str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics in file order.
+        """Yield the messages of some topics in file order, one batch a topic; never an empty part.
 
         Each part holds one chunk of the bag, or at most 8192 messages. Inside a batch the order
         is by log time, equal times in file order; from part to part log times may step back.
@@ -129,9 +129,6 @@ class BagReader:
 
         Args:
             spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
-
-        Yields:
-            One batch per topic that has messages in the part; never an empty part.
         """
         wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
         return self._parts(wanted, spans or {})

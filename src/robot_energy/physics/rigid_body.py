@@ -100,11 +100,7 @@ class Robot:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
-        """Build the robot that a model file describes.
-
-        Returns:
-            The robot with the payload of the model.
-        """
+        """Return the robot that a model file describes, with its payload."""
         robot = _robot_of(
             model.urdf_xml, tuple(model.joint_names), tuple(model.gravity), tuple(model.payload),
             tuple(model.massless_links),
@@ -202,15 +198,12 @@ class Robot:
     def torque_regressor(
         self, joint_position: Float, joint_velocity: Float, joint_acceleration: Float
     ) -> Float:
-        """Matrix W of ``M(q) qdd + c(q, qd) + g(q) = W link_parameters``, without payload.
+        """Return W of ``M(q) qdd + c(q, qd) + g(q) = W link_parameters``, shape (N, n, 10 n).
 
         Args:
             joint_position: Shape (N, n). [rad] or [m]
             joint_velocity: Shape (N, n). [rad/s] or [m/s]
             joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
-
-        Returns:
-            Joint torque per unit of each parameter, shape (N, n, 10 n).
         """
         n_samples, n_joints = self._check(joint_position, joint_velocity, joint_acceleration)
         result = np.empty((n_samples, n_joints, 10 * n_joints))
@@ -243,13 +236,10 @@ class Robot:
         return bool(self._model.existFrame(frame_of(link), pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:
-        """Position of a link's frame in the base frame at one configuration.
+        """Return where a link's frame is in the base frame at one configuration, shape (3,). [m]
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-
-        Returns:
-            Shape (3,). [m]
         """
         return self.link_pose(joint_position, link)[0]
 
@@ -286,13 +276,10 @@ class Robot:
         )
 
     def joint_origins(self, joint_position: Float) -> Float:
-        """Origins of the joint frames in the base frame at one configuration.
+        """Return the origins of the joint frames in the base frame, model order, shape (n, 3). [m]
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-
-        Returns:
-            In model joint order, shape (n, 3). [m]
         """
         data = self._model.createData()
         pin.forwardKinematics(self._model, data, np.asarray(joint_position)[self._to_model])

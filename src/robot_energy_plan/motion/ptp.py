@@ -217,15 +217,12 @@ class Profile:
         self.duration = np.where(moves, self._end + limits.jerk_time, 0.0)
 
     def sample(self, move: Int, time: Float) -> tuple[Float, Float, Float]:
-        """Evaluate the profile.
+        """Return s [-], its velocity [1/s] and its acceleration [1/s^2], shape (N,) each.
 
         Args:
             move: Index of the move, shape (N,).
             time: Since the start of that move; before it rests at 0 and after it at 1,
                 shape (N,). [s]
-
-        Returns:
-            s [-], its velocity [1/s] and its acceleration [1/s^2], shape (N,) each.
         """
         shape = (self._speed[move], self._rise[move], self._ramp[move], self._end[move])
         smooth = self._jerk_time

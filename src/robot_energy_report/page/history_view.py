@@ -187,11 +187,7 @@ class HistoryView:
         return text.getvalue()
 
     def add_tariff(self, tariff: Tariff, now_ns: int) -> str:
-        """Add a tariff.
-
-        Returns:
-            What was done, in a sentence.
-        """
+        """Return what was done to add a tariff, in a sentence."""
         open_reader(self.folder).close()
         add_tariffs(self.folder, [tariff], now_ns)
         return f"holds from {tariff.begin} on"

@@ -68,9 +68,5 @@ class CostCounter:
 
 
 def load_settings(path: str) -> PageSettings:
-    """Read the settings of the page.
-
-    Returns:
-        The settings.
-    """
+    """Return the settings of the page."""
     return load(path, PageSettings, PageError, "page settings") if path else PageSettings()

@@ -109,11 +109,7 @@ class Inventory:
 
 
 def parse(urdf_xml: str) -> ET.Element:
-    """Parse a URDF without entities and geometry, and check that it is one tree.
-
-    Returns:
-        The root, whose joints and links have unique names and finite numbers.
-    """
+    """Return the root of a URDF without entities and geometry that is one tree, names unique."""
     root = read_elements(urdf_xml)
     if root.tag != "robot":
         raise RobotDescriptionError(f"the XML has the root '{root.tag}'", "'robot' (a URDF)")
