@@ -71,9 +71,7 @@ class Deviation:
     certainty: float
 
 
-def levels(
-    figure: Float, robot: Int, work: Float, counted: np.ndarray, least: int = MIN_BAGS
-) -> Levels:
+def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray) -> Levels:
     """Return the levels at equal work, one for each robot number up to the largest.
 
     Args:
@@ -107,7 +105,7 @@ def levels(
     used = known & counted
     bags = np.bincount(robot[used], minlength=robots)
     scatter = np.full(robots, np.nan)
-    for one in np.flatnonzero(bags >= least).tolist():
+    for one in np.flatnonzero(bags >= MIN_BAGS).tolist():
         values = rest[used & (robot == one)]
         level[one] = np.median(values)
         scatter[one] = MEDIAN_TO_STD * float(np.median(np.abs(values - level[one])))

@@ -212,7 +212,7 @@ class JointStateReader:
                 np.asarray(np.concatenate(parts)[order], order="F")
                 for parts in zip(*(part for _, part in placed), strict=True)
             )
-        columns = [np.asarray(values, dtype=np.float64) for values in quantities]
+        columns: list[Float] = [np.asarray(values, dtype=np.float64) for values in quantities]
         for place, each in enumerate(self._corrections[: len(columns)]):
             if each is not None:
                 columns[place] = each.apply(columns[place])
