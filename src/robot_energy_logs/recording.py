@@ -334,16 +334,17 @@ def write_bag(
 
 def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[str, int]:
     """Write all topics, interleaved as a recorder would; return the messages of each."""
-    given = [np.flatnonzero(stream.given(block)) for stream in streams]
-    parts = [
-        (
-            stream.topic,
-            block.stamp_ns[rows],
-            stream.encoder.encode(stream.fields(block), len(block))[rows],
+    parts: list[tuple[str, Int, NDArray[np.uint8]]] = []
+    turns: list[Int] = []
+    for stream in streams:
+        rows, messages = (
+            stream.given(block),
+            stream.encoder.encode(stream.fields(block), len(block)),
         )
-        for stream, rows in zip(streams, given, strict=True)
-    ]
-    turns = [rows // INTERLEAVED_ROWS for rows in given]
+        parts.append(
+            (stream.topic, block.stamp_ns[rows], messages if rows.all() else messages[rows])
+        )
+        turns.append(np.flatnonzero(rows) // INTERLEAVED_ROWS)
     bag.write_sorted(parts, turns)
     return {topic: len(stamps) for topic, stamps, _ in parts}
 
