@@ -70,11 +70,11 @@ def wanted(folder):
     return Wanted(folder, START, START + DAY)
 
 
-def recorded(folder):
+def recorded(folder, column=IMPORT):
     """All that each robot used, from the table itself."""
     with closing(open_reader(folder)) as connection:
         return dict(connection.execute(
-            f"SELECT r.name, sum({IMPORT}) FROM slot15 s JOIN robot r ON r.id = s.robot GROUP BY 1"
+            f"SELECT r.name, sum({column}) FROM slot15 s JOIN robot r ON r.id = s.robot GROUP BY 1"
         ))  # fmt: skip
 
 
@@ -164,6 +164,8 @@ def test_a_name_that_a_format_has_not_is_refused(tmp_path, name):
 @needs_postgres
 def test_a_real_postgresql_holds_the_history_once(wanted, folder):
     with databases.postgres() as server:
+        server.run(sql_bytes(wanted).rpartition(b"COMMIT;")[0])  # a transfer that breaks off
+        assert server.run(b"SELECT to_regclass('robot_energy') IS NULL;") == "t"
         early = Wanted(folder, START, START + HOUR)
         for part in (early, wanted, wanted):
             server.run(sql_bytes(part))
@@ -227,6 +229,8 @@ def test_a_real_influxdb_holds_the_history_once(wanted, folder):
     wanted = Wanted(folder, wanted.start_ns, wanted.stop_ns)
     with databases.influxdb() as server:
         server("query", b"", q="CREATE DATABASE plant")
+        lines = line_bytes(wanted).splitlines(keepends=True)
+        server("write", b"".join(lines[: len(lines) // 2]), db="plant")  # one that breaks off
         for _ in range(2):
             server("write", line_bytes(wanted), db="plant")
         asked = f"SELECT sum({IMPORT}) FROM robot_energy GROUP BY robot"
@@ -237,7 +241,7 @@ def test_a_real_influxdb_holds_the_history_once(wanted, folder):
 
 @needs_victoria
 def test_a_real_victoriametrics_holds_the_history_once(wanted, folder):
-    with databases.victoria_metrics() as server:
+    with databases.victoria_metrics("-dedup.minScrapeInterval=1ms") as server:
         for _ in range(3):
             server("write", line_bytes(wanted))
             server("internal/force_flush")
@@ -246,6 +250,21 @@ def test_a_real_victoriametrics_holds_the_history_once(wanted, folder):
         found = json.loads(server("api/v1/query", query=f"sum by (robot) ({asked})", time=when))
         sums = {one["metric"]["robot"]: float(one["value"][1]) for one in found["data"]["result"]}
         assert sums == pytest.approx(recorded(folder))
+
+
+@needs_victoria
+def test_counters_in_a_real_victoriametrics_count_once_as_it_is_installed(wanted, folder):
+    with databases.victoria_metrics() as server:
+        for _ in range(3):
+            server("api/v1/import/prometheus", metrics_bytes(wanted))
+            server("internal/force_flush")
+        for part, column in COUNTERS.items():
+            asked = f'increase_pure(robot_energy_history_joules_total{{part="{part}"}}[2d])'
+            when = str((START + DAY) // 10**9)
+            found = json.loads(server("api/v1/query", query=asked, time=when))["data"]["result"]
+            sums = {one["metric"]["robot"]: float(one["value"][1]) for one in found}
+            true = {name: energy / 1e6 for name, energy in recorded(folder, column).items()}
+            assert sums == pytest.approx(true, abs=1e-6)
 
 
 @pytest.mark.skipif(PROMTOOL is None, reason="no promtool: apt-get install prometheus")
