@@ -14,7 +14,7 @@ import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 import databases
-from histories import DAY, HOUR, START, Robot
+from histories import DAY, HOUR, MINUTE, START, Robot
 from places import GRAFANA
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
@@ -49,7 +49,7 @@ needs_victoria = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Robots with names that each format must escape; the recorder was off for two hours."""
+    """Robots with names that each format must escape; the recorder was off for hours and minutes."""
     folder = tmp_path_factory.mktemp("outputs") / "history"
     store = HistoryStore(folder)
     store.open()
@@ -59,6 +59,8 @@ def folder(tmp_path_factory):
         assert store.write(robot.now), store.trouble
         robot.advance(2 * HOUR + 7)
         store.add(name, [robot.minute() for _ in range(100)])
+        robot.advance(2 * MINUTE)  # within a quarter hour
+        store.add(name, [robot.minute()])
         assert store.write(robot.now, newest=True), store.trouble
     store.close()
     add_tariffs(folder, [Tariff(begin=date(2026, 1, 1), price_per_kwh=0.3)], START)
@@ -78,8 +80,9 @@ def recorded(folder, column=IMPORT):
         ))  # fmt: skip
 
 
-def test_rows_are_all_of_the_history_and_have_keys_of_their_own(wanted, folder):
-    found = rows(wanted)
+@pytest.mark.parametrize(("resolution", "count"), [("minute", 2), ("quarter", 1), ("hour", 1)])
+def test_rows_are_all_of_the_history_and_have_keys_of_their_own(folder, resolution, count):
+    found = rows(Wanted(folder, START, START + DAY, resolution))
     keys = {(row["robot"], row["start_ns"], row["stop_ns"]) for row in found}
     assert len(keys) == len(found)
     sums = dict.fromkeys(NAMES, 0)
@@ -87,8 +90,9 @@ def test_rows_are_all_of_the_history_and_have_keys_of_their_own(wanted, folder):
         sums[row["robot"]] += row[IMPORT]
     assert sums == recorded(folder)
     spans = [row for row in found if not row["resolved"]]
-    assert len(spans) == len(NAMES)
-    assert all(row["stop_ns"] - row["start_ns"] > 2 * HOUR for row in spans)
+    assert len(spans) == count * len(NAMES)
+    lengths = {round((row["stop_ns"] - row["start_ns"]) / MINUTE) for row in spans}
+    assert lengths == ({121, 3} if count == 2 else {121})
     assert all(row.get("cost") is None for row in spans)  # nothing is known of its price
 
 

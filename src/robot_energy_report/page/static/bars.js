@@ -1,5 +1,5 @@
 // Energy over time as stacked bars; a bar is a button that opens its time.
-import { drawn, energy, known, number, percent, setText, DASH, JOULE_PER_WH } from "./format.js";
+import { drawn, element, energy, known, number, percent, setText, DASH, JOULE_PER_WH } from "./format.js";
 
 const TOP = 10;
 const BOTTOM = 34;
@@ -7,6 +7,11 @@ const STRIP = 5; // below the axis: the share of the time that was not observed
 const KNOWN = 0.995; // observed share from which on a part of the time is whole
 
 export const kindOf = (series, index) => (series.rest ? "s-rest" : series.kind ? `s-${series.kind}` : `s${index}`);
+
+// Names with their colours; a line ends between two of them.
+export function showLegend(host, entries) {
+  host.replaceChildren(...entries.flatMap(([kind, name]) => [element("span", { class: "entry" }, element("span", { class: `key ${kind}` }), name), " "]));
+}
 
 export function niceStep(span, count) {
   const raw = span / count;
