@@ -49,7 +49,7 @@ needs_victoria = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Robots with names that each format must escape; the recorder was off for hours and minutes."""
+    """Names that each format must escape; the recorder was off for hours, and for minutes."""
     folder = tmp_path_factory.mktemp("outputs") / "history"
     store = HistoryStore(folder)
     store.open()

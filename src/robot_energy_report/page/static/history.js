@@ -89,7 +89,7 @@ function show() {
   byId("later").disabled = Boolean(answer.running) || period.start > answer.now;
   byId("out").disabled = !OUT[period.period];
   for (const button of document.querySelectorAll("[data-by]")) button.setAttribute("aria-pressed", String(button.dataset.by === answer.group));
-  for (const button of document.querySelectorAll("[data-period]")) button.setAttribute("aria-pressed", String(button.dataset.period === period.period));
+  for (const button of document.querySelectorAll("[data-period]")) button.setAttribute("aria-pressed", String(button.dataset.period === period.period && (period.period !== "day" || Boolean(answer.running))));
   byId("live").href = `.${tokenHash()}`;
   showBars();
   showHeadline(before);
