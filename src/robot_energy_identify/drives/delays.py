@@ -12,9 +12,8 @@ losses need not be known yet. Readings while the drives brake, or the DC link gi
 fed back, are left out at every delay: the meter then sees less, which would look like a delay.
 
 A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns, and
-the delay is free meanwhile;
-what the drives feed back counts as 0 in it, and the DC link as empty. It is undone in
-`robot_energy_identify.data.recordings`. An energy counter has none.
+the delay is free meanwhile; what the drives feed back counts as 0 in it, and the DC link as empty.
+It is undone in `robot_energy_identify.data.recordings`. An energy counter has none.
 """
 
 from __future__ import annotations
