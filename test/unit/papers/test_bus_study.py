@@ -66,4 +66,5 @@ def test_a_claim_where_nothing_is_saved_is_off_by_all_of_it():
     rows = [JudgedBus(ADVISED, 1, 10.0, 8.0, truth, 99.0) for truth in (0.0, 10.0)]
     rows.append(JudgedBus(ADVISED, 1, 0.0, 0.0, 0.0, 99.0))
     (line,) = count(rows)
-    assert "2 of 3 bands" in line and "median error 50 %, half width 80 % of the claim" in line
+    assert "2 of 3 bands" in line
+    assert "median error 50 %, half width 80 % of the claim" in line
