@@ -35,6 +35,7 @@ OPTIONS = {
     "--rest-states FILE": "figures of these states, for this robot",
     "--regenerative": "evaluate a regenerative supply as well",
     "--peak-limit W": "greatest power from the grid",
+    "--cycles-per-year N": "how many cycles there are in a year: says what is saved in it",
     "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
     "--level PROGRAM": (
         "program of another robot of this model on the same supply; starts within the cycle "
@@ -85,6 +86,7 @@ def _run(args: Namespace) -> int:
             standby=states,
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
+            cycles_per_year=args.cycles_per_year,
             level=args.level,
             one_bus=args.one_bus,
             time_law=args.time_law,
