@@ -71,10 +71,6 @@ class HistoryView:
         Args:
             asked: ``period`` with ``at``, or ``start`` and ``stop``; ``timezone``, else
                 ``fallback`` where no tariff has one; ``robot``, several; ``by``.
-            now_ns: Time of this computer. [ns]
-
-        Raises:
-            HistoryError: If it asks for what there is not.
         """
         first = {name: values[0] for name, values in asked.items() if values}
         name = first.get("timezone") or self._zone() or first.get("fallback") or "UTC"
@@ -93,9 +89,6 @@ class HistoryView:
 
     def answer(self, wish: Wish, now_ns: int) -> dict[str, Any]:
         """Return what the page draws.
-
-        Args:
-            now_ns: Time of this computer. [ns]
 
         Returns:
             Energies in J, times in s since 1970; None where nothing was recorded.
@@ -199,14 +192,7 @@ class HistoryView:
         return text.getvalue()
 
     def add_tariff(self, tariff: Tariff, now_ns: int) -> str:
-        """Add a tariff.
-
-        Args:
-            now_ns: Time of this computer. [ns]
-
-        Returns:
-            What was done, in a sentence.
-        """
+        """Return what was done to add a tariff, in a sentence."""
         open_reader(self.folder).close()
         add_tariffs(self.folder, [tariff], now_ns)
         return f"holds from {tariff.begin} on"
