@@ -82,8 +82,8 @@ def fleet_report(
             "a price or a shift changes within a UTC hour, and a dataset holds sums of UTC hours: "
             "those of such an hour are shared by the time that the bag has before and after"
         )
-    energy = read["grid_energy"].sum()
-    if (unplaced := energy - tables.hours["grid_energy"].sum()) > UNPLACED * energy:
+    energy, placed = (float(one["grid_energy"].sum()) for one in (read, tables.hours))
+    if (unplaced := energy - placed) > UNPLACED * energy:
         notes.append(
             f"{unplaced / JOULE_PER_KWH:.3f} kWh were used while no recorder ran: no shift holds "
             "them, and what was standby of them is not known"
