@@ -47,16 +47,11 @@ def fleet_report(
     settings: PageSettings | None = None,
     shifts: Sequence[int] = SHIFTS,
 ) -> FleetReport:
-    """Make the report of a fleet.
+    """Return the report of a fleet.
 
     Args:
-        tables: Rows of all its bags.
-        dataset: Where they lie.
         settings: Prices, emissions and the time zone; None for none and UTC.
         shifts: Hours of the day, local time, at which a shift begins; rising.
-
-    Returns:
-        The report.
     """
     used = settings or PageSettings()
     read = tables.runs.filter(pl.col("reason") == "")

@@ -49,11 +49,7 @@ def month_document(
 
     Args:
         month: Such as 2026-10; empty for the last one that is over.
-        now_ns: Time of this computer. [ns]
         timezone: Where days begin; empty for that of the newest tariff, else UTC.
-
-    Raises:
-        HistoryError: If there is no history, no such month or robot, or nothing was recorded.
     """
     view = HistoryView(folder)
     if month and not re.fullmatch(r"\d{4}-(0[1-9]|1[0-2])", month):

@@ -255,7 +255,7 @@ def _friction(model: RobotModel, axes: Axes) -> None:
         _band(axes, degc, 1e3 * viscous[:, joint], 1e3 * Z90 * std[:, joint], colour)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("temperature [degC]")
-    axes.set_ylabel("viscous friction, motor side [1e-3 N m s/rad]")
+    axes.set_ylabel("viscous friction, motor side\n[1e-3 N m s/rad]")
     axes.legend()
 
 

@@ -10,17 +10,114 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
+
+from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.messages.power import PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter
+from robot_energy.model import RobotModel
 from robot_energy.pipeline import PowerStage
-from ros2_energy_monitor.base.account_publisher import AccountPublisher
 from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
+from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
 from ros2_energy_monitor.base.inputs import meter_input
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
-from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC
+from ros2_energy_monitor.base.parameters import folder_of
+from ros2_energy_monitor.base.publishers import (
+    POWER_TOPIC,
+    REGISTERS_TOPIC,
+    PacedPublisher,
+    RowPublisher,
+    reliable,
+)
+from ros2_energy_monitor.services.registers import RegisterServices
+
+
+class AccountPublisher:
+    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends."""
+
+    def __init__(
+        self,
+        node: MonitorNode[Any],
+        model: RobotModel,
+        account: EnergyAccount,
+        parameters: AccountParameters,
+    ) -> None:
+        self._node, self._account, self._model = node, account, model
+        account.on_reading = self._add_reading
+        identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
+        self._power_writer = PowerStateWriter(*identity)
+        self._registers_writer = RegistersWriter(*identity)
+        self._power: PacedPublisher | None = None
+        self._ticks = round(parameters.tick_rate / parameters.power_rate)
+        self._registers: RowPublisher | None = None
+        self.checkpoints = Checkpoints(
+            node,
+            model,
+            account,
+            folder_of(parameters.state_folder),
+            parameters.checkpoint_period,
+            self._encode,
+            lambda rows: self._registers and self._registers.publish(rows),
+        )
+
+    def open(self) -> None:
+        """Create publishers and services, and read the registers from disk."""
+        power = RowPublisher(self._node, PowerState, POWER_TOPIC, reliable(100))
+        burst = -(-self._node.taken_ticks // self._ticks)  # messages that end together
+        self._power = PacedPublisher(power, self._ticks, max_waiting=burst + 1)
+        self._registers = RowPublisher(self._node, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
+        self.checkpoints.open()
+        take = self._node.take_now
+        RegisterServices(self._node, self._account, self.checkpoints, self._model, take).open()
+
+    def close(self) -> None:
+        """End the work on the disk; safe also after an `open` that failed."""
+        self.checkpoints.close()
+        self._account.on_reading = None
+        self._power = self._registers = None
+
+    def _encode(self, persisted: bool, minute_ns: int = 0) -> Any:
+        """Return the message of the registers; what counts a recording is kept nowhere."""
+        recording = self.checkpoints.store.is_aside
+        kept = persisted and not recording
+        return self._registers_writer.encode(self._account, kept, minute_ns, recording)
+
+    def _add_reading(self, minute_ns: int) -> None:
+        encode = partial(self._encode, minute_ns=minute_ns)
+        if self.checkpoints.running:
+            self.checkpoints.add_reading(encode)
+
+    def activate(self) -> None:
+        """Keep and publish the registers from now on."""
+        self.checkpoints.running = True
+
+    def deactivate(self) -> None:
+        """Publish what waits, keep the registers once more, and then no longer."""
+        if self._power is not None:
+            self._power.flush()
+        self.checkpoints.now()
+        self.checkpoints.running = False
+
+    def power(self, means: MeanBlock | None) -> None:
+        """Take the periods that ended; `tick` publishes them.
+
+        Args:
+            means: One row per period; None if none ended.
+        """
+        if means is not None and self._power is not None:
+            self._power.add(self._power_writer.encode(means, self._account.comparison.location))
+
+    def tick(self) -> None:
+        """Publish the next power state if it is its turn; call every tick."""
+        if self._power is not None:
+            self._power.tick()
+
 
 A = TypeVar("A", bound=AccountParameters)
 
@@ -56,9 +153,12 @@ class AccountNode(MonitorNode[A]):
         self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
     def tick(self) -> None:
-        """Publish the next power state, and keep learned figures."""
+        """Publish the next power state."""
         self.guard.run("publish.power", self._account_publisher.tick)
-        self.guard.run("condition", self._condition.tick)
+
+    def report(self) -> None:
+        """Publish and keep what was learned."""
+        self.guard.run("condition", self._condition.report)
 
     def begin_recording(self, players: str) -> None:
         """Count and learn apart from the robot's figures from now on."""

@@ -35,7 +35,6 @@ from robot_energy.timeline.blocks import (
 )
 from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.inputs import messages_in
 from ros2_energy_monitor.base.node_parameters import PowerParameters
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
@@ -127,22 +126,26 @@ class PowerMonitor(AccountNode[PowerParameters]):
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
-        self._loads.take(self._loads.drain())
-        self.guard.feed(
-            "joint_friction",
-            [(self._friction.rejections, messages_in(frictions))],
-            lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
-            self._friction.restart,
-        )
-        self.guard.feed(
-            "meter",
-            [(self._meter.rejections, messages_in(readings))],
-            lambda: self._use_meter(self._meter.step(readings)),
-            self._meter.restart,
-        )
+        self._loads.take()
+        if frictions:
+            self.guard.feed(
+                "joint_friction",
+                [(self._friction.rejections, sum(map(len, frictions)))],
+                lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
+                self._friction.restart,
+            )
+        if readings:
+            self.guard.feed(
+                "meter",
+                [(self._meter.rejections, sum(map(len, readings)))],
+                lambda: self._use_meter(self._meter.step(readings)),
+                self._meter.restart,
+            )
+        if not torques:
+            return
         means = self.guard.feed(
             "joint_torque",
-            [(self._torque.rejections, messages_in(torques))],
+            [(self._torque.rejections, sum(map(len, torques)))],
             lambda: [
                 mean for batch in torques for part in _alike(batch) for mean in self._decoded(part)
             ],

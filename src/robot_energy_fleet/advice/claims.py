@@ -228,7 +228,6 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
 
     Args:
         evidence: Of recordings, with the demand on the bus.
-        model: Of both robots.
     """
     if model.cabinet.regeneration_efficiency is not None or evidence.brake_energy <= 0.0:
         return None
