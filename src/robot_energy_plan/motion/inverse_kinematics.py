@@ -38,7 +38,6 @@ class InverseKinematics:
     """Joint positions from tool positions.
 
     Args:
-        robot: The robot.
         link: Link of the URDF whose frame is the tool.
         held: Names of joints that stay where they start; planar arms only.
         weight: Weight of each joint in the distance from the start, where a planar arm has more
@@ -50,10 +49,6 @@ class InverseKinematics:
 
     Attributes:
         structure: ``gantry``, ``planar`` or ``spatial``.
-
-    Raises:
-        MotionError: If the robot is of another structure, or an option does not fit it.
-        RobotDescriptionError: If there is no such link.
     """
 
     def __init__(
@@ -118,10 +113,6 @@ class InverseKinematics:
             start: Joint positions from which the first place is searched; decides elbow and
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
-
-        Raises:
-            MotionError: If a place is not finite, out of reach, singular, or breaks a limit;
-                names the point, its distance and the reach.
         """
         wanted = np.asarray(tool_position, dtype=np.float64)
         begin = np.asarray(start, dtype=np.float64)
