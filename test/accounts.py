@@ -17,7 +17,7 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     PowerBlock,
 )
-from robot_energy.timeline.held_rows import HeldRows
+from robot_energy.timeline.hold import HeldRows
 
 NAMES = ("shoulder", "elbow")
 IDENTITY = Identity(robot_type="arm", robot_serial="7", joint_names=NAMES, model_id="m1")

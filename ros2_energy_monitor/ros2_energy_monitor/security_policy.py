@@ -180,11 +180,7 @@ def _running(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Write the policy.
-
-    Returns:
-        Exit code: 0; 2 if it cannot be made.
-    """
+    """Return the exit code of writing the policy: 0; 2 if it cannot be made."""
     parser = argparse.ArgumentParser(
         prog="security_policy",
         description="Write an SROS 2 policy with the rights that each node needs. Parameter files "

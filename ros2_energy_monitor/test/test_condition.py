@@ -52,7 +52,7 @@ def fed(node, output) -> None:
             for block in (output.temperatures, output.meter)
         ]
         node._pipeline.step(part, *(block if len(block) else None for block in rest))
-        node._condition.tick()
+        node._condition.report()
 
 
 def topic(bench):

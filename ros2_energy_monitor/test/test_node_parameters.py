@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
-from robot_energy.inputs.parameters import RENAMED, assemble
+from robot_energy.inputs.parameters import assemble
 from robot_energy.inputs.sources import JointStateSource, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, TEMPERATURE
 from robot_energy.presets import ROBOTS
@@ -322,13 +322,6 @@ def test_corrections_of_joint_states_are_lists_of_numbers_with_or_without_a_poin
 def test_a_correction_that_is_no_list_of_numbers_stops_the_node(bench):
     with pytest.raises(ParameterError, match=r"joint_states.effort.sign.*a list of numbers"):
         bench.add(Any, model="kr16", **{"joint_states.effort.sign": ["a"]})
-
-
-@pytest.mark.parametrize("old", RENAMED)
-def test_a_name_of_an_earlier_version_ends_the_node(bench, old):
-    with pytest.raises(ParameterError) as caught:
-        bench.add(Any, **{"model": "kr16", old: 1})
-    assert RENAMED[old] in caught.value.expected
 
 
 def test_unknown_parameter_is_named_with_its_neighbour(bench, capfd):

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from ros2_energy_monitor.base.resubscribe import MAX_WAIT, ResubscribePolicy
+from ros2_energy_monitor.base.inbox import MAX_WAIT, ResubscribePolicy
 
 
 def trials(revival: ResubscribePolicy, start: int, stop: int, publishers: int = 1) -> list[int]:

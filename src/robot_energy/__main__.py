@@ -10,11 +10,7 @@ from robot_energy.foundation.stopping import end_at_once
 
 
 def main() -> int:
-    """Run the command; a signal ends it from here on, also while its modules are imported.
-
-    Returns:
-        The exit code of `robot_energy_cli.main.main`.
-    """
+    """Return the exit code of the command; a signal ends it from here on, also during imports."""
     end_at_once("robot-energy")
     gc.disable()  # modules stay: to look for garbage among them takes a tenth of the start
     # By name: the core imports no companion.

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from typing import Any
 
 from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy_cli.command import Command, add_options
-from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
+from robot_energy_cli.command import Command, add_options, keywords_of
+from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 
 DESCRIPTION = """\
@@ -64,19 +63,12 @@ def _run(args: Namespace) -> int:
     states = None if args.rest_states is None else read_rest_states(args.rest_states)
     keep_freed_memory()
     with progress("reading recordings") as show:
-        options: dict[str, Any] = options_of(args) | {"progress": show}
-        found = advise(
-            args.recordings,
-            named,
-            rest_states=states,
-            price=args.price,
-            currency=args.currency,
-            co2=args.co2,
-            hours_per_day=args.hours_per_day,
-            days_per_year=args.days_per_year,
-            look_at_speeds=not args.no_speeds,
-            **options,
-        )
+        options = keywords_of(advise, args) | {
+            "rest_states": states,
+            "look_at_speeds": not args.no_speeds,
+            "progress": show,
+        }
+        found = advise(args.recordings, named, **options)
     page = Document(
         "What would save energy",
         "From recordings alone, through the model of the robot. No change was tried.",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from inspect import signature
 from typing import Any
 
 from robot_energy_cli.numbers import number, whole
@@ -125,6 +126,13 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
     elif metavar:
         words["metavar"] = metavar
     group.add_argument(name, help=text, **words)
+
+
+def keywords_of(verb: Callable[..., object], args: Namespace) -> dict[str, Any]:
+    """Return what was typed under the names of the keywords of a public function."""
+    taken = signature(verb).parameters.values()
+    names = [each.name for each in taken if each.kind is each.KEYWORD_ONLY]
+    return {name: getattr(args, name) for name in names if name in args}
 
 
 def name_of(spelled: str) -> str:

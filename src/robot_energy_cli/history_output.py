@@ -71,11 +71,7 @@ REPORT: Options = {
 
 
 def report(args: Namespace, folder: Path) -> int:
-    """Write the report of a month.
-
-    Returns:
-        The exit code.
-    """
+    """Return the exit code of writing the report of a month."""
     from robot_energy_report.history_month import month_document
     from robot_energy_report.html import write_page
 
@@ -89,15 +85,7 @@ def report(args: Namespace, folder: Path) -> int:
 
 
 def export(args: Namespace, folder: Path) -> int:
-    """Write the rows of a time for another program.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        HistoryError: If there is no history, or a day or time zone is none.
-        ReportError: If the file cannot be written, or has no known format.
-    """
+    """Return the exit code of writing the rows of a time for another program."""
     from robot_energy.foundation.time_zone import time_zone
     from robot_energy.history.outputs import WRITERS, Wanted
     from robot_energy.history.tariffs import day_begin
@@ -132,11 +120,7 @@ def export(args: Namespace, folder: Path) -> int:
 
 
 def day_of(text: str) -> date:
-    """Return a day that was typed.
-
-    Raises:
-        HistoryError: If it is none.
-    """
+    """Return a day that was typed."""
     try:
         return date.fromisoformat(text)
     except ValueError:

@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy_cli.command import Command, Options
+from robot_energy_cli.command import Command, Options, keywords_of
 from robot_energy_cli.identify_inputs import (
     DRIVE_POWER,
     LINK_VOLTAGES,
@@ -64,22 +64,13 @@ def _run(args: Namespace) -> int:
 
     IdentifyInputs(args).check_results()
     _check(args)
-    result = identify_all(
-        args.bags,
-        args.model,
-        args.effort,
-        test=args.test,
-        held_out=not args.no_test,
-        skip=args.skip,
-        drive_power=args.drive_power,
-        drive_joints=args.drive_joints,
-        dq_scaling=args.dq_scaling,
-        link_voltages=IdentifyInputs(args).link_voltages(),
-        share_shape=args.share_shape,
-        inputs=args.inputs,
-        sensors=IdentifyInputs(args).sensor_limits(),
-        progress=progress,
-    )
+    options = keywords_of(identify_all, args) | {
+        "held_out": not args.no_test,
+        "link_voltages": IdentifyInputs(args).link_voltages(),
+        "sensors": IdentifyInputs(args).sensor_limits(),
+        "progress": progress,
+    }
+    result = identify_all(args.bags, args.model, args.effort, **options)
     found = result.found
     page = Document(f"Identification of {result.model.robot.type}", identification_lead(found))
     identification_document(found, page, args.details)

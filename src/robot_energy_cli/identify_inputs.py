@@ -103,11 +103,7 @@ class IdentifyInputs:
         self.log_notes: list[str] = []
 
     def drive_power(self) -> DrivePowerTopics | None:
-        """Return where the bags have the power of each drive; None without `--drive-power`.
-
-        Raises:
-            ModelFileError: If the options do not fit together.
-        """
+        """Return where the bags have the power of each drive; None without `--drive-power`."""
         from robot_energy_identify.drives.drive_power import drive_topics
 
         if not self.args.drive_power and (self.args.drive_joints or self.args.dq_scaling != "peak"):
@@ -131,9 +127,6 @@ class IdentifyInputs:
 
         Returns:
             Rectified mains, and the voltage at which the brake chopper starts. [V]
-
-        Raises:
-            ModelFileError: If they do not rise from above 0.
         """
         if self.args.link_voltages is None:
             return None
@@ -159,9 +152,6 @@ class IdentifyInputs:
         Args:
             needs_effort: Whether the command uses the effort in the joint states of bags.
             relative: Why a log, which needs its mapping, makes no model file; empty where it does.
-
-        Raises:
-            ModelFileError: Saying which options belong together.
         """
         from robot_energy_identify.provenance import require_distinct
 

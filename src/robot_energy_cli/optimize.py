@@ -5,7 +5,14 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from robot_energy_cli.command import REQUIRED, SEVERAL, Command, add_option, add_options
+from robot_energy_cli.command import (
+    REQUIRED,
+    SEVERAL,
+    Command,
+    add_option,
+    add_options,
+    keywords_of,
+)
 from robot_energy_cli.replay_options import PART
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import add_tool, tool_options
@@ -35,6 +42,7 @@ OPTIONS = {
     "--rest-states FILE": "figures of these states, for this robot",
     "--regenerative": "evaluate a regenerative supply as well",
     "--peak-limit W": "greatest power from the grid",
+    "--cycles-per-year N": "how many cycles there are in a year: says what is saved in it",
     "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
     "--level PROGRAM": (
         "program of another robot of this model on the same supply; starts within the cycle "
@@ -77,25 +85,12 @@ def _run(args: Namespace) -> int:
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
     with progress(f"{args.program}: every move in every way") as show:
-        found = optimize(
-            args.program,
-            args.model,
-            _temperature(args.temperature),
-            cycle_time=args.cycle_time,
-            standby=states,
-            regenerative=args.regenerative,
-            peak_limit=args.peak_limit,
-            level=args.level,
-            one_bus=args.one_bus,
-            time_law=args.time_law,
-            topic=args.topic,
-            start=args.start,
-            end=args.end,
-            free_rests=args.free_rests,
-            tool=tool_options(args, args.base, args.start_position),
-            max_feed=args.max_feed,
-            progress=show,
-        )
+        options = keywords_of(optimize, args) | {
+            "standby": states,
+            "tool": tool_options(args, args.base, args.start_position),
+            "progress": show,
+        }
+        found = optimize(args.program, args.model, _temperature(args.temperature), **options)
     page = Document(
         "Less energy for the same work",
         "A program as it is and as chosen, through the model of the robot. "

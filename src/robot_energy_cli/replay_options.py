@@ -22,11 +22,7 @@ ROBOT: Options = {
 
 
 def model_named(args: Namespace) -> str:
-    """Return the model that --model or --robot names.
-
-    Raises:
-        ModelFileError: If neither names one.
-    """
+    """Return the model that --model or --robot names."""
     from robot_energy.presets import ROBOTS
 
     if args.robot is not None:
@@ -147,11 +143,7 @@ def add_replay(
 
 
 def add_reading(parser: ArgumentParser) -> Any:
-    """Add how bags are read, without their robot.
-
-    Returns:
-        The group of the settings.
-    """
+    """Return the group of the settings, after adding how bags are read, without their robot."""
     topics = parser.add_argument_group("topics")
     settings = parser.add_argument_group("settings, seldom needed")
     parts = parser.add_argument_group("part of the bag")

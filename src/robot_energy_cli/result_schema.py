@@ -77,9 +77,6 @@ def schema_of(name: str | None = None) -> dict[str, Any]:
 
     Args:
         name: Of one result, a key of `RESULTS`; None for a schema that every result fits.
-
-    Raises:
-        ReportError: If there is none of that name.
     """
     if name is None:
         return _document(f"results of robot-energy, version {SCHEMA_VERSION}", RESULTS.values())
@@ -162,14 +159,7 @@ class _Generator(GenerateJsonSchema):
 
 
 def read_result(path: str | Path) -> ReplayReport | PredictionsReport:
-    """Read a result back from the JSON of a command.
-
-    Returns:
-        The same as the command gave.
-
-    Raises:
-        ReportError: If it is no such file, or of another version.
-    """
+    """Return a result of a command from its JSON."""
     place = f"'{shown(str(path))}'"
     try:
         data = json.loads(read_regular(path, MAX_JSON_BYTES))

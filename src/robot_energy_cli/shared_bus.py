@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from typing import Any
 
-from robot_energy_cli.command import Command, add_options
-from robot_energy_cli.replay_options import DAMAGED, add_reading, options_of
+from robot_energy_cli.command import Command, add_options, keywords_of
+from robot_energy_cli.replay_options import DAMAGED, add_reading
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present
 from robot_energy_cli.tool_options import add_tool, tool_options
 
@@ -54,17 +53,11 @@ def _run(args: Namespace) -> int:
     from robot_energy_report.shared_bus import shared_bus_document
 
     check_outputs(args, [*args.motions, *args.model, args.inputs])
-    options: dict[str, Any] = {k: v for k, v in options_of(args).items() if v is not None}
-    found = shared_bus(
-        args.motions,
-        args.model,
-        args.temperature,
-        cycle_time=args.cycle_time,
-        same_start=args.same_start,
-        topic=args.topic,
-        tool=tool_options(args, args.base, args.start_position),
-        **options,
-    )
+    given = {
+        name: value for name, value in keywords_of(shared_bus, args).items() if value is not None
+    }
+    given["tool"] = tool_options(args, args.base, args.start_position)
+    found = shared_bus(args.motions, args.model, args.temperature, **given)
     page = Document(
         "Several robots on one DC bus",
         "Through the models of the robots: with a supply each, and on one bus. "

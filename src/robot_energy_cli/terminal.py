@@ -78,11 +78,7 @@ def console() -> Console:
 
 @contextmanager
 def progress(label: str) -> Generator[Callable[[float], None], None, None]:
-    """Show a bar on a terminal, nothing elsewhere.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
+    """Yield what takes the share done, 0 to 1: a bar on a terminal, nothing elsewhere."""
     if not (sys.stderr.isatty() and sys.stdout.isatty()):
         yield lambda share: None
         return
@@ -102,9 +98,6 @@ def check_outputs(
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-
-    Raises:
-        ReportError: If one cannot be written, must not be replaced, or is named twice.
     """
     if getattr(args, "plot", None) is not None:
         from robot_energy_report.canvas import check_format
@@ -138,11 +131,7 @@ def check_report(path: str, inputs: Iterable[str] = ()) -> None:
 def check_bag(
     path: str, overwrite: bool, inputs: Iterable[str | None] = (), files: Iterable[str | None] = ()
 ) -> None:
-    """Refuse the folder of a new bag before the work that it is for.
-
-    Raises:
-        BagError: If it must not be replaced, or one of the files lies in it.
-    """
+    """Refuse the folder of a new bag before the work that it is for."""
     from robot_energy.bag.ownership import foreign_entries
 
     known = [name for name in inputs if name]

@@ -110,11 +110,7 @@ def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
 
 
 def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Float, Int]:
-    """Return the sums of products of one joint, and the samples behind them.
-
-    Returns:
-        Shape (B, COLUMNS, COLUMNS) and (B,); 0 where a bag has none.
-    """
+    """Return sums of products of a joint, (B, COLUMNS, COLUMNS), and samples, (B,); 0: none."""
     order = pl.DataFrame({"key": bags.key})
     rows = order.join(
         tables.joints.filter(pl.col("joint") == joint), on="key", how="left", maintain_order="left"

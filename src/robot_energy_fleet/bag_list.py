@@ -103,23 +103,16 @@ class FleetModels:
         self._digests: dict[str, str] = {}
 
     def digest_of(self, name: str) -> str:
-        """Read a model and return its hash.
-
-        Returns:
-            The hash, by which `models` has the model.
-        """
+        """Return the hash of a model, by which `models` has it from now on."""
         if name not in self._digests:
             self.add(load(name), name)
         return self._digests[name]
 
     def add(self, model: RobotModel, name: str = "") -> str:
-        """Keep a model.
+        """Return the name of a model that is kept from now on.
 
         Args:
             name: Under which `digest_of` finds it; empty for that of its file.
-
-        Returns:
-            The name.
         """
         name = name or model.source
         late = {"auxiliary"} if model.auxiliary is None else None  # as before there was one
@@ -143,9 +136,6 @@ def list_bags(
     Args:
         model: File or name of the model of bags for which a table names none.
         robot: Name of the robot of all bags; None: that of the folder in which a recording lies.
-
-    Raises:
-        DatasetError: If place or table cannot be used.
     """
     if robot and robot != shown(robot):
         raise DatasetError(f"the name of the robot is '{shown(robot)}'", "one of letters, digits")

@@ -81,11 +81,7 @@ def no_bag(where: str) -> DatasetError:
 
 
 def file_system(address: str) -> tuple[Any, str]:
-    """Return the file system of an address, and the path there.
-
-    Raises:
-        DatasetError: If its protocol is none of `PROTOCOLS`, or its client is missing.
-    """
+    """Return the file system of an address, and the path there."""
     protocol, mark, _ = address.partition("://")
     if not mark or protocol == "file":
         local = cast("Any", LocalFileSystem())
@@ -203,7 +199,7 @@ class Folders:
 
 
 def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterator[BagPlace]:
-    """Find bags.
+    """Return bags in order of their addresses; first what cannot be read, with its problem.
 
     A folder with a metadata.yaml is a bag, and so is one whose MCAP files have its name and a
     number, as rosbag2 names them: a recording that is not closed yet, or never was. Elsewhere, and
@@ -213,9 +209,6 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
         split: Whether each MCAP file is a bag of its own in folders of rosbag2 too.
         complete: Whether to leave out what is still being written: folders without metadata,
             MCAP files without their end.
-
-    Yields:
-        In order of their addresses; first what cannot be read, with its problem.
     """
     system, root = file_system(where)
     infos: Infos = {}

@@ -83,16 +83,10 @@ def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) ->
 
 @one_thread
 def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
-    """Replay a bag; whatever is wrong with it becomes a row with the reason.
+    """Return the row of a bag; whatever is wrong with it becomes a row with the reason.
 
     Args:
         max_scratch: Size up to which a remote bag is copied here. [bytes]
-
-    Returns:
-        Its row.
-
-    Raises:
-        DatasetError: If this process runs another version than the one that asks.
     """
     if bag.version != __version__:
         raise DatasetError(

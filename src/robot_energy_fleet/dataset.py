@@ -83,11 +83,7 @@ def _parquet(rows: pl.DataFrame) -> bytes:
 
 
 class Dataset:
-    """The files of a dataset.
-
-    Raises:
-        DatasetError: If something else lies there.
-    """
+    """The files of a dataset."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
@@ -108,11 +104,7 @@ class Dataset:
 
     @contextmanager
     def locked(self) -> Generator[None]:
-        """Keep other commands from writing to it.
-
-        Raises:
-            DatasetError: If one does, or the folder cannot be made.
-        """
+        """Keep other commands from writing to it."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             with (self.folder / LOCK).open("w") as lock:
@@ -124,11 +116,7 @@ class Dataset:
             ) from error
 
     def files(self) -> list[Path]:
-        """Return all files, in order of their names.
-
-        Raises:
-            DatasetError: If one of them is a pipe or something else that has no end.
-        """
+        """Return all files, in order of their names."""
         found = sorted(self.folder.glob("robot=*/date=*/*.parquet"))
         for path in found:
             if not path.is_file():
@@ -142,12 +130,9 @@ class Dataset:
         return name in self._rows()
 
     def add(self, key: RowKey, date: str, data: bytes) -> Path:
-        """Put the row of a bag in place, whole or not at all, and remove older rows of it.
+        """Return the file of a bag's row, whole or not at all in place; older rows of it go.
 
         A bag that cannot be read takes no row away: where it was read before, that row stays.
-
-        Returns:
-            The file.
         """
         robot = f"robot={quote(key.robot, safe=' ')}"
         path = self.folder / robot / f"date={date}" / f"{key.name}.parquet"
@@ -258,11 +243,7 @@ def _scan(files: list[Path], file_column: str | None = None) -> pl.LazyFrame:
 
 
 def scan(folder: str | Path) -> pl.LazyFrame:
-    """Return all rows of a dataset, one of each bag and robot: copies of a bag count once.
-
-    Raises:
-        DatasetError: If there is none.
-    """
+    """Return all rows of a dataset, one of each bag and robot: copies of a bag count once."""
     files = Dataset(folder).files()
     if not files:
         raise DatasetError(
@@ -278,11 +259,7 @@ def scan(folder: str | Path) -> pl.LazyFrame:
 
 
 def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
-    """Return rows of a dataset.
-
-    Raises:
-        DatasetError: If a file cannot be read, which it names.
-    """
+    """Return rows of a dataset."""
     try:
         return _read(rows)
     except UNREADABLE as error:

@@ -51,13 +51,10 @@ class RobotsCompared:
 def compare(
     tables: FleetTables, bags: BagJoints, duty: Sequence[float], models: int = 1
 ) -> RobotsCompared:
-    """Compare robots of one model with each other, and each with itself before.
+    """Return what differs between robots of one model, and in each from before, and the levels.
 
     Args:
         duty: Share of motion in the time of the bags of each robot. [-]
-
-    Returns:
-        What was found, and the levels behind it.
     """
     jobs = tables.jobs.filter(pl.col("gap_time") == 0.0)
     programmes = sorted(jobs["name"].unique().to_list())

@@ -154,13 +154,10 @@ class JointSums:
 
 
 def gram_of(upper: Sequence[float] | Float) -> Float:
-    """Return sums of products from their upper triangles.
+    """Return sums of products of upper triangles, shape (..., COLUMNS, COLUMNS).
 
     Args:
         upper: Row by row, shape (..., COLUMNS (COLUMNS + 1) / 2). [units of both columns]
-
-    Returns:
-        Shape (..., COLUMNS, COLUMNS).
     """
     values = np.asarray(upper, dtype=np.float64)
     gram = np.zeros((*values.shape[:-1], COLUMNS, COLUMNS))

@@ -52,11 +52,7 @@ class TorqueScore:
 def fit_merged(
     bags: JointBags, sensors: SensorLimits, own_bodies: bool, source: str
 ) -> FrictionFit:
-    """Identify the friction of one joint.
-
-    Returns:
-        The same as `identify friction` gives.
-    """
+    """Return the friction of one joint, as `identify friction` gives it."""
     _require(bags)
     warnings: list[str] = []
     span = (float(bags.degc.min()), float(bags.degc.max()))

@@ -74,13 +74,10 @@ class JointBags:
 
 
 def without_nuisances(gram: Float) -> Float:
-    """Return sums from which the offset and the payload of each bag are taken.
+    """Return sums without the offset and the payload of each bag, same shape.
 
     Args:
         gram: Shape (B, COLUMNS, COLUMNS). [units of both columns]
-
-    Returns:
-        Same shape.
     """
     own = [OFFSET, PAYLOAD, INERTIA]
     inner = gram[:, own][:, :, own]
@@ -145,11 +142,7 @@ class MergedSums:
 
 
 def fit_constant(merged: MergedSums) -> tuple[LawEntry, Fit]:
-    """Fit one viscous coefficient for all temperatures.
-
-    Returns:
-        The law, and fc with its coefficients.
-    """
+    """Return a law with one viscous coefficient, and fc with that."""
     fit = merged.fit(np.ones((NODES, 1)), ("viscous",))
     value, std = float(fit.values[1]), float(fit.std[1])
     return ConstantLaw(law="constant", viscous=identified(value, std, merged.source)), fit

@@ -25,11 +25,7 @@ MIN_MEMORY = 500_000_000  # of a worker [bytes]
 
 @contextmanager
 def open_history(folder: str | Path | None) -> Generator[HistoryStore | None]:
-    """Open the history that a run writes to, and close it at the end.
-
-    Yields:
-        Its store; None without one.
-    """
+    """Yield the store of the history that a run writes to; None without one."""
     if folder is None:
         yield None
         return
@@ -90,14 +86,11 @@ def run_fleet(
     progress: Callable[[FleetRun], None] = lambda done: None,
     history: HistoryStore | None = None,
 ) -> FleetRun:
-    """Replay what the dataset does not hold yet.
+    """Return what a run has done, which replays what the dataset does not hold yet.
 
     Args:
         history: An open history, into which what each robot used is put as well; bags that it
             lacks are replayed.
-
-    Returns:
-        What was done.
     """
     done = done or FleetRun()
     unusable: list[FleetBag] = []
@@ -174,9 +167,6 @@ def where_asked(
     Args:
         workers: Processes to start; None: one for each core; 0 without a scheduler: in this
             process, one bag after the other.
-
-    Raises:
-        ParameterError: If the number of workers, or their memory, makes no sense.
     """
     from dask.utils import parse_bytes
 

@@ -71,19 +71,14 @@ class Deviation:
     certainty: float
 
 
-def levels(
-    figure: Float, robot: Int, work: Float, counted: np.ndarray, least: int = MIN_BAGS
-) -> Levels:
-    """Return the levels of the robots at equal work.
+def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray) -> Levels:
+    """Return the levels at equal work, one for each robot number up to the largest.
 
     Args:
         figure: Of each bag; NaN where unknown, shape (B,). [any unit]
         robot: Number of each bag's robot, shape (B,).
         work: What bags differ in, shape (B, K). [-]
         counted: Which bags count for the level, such as the newest, shape (B,).
-
-    Returns:
-        One level for each robot number up to the largest.
     """
     known = np.isfinite(figure) & np.isfinite(work).all(axis=1)
     robots = int(robot.max()) + 1 if len(robot) else 0
@@ -110,7 +105,7 @@ def levels(
     used = known & counted
     bags = np.bincount(robot[used], minlength=robots)
     scatter = np.full(robots, np.nan)
-    for one in np.flatnonzero(bags >= least).tolist():
+    for one in np.flatnonzero(bags >= MIN_BAGS).tolist():
         values = rest[used & (robot == one)]
         level[one] = np.median(values)
         scatter[one] = MEDIAN_TO_STD * float(np.median(np.abs(values - level[one])))
@@ -122,14 +117,11 @@ def levels(
 
 
 def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
-    """Return the robots that differ from the others.
+    """Return the robots that differ from the others, the farthest first; empty for too few.
 
     Args:
         level: NaN for a robot that is not compared, shape (R,). [any unit]
         std: Standard errors, shape (R,). [as the level]
-
-    Returns:
-        The farthest first; empty where there are too few robots.
     """
     from scipy.special import stdtr
 

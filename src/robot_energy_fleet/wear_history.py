@@ -24,13 +24,10 @@ MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
 
 
 def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
-    """Test one joint of one robot.
+    """Return the test of one joint of one robot, after all records.
 
     Args:
         duty: Share of motion in the time of the bags. [-]
-
-    Returns:
-        The test after all records.
     """
     test = DriftTest(BAGS)
     if not records:

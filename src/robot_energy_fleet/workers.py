@@ -47,7 +47,7 @@ def on_dask(
     memory: str = "2GB",
     max_scratch: int = MAX_SCRATCH,
 ) -> Generator[Replays]:
-    """Connect to a scheduler, or start one with workers that this process alone can reach.
+    """Yield how bags are replayed by a scheduler, or by one that this process alone can reach.
 
     What is started talks by TLS with a key that lies in memory only: who lacks it, another user
     of this host among them, is refused by scheduler and workers.
@@ -55,12 +55,6 @@ def on_dask(
     Args:
         memory: Of each at most; one that needs more is started again.
         max_scratch: Size up to which a worker copies a remote bag. [bytes]
-
-    Yields:
-        How bags are replayed.
-
-    Raises:
-        DatasetError: If the scheduler does not answer.
     """
     require("distributed", "a fleet")
     import dask.config

@@ -88,24 +88,15 @@ def predict(
     """Return the predicted energy of a motion, with its account.
 
     Args:
-        model: The robot's model.
         motion: From start to end; its joints are matched by name.
         motor_temperature_degc: One for all motors, or shape (n,). [degC]
-        program: Name of the motion, for reports.
-        repeat: How often the motion is made without a pause.
         payload: Bodies that the robot carries from start to end: each instead of what the model
             has on its link, and besides what that has on others, which is noted.
         notes: What a reader should know of the motion, one sentence each.
         progress: Called with the share done, 0 to 1.
         max_samples: Of all repetitions; more are refused before the work begins.
-        on_output: Called with what each step of the pipeline gave.
         auxiliary: States of auxiliary loads from start to end, by the names of the loads; others
             are in the state that the model says.
-
-    Raises:
-        MotionError: If the motion cannot be made or is too long, or figures make no sense.
-        UnknownJointError: If the motion lacks joints of the model.
-        RobotEnergyError: If the model cannot be used.
     """
     temperature = _temperatures(motor_temperature_degc, len(model.joints))
     order = _order(model, motion.joint_names)
@@ -171,11 +162,7 @@ def predict(
 
 
 def planned_samples(motion: PlannedMotion, repeat: int) -> int:
-    """Return how many samples a prediction has, before it is made.
-
-    Raises:
-        MotionError: If it is repeated too often or lasts too long.
-    """
+    """Return how many samples a prediction has, before it is made."""
     if not 1 <= repeat <= MAX_REPEATS:
         raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MAX_REPEATS}")
     duration = motion.duration * repeat
@@ -210,7 +197,10 @@ def _loads(model: RobotModel, states: Mapping[str, str]) -> list[AuxiliaryLoad]:
 
 
 def _temperatures(given: float | Sequence[float] | Float, n_joints: int) -> Float:
-    values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    try:
+        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise MotionError(f"the motor temperatures are {given!r}", "numbers in degC") from error
     if values.shape not in ((1,), (n_joints,)):
         raise MotionError(
             f"{values.size} motor temperatures were given",

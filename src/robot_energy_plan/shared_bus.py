@@ -50,11 +50,7 @@ class BusRobot:
         return self._moving
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: In time order.
-        """
+        """Take what a step of the pipeline gave."""
         self.deviations.take(output)
         if output.power is not None and len(block := output.power):
             self._parts.append((block.stamp_ns, block.segment, block.bus_power))
@@ -62,11 +58,7 @@ class BusRobot:
             self._moving = bool((speed > motor_rest(self.model)).any())
 
     def power(self) -> tuple[Int, Float]:
-        """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap.
-
-        Raises:
-            MotionError: If there is nothing, or time jumps back.
-        """
+        """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap."""
         if not self._parts:
             raise MotionError(f"{self.name} gave no power", "samples of motion")
         stamp, segment, power = (np.concatenate(part) for part in zip(*self._parts, strict=True))
@@ -89,11 +81,7 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
     Between samples of a robot its power is linear.
 
     Args:
-        robots: Each with its recording.
         same_start: Whether the recordings, made at other times, count as begun at once.
-
-    Raises:
-        MotionError: If there is no such time.
     """
     series = [robot.power() for robot in robots]
     if same_start:
@@ -140,7 +128,6 @@ def planned_robot(
 
     Args:
         degc: Of all motors, or of each, shape (n,). [degC]
-        repeat: How often the motion is made in a cycle.
     """
     robot = BusRobot(name, model)
     found = predict(model, motion, degc, name, repeat, on_output=robot.take)
@@ -156,11 +143,7 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
     as they are after a cycle.
 
     Args:
-        robots: Each with its motion.
         cycle_time: Of all; None: the longest motion. [s]
-
-    Raises:
-        MotionError: If a motion is longer than the cycle, or does not end at rest where it waits.
     """
     series = [robot.power() for robot in robots]
     times = [(stamp - stamp[0]) * NANOSECOND for stamp, _ in series]

@@ -174,9 +174,6 @@ class Document:
 
         Args:
             depth: 2 for a section, 3 and 4 for those inside it.
-
-        Raises:
-            ReportError: If the depth is not 2, 3 or 4.
         """
         if depth not in HEADINGS:
             raise ReportError(f"a heading of depth {depth}", f"2 to {max(HEADINGS)}")
@@ -200,11 +197,7 @@ class Document:
             self.note(text)
 
     def pairs(self, rows: Sequence[tuple[str, str]]) -> None:
-        """Add names and values.
-
-        Args:
-            rows: Name and value of each row.
-        """
+        """Add names and values."""
         self.add(Table("", (), rows))
 
     def figure(self, draw: Draw, caption: str) -> None:
@@ -218,11 +211,7 @@ class Document:
     def table(
         self, title: str, columns: Sequence[str], rows: Rows, total: Sequence[str] | None = None
     ) -> None:
-        """Add a table: first column and sentences left, numbers right.
-
-        Raises:
-            ReportError: If a row has another number of cells.
-        """
+        """Add a table: first column and sentences left, numbers right."""
         for row in (*rows, *([total] if total is not None else [])):
             if len(row) != len(columns):
                 raise ReportError(
@@ -233,11 +222,7 @@ class Document:
     def rows(
         self, title: str, columns: Sequence[Column], rows: Sequence[Any], total: str = ""
     ) -> None:
-        """Add a table of objects.
-
-        Args:
-            columns: What it shows of each object.
-        """
+        """Add a table of objects."""
         columns = [one for one in columns if not one.optional or one.has_something(rows)]
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
         cells = [[column.cell(row) for column in columns] for row in rows]

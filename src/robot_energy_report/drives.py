@@ -189,11 +189,7 @@ MIN_POINTS = 4  # of a surface
 
 
 def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> None:
-    """Draw the map of every axis.
-
-    Raises:
-        ShapeError: If there is no map.
-    """
+    """Draw the map of every axis."""
     maps = {axis.name: axis.map.entry for axis in axes if axis.map is not None}
     if not maps:
         raise ShapeError("no efficiency map to draw", "measured power of the drives")

@@ -46,9 +46,6 @@ def error_bars(
         bars: Of each prediction: label, role, and its relative errors. [-]
         beyond: Which names have hatched bars: recordings at temperatures that their fit has
             not seen.
-
-    Raises:
-        ShapeError: If there is nothing to draw.
     """
     if not names or not bars or any(len(values) != len(names) for _, _, values in bars):
         raise ShapeError("nothing to draw, or not one error for each name", "one or more")

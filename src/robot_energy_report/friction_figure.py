@@ -26,9 +26,6 @@ def friction_over_temperature(
 
     Args:
         unit: Of the torque: ``N m``, or that of a relative measurement.
-
-    Raises:
-        ShapeError: If there is no axis.
     """
     if not fits:
         raise ShapeError("no axis to draw", "at least one")

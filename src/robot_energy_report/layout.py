@@ -60,9 +60,6 @@ def fitted_table(
 ) -> Group:
     """Lay out a table: first column left, prose left, the others right.
 
-    Args:
-        width: Of the terminal. [characters]
-
     Returns:
         One table or several below each other; to be printed without cropping.
     """

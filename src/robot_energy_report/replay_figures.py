@@ -32,9 +32,6 @@ def power_and_energy(
 
     Args:
         path: File to write: PNG, SVG or PDF by its suffix. It is replaced whole.
-
-    Raises:
-        ShapeError: If there are no curves, or several measured ones.
     """
     measured = [curve for curve in series if curve.role == "measured"]
     if not series or len(measured) > 1:

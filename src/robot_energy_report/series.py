@@ -57,14 +57,7 @@ def compared_series(
 def series_of(
     compared: Sequence[Compared], start_ns: int, label: str = "predicted", role: Role = "predicted"
 ) -> tuple[Series, Series] | None:
-    """Return measured and predicted power at the meter.
-
-    Args:
-        start_ns: Where the axis of time begins. [ns]
-
-    Returns:
-        Measured and predicted, or None where nothing was compared.
-    """
+    """Return measured and predicted power at the meter; None where nothing was compared."""
     curve = EnergyCurve(3)
     for part in compared:
         add_compared(curve, part)

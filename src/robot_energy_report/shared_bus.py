@@ -30,11 +30,7 @@ def bus_verdict(report: SharedBusReport) -> str:
 
 
 def shared_bus_document(report: SharedBusReport, page: Document) -> None:
-    """Add all that was found.
-
-    Args:
-        page: Where to.
-    """
+    """Add all that was found."""
     page.paragraph(bus_verdict(report), "strong")
     for problem in report.problems:
         page.paragraph(problem, "problem")

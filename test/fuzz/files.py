@@ -15,7 +15,7 @@ import robots
 from faulty_disk import inventory
 from logbook import WHEEL_MAPPING, wheel_bag
 from robot_energy.bag import BagWriter
-from robot_energy.foundation.files import output_files, output_streams
+from robot_energy.foundation.files import output_files
 from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.model import save
 from robot_energy_cli import main
@@ -52,7 +52,7 @@ def file_arguments(data: bytes) -> bool:
         contextlib.chdir(folder),  # a name such as "-" is a place here
         contextlib.redirect_stdout(io.StringIO()),
         contextlib.redirect_stderr(io.StringIO()) as said,
-        mock.patch.object(output_streams, "MAX_READER_ATTEMPTS", 1),  # nobody reads the pipes
+        mock.patch.object(output_files, "MAX_READER_ATTEMPTS", 1),  # nobody reads the pipes
     ):
         code = main(words)
     after = inventory(folder)

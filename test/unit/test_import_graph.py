@@ -21,11 +21,11 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum
         integration job_intervals load_curve meter_checks meter_response plain_text
-        power_curve record record_repair registers sample_counts settings shaft_comparison
-        standby totals
+        power_curve record record_repair registers sample_counts settings
+        totals
     """,
     "robot_energy.bag": """
-        by_log_time mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
+        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
         reader sources sqlite_source time_range writer
     """,
     "robot_energy.bag.cdr": """
@@ -44,7 +44,7 @@ MODULES = {
         signature stopping time_zone units
     """,
     "robot_energy.foundation.files": """
-        first_bytes output_files output_folder output_streams placement private_file
+        first_bytes output_files output_folder placement private_file
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.history": """
@@ -74,13 +74,13 @@ MODULES = {
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
         equations friction hold_torque limit_utilisation motor_heat
-        pinocchio_model plausibility rigid_body shared_bus torque torque_limits transmission
+        pinocchio_model plausibility rigid_body shared_bus torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         actuators checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        consecutive energy_pipeline fallback_use friction_stage friction_timeline
+        consecutive energy_pipeline friction_stage friction_timeline
         online_monitor payload_timeline power_stage settings supply torque_stage work_sums
     """,
     "robot_energy.replay": """
@@ -94,13 +94,13 @@ MODULES = {
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        blocks coverage epochs gaps held_rows hold pieces stamps streams time_series
+        blocks coverage epochs gaps hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run help_text
+        advise check command commands export fleet_identify fleet_report fleet_run
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info layouts listings main models monitoring numbers
+        identify_thermal import_logs info kinds layouts listings main models monitoring numbers
         optimize predict replay replay_options report result_schema shared_bus simulate terminal
         test tool_options
     """,
@@ -197,7 +197,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out history_month html identification identify_all jobs kinds layout model notebook
+        held_out history_month html identification identify_all jobs layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
         replay_figures series shared_bus
     """,

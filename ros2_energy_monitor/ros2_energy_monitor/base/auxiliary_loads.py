@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,13 +18,12 @@ from rclpy.node import Node
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
-from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.replay.replay_steps import LoadIngest, LoadReadings
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.inputs import SLOW_DEPTH, messages_in, wanted_class
+from ros2_energy_monitor.base.inputs import SLOW_DEPTH, wanted_class
 from ros2_energy_monitor.base.message_definitions import definitions_of
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
@@ -130,21 +129,17 @@ class AuxiliaryLoads:
             for inbox in load.meters
         ]
 
-    def drain(self) -> list[list[RawBatch]]:
-        """Take the messages that wait, one list for each load; `take` uses them."""
-        return [self._node.drain(load.inboxes) for load in self.loads]
-
-    def take(self, drained: Sequence[list[RawBatch]]) -> None:
-        """Use messages, each load by itself."""
-        for load, batches in zip(self.loads, drained, strict=True):
-            if batches:
+    def take(self) -> None:
+        """Use the messages that wait, each load by itself."""
+        for load in self.loads:
+            if batches := self._node.drain(load.inboxes):
                 part = {batch.topic: batch for batch in batches}
                 self._node.guard.feed(
                     f"auxiliary.{load.name}",
                     [
                         (
                             reader.rejections,
-                            messages_in([part[i.topic] for i in inboxes if i.topic in part]),
+                            sum(len(part[i.topic]) for i in inboxes if i.topic in part),
                         )
                         for reader, inboxes in load.readers
                     ],

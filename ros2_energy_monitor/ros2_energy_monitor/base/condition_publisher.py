@@ -108,11 +108,11 @@ class ConditionPublisher:
                 kept.restore(state)
         self._aside = None
 
-    def tick(self) -> None:
-        """Publish what is new, and write from time to time; call every tick."""
+    def report(self) -> None:
+        """Publish what is new, and write from time to time; call once a second."""
         for store in self._stores:
             store.poll()
-        now, alarms = time.monotonic(), self._learner.wear.alarms
+        now = time.monotonic()
         if self._stores and self._aside is None and now - self._kept >= KEEP_PERIOD:
             self._kept = now
             for store in self._stores:
@@ -120,7 +120,7 @@ class ConditionPublisher:
             self._log_news()
         if self._publisher is None or self._learner.end_ns == self._shown[0]:
             return
-        if now - self._published >= PERIOD or len(alarms) != len(self._shown[1]):
+        if now - self._published >= PERIOD or len(self._learner.wear.alarms) != len(self._shown[1]):
             self._publish()
 
     def findings(self) -> StatusBuilder:

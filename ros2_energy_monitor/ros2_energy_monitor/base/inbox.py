@@ -35,8 +35,56 @@ from rclpy.qos import QoSProfile
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.message_loss import MessageLossCounter
-from ros2_energy_monitor.base.resubscribe import ResubscribePolicy
 from ros2_energy_monitor.diagnostics.topic_publishers import TopicPublishers
+
+MAX_WAIT = 120.0  # for data, before a trial to subscribe again [s]
+AT_ONCE = 2.0  # data so soon after a trial are its success [s]
+
+
+class ResubscribePolicy:
+    """Decides when to subscribe again although publishers are there: data are not.
+
+    After a network failure the middleware may never hand on data again. A topic may also
+    be silent by nature. So the time to wait doubles with every trial, and a silence that ends
+    without one teaches how long to wait at least.
+
+    Args:
+        after: Shortest silence after which to try. [s]
+    """
+
+    def __init__(self, after: float) -> None:
+        self._after = after
+        self._wait = after
+        self._tried: float | None = None
+        self._since: float | None = None  # start of the silence
+
+    def heard(self, now: float) -> None:
+        """Note data.
+
+        Args:
+            now: Time on any steady clock. [s]
+        """
+        if self._since is not None and self._tried is not None and now - self._tried > AT_ONCE:
+            self._after = min(2.0 * (now - self._since), MAX_WAIT)
+        self._wait, self._tried, self._since = self._after, None, now
+
+    def due(self, now: float, publishers: int) -> bool:
+        """Whether to subscribe again now.
+
+        Args:
+            now: Time on the same clock. [s]
+            publishers: How many there are; without one there is nothing to wait for.
+        """
+        if not publishers or self._since is None:
+            self._since = now
+            self._wait, self._tried = self._after, None
+            return False
+        if now - (self._since if self._tried is None else self._tried) < self._wait:
+            return False
+        self._tried = now
+        self._wait = min(2.0 * self._wait, MAX_WAIT)
+        return True
+
 
 # A message, its number as its publisher counts, and when the middleware received it [ns].
 Numbered = tuple[bytes, int | None, int]

@@ -16,7 +16,6 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.foundation.errors import MessageTypeError
 from robot_energy.foundation.shown_text import shown
@@ -143,8 +142,3 @@ def meter_input(
         for topic in source.topics
     ]
     return MeterIngest(source, known), inboxes
-
-
-def messages_in(batches: Sequence[RawBatch]) -> int:
-    """Return the number of messages in some batches."""
-    return sum(len(batch) for batch in batches)

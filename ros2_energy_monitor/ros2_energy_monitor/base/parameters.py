@@ -29,7 +29,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.shown_text import shown_lines
-from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
+from robot_energy.inputs.parameters import Parameter, assemble
 from ros2_energy_monitor.base.parameter_files import files_without_section
 
 TYPES: dict[Any, RosParameter.Type] = {
@@ -77,7 +77,6 @@ def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P
         return _declare_one(node, entry, given, read_only=fixed is None or entry.name in fixed)
 
     values = assemble(cls, value_of, node.get_name())
-    refuse_renamed(given, names, node.get_name())
     unknown = _unknown(node, given, names)
     if getattr(values, "strict_parameters", False) and (complaints or unknown):
         raise ParameterError([*complaints, *unknown][0])

@@ -136,11 +136,7 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Record a bag.
-
-    Returns:
-        Exit code: 0; 2 if it cannot be made; 130 if interrupted.
-    """
+    """Return the exit code of recording a bag: 0; 2 if it cannot be made; 130 if interrupted."""
     parser = argparse.ArgumentParser(
         prog="all_topics", description="Record the virtual robot and the energy monitor to a bag."
     )

@@ -121,7 +121,6 @@ class ConsoleView:
 
         Args:
             now: As of `take_power`. [s]
-            width: Of the terminal. [characters]
         """
         power = self._power
         if power is None:

@@ -24,8 +24,9 @@ from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import FrictionStage, TorqueStage
-from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.pipeline.friction_timeline import FallbackUse
 from robot_energy.timeline.blocks import NANOSECOND, Quality
+from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.epochs import EpochSplitter
 from robot_energy.timeline.streams import sentence_of
 from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
@@ -39,7 +40,34 @@ from ros2_energy_monitor.diagnostics.reporter import (
     Source,
     StatusBuilder,
 )
-from ros2_energy_monitor.diagnostics.time import TimeWatch
+
+
+class TimeWatch:
+    """Compares the time between two newest stamps with what was booked between them.
+
+    The end of the account moves with the stamps, observed time and gaps are added up by
+    other lines of code: they can only agree if both are right. Where stamps jumped back,
+    or the account began again, there is nothing to compare.
+    """
+
+    def __init__(self) -> None:
+        self._before: tuple[object, int | None, int] | None = None
+
+    def check(self, time: Coverage) -> str:
+        """Return what does not add up since the last call; there must never be anything."""
+        begun, end = (time.start_ns, time.jumps), time.end_ns
+        counted = time.observed_ns + time.gap_ns
+        before, self._before = self._before, (begun, end, counted)
+        if before is None or before[0] != begun or before[1] is None or end is None:
+            return ""
+        passed, booked = end - before[1], counted - before[2]
+        if passed == booked:
+            return ""
+        return (
+            f"accounting of time does not add up: {passed} ns passed, {booked} ns were booked as "
+            f"observed or gap"
+        )
+
 
 NO_STATES = "start the driver or set joint_states.topics"
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"

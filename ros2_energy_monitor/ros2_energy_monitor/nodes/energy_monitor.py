@@ -21,7 +21,6 @@ from robot_energy.timeline.blocks import EffortMeaning, JointBlock
 from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
-    messages_in,
     temperature_inboxes,
     temperature_ingest,
     temperature_inputs,
@@ -131,7 +130,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
                 ),
             ),
             *auxiliary_sources(self.account, self._loads),
-            self._account_publisher.checkpoints.findings,
+            self.checkpoints.findings,
             self._condition.findings,
             self._model_check.findings,
         ]
@@ -165,30 +164,33 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         """
         states = self.drain([self.joint_states, *self._further])
         temperatures, readings = self.drain(self.temperatures), self.drain(self.readings)
-        self._loads.take(self._loads.drain())
-        self._publish(
-            self.guard.feed(
-                "motor_temperatures",
-                self._temperature.arrivals(temperatures),
-                lambda: self._pipeline.step(temperatures=self._temperature.step(temperatures)),
-                self._temperature.restart,
+        self._loads.take()
+        if temperatures:
+            self._publish(
+                self.guard.feed(
+                    "motor_temperatures",
+                    self._temperature.arrivals(temperatures),
+                    lambda: self._pipeline.step(temperatures=self._temperature.step(temperatures)),
+                    self._temperature.restart,
+                )
             )
-        )
-        self._check_model(
-            self.guard.feed(
-                "meter",
-                [(self._meter.rejections, messages_in(readings))],
-                lambda: self._pipeline.step(meter=self._meter.step(readings)),
-                self._meter.restart,
+        if readings:
+            self._check_model(
+                self.guard.feed(
+                    "meter",
+                    [(self._meter.rejections, sum(map(len, readings)))],
+                    lambda: self._pipeline.step(meter=self._meter.step(readings)),
+                    self._meter.restart,
+                )
             )
-        )
-        self._joints(messages_in(states), lambda: self.ingest.step(states))
+        if states:
+            self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
 
     def deactivate(self) -> None:
         """Count and publish what still waits."""
         self.take()
         self._flush()
-        self.guard.run("registers", self._account_publisher.deactivate)
+        self.guard.run("registers", self.keep_last)
 
     def _flush(self) -> None:
         """Count what waits in the stages, as at the end."""
@@ -233,7 +235,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         if friction is not None:
             send, write = self._friction.publish, self._friction_writer.encode
             self.guard.run("publish.joint_friction", lambda: send(write(friction)))
-        self.guard.run("publish.power", lambda: self._account_publisher.power(means))
+        self.guard.run("publish.power", lambda: self.publish_power(means))
 
 
 main = partial(run, EnergyMonitor)

@@ -62,11 +62,12 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
     def take(self) -> None:
         """Drain the temperatures and publish the friction from each of them onward."""
         temperatures = self.drain(self.temperatures)
-        accounts = self.ingest.arrivals(temperatures)
+        if not temperatures:
+            return
         self._publish(
             self.guard.feed(
                 "motor_temperatures",
-                accounts,
+                self.ingest.arrivals(temperatures),
                 lambda: self._friction(self.ingest.step(temperatures)),
                 self.ingest.restart,
             )

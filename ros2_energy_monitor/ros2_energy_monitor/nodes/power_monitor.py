@@ -35,7 +35,6 @@ from robot_energy.timeline.blocks import (
 )
 from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.inputs import messages_in
 from ros2_energy_monitor.base.node_parameters import PowerParameters
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
@@ -114,7 +113,7 @@ class PowerMonitor(AccountNode[PowerParameters]):
                 self._clocks,
             ),
             *auxiliary_sources(self.account, self._loads),
-            self._account_publisher.checkpoints.findings,
+            self.checkpoints.findings,
             self._condition.findings,
         ]
 
@@ -127,22 +126,26 @@ class PowerMonitor(AccountNode[PowerParameters]):
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
-        self._loads.take(self._loads.drain())
-        self.guard.feed(
-            "joint_friction",
-            [(self._friction.rejections, messages_in(frictions))],
-            lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
-            self._friction.restart,
-        )
-        self.guard.feed(
-            "meter",
-            [(self._meter.rejections, messages_in(readings))],
-            lambda: self._use_meter(self._meter.step(readings)),
-            self._meter.restart,
-        )
+        self._loads.take()
+        if frictions:
+            self.guard.feed(
+                "joint_friction",
+                [(self._friction.rejections, sum(map(len, frictions)))],
+                lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
+                self._friction.restart,
+            )
+        if readings:
+            self.guard.feed(
+                "meter",
+                [(self._meter.rejections, sum(map(len, readings)))],
+                lambda: self._use_meter(self._meter.step(readings)),
+                self._meter.restart,
+            )
+        if not torques:
+            return
         means = self.guard.feed(
             "joint_torque",
-            [(self._torque.rejections, messages_in(torques))],
+            [(self._torque.rejections, sum(map(len, torques)))],
             lambda: [
                 mean for batch in torques for part in _alike(batch) for mean in self._decoded(part)
             ],
@@ -159,7 +162,7 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._loads.flush()
         for mean in self.guard.run("joint_torque", self._flushed) or ():
             self._publish(mean)
-        self.guard.run("registers", self._account_publisher.deactivate)
+        self.guard.run("registers", self.keep_last)
 
     def _decoded(self, batch: RawBatch) -> list[MeanBlock | None]:
         """Count a batch of torques, apart from the robot's where a recording is played."""
@@ -215,7 +218,7 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._stage.restart()
 
     def _publish(self, means: MeanBlock | None) -> None:
-        self.guard.run("publish.power", lambda: self._account_publisher.power(means))
+        self.guard.run("publish.power", lambda: self.publish_power(means))
 
 
 def _alike(batch: RawBatch) -> Iterator[RawBatch]:

@@ -17,7 +17,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import TorqueStage
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
-from ros2_energy_monitor.base.inputs import joint_state_inboxes, messages_in
+from ros2_energy_monitor.base.inputs import joint_state_inboxes
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import TorqueParameters
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
@@ -74,7 +74,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             self._flush()
             self._recording = change is Change.RECORDING
         states = self.drain([self.joint_states, *self._further])
-        self._joints(messages_in(states), lambda: self.ingest.step(states))
+        self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
         if change is Change.MIXED:
             self._flush()
             self._recording = False

@@ -30,10 +30,9 @@ from robot_energy.accounting.record import (
     Identity,
     TraceEntry,
 )
-from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
+from robot_energy.accounting.registers import CABINET_REGISTERS, Registers, ShaftEnergySums
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.settings import AccountSettings
-from robot_energy.accounting.shaft_comparison import ShaftEnergySums
 from robot_energy.accounting.totals import Totals
 from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
@@ -119,10 +118,7 @@ class EnergyAccount:
         self.comparison.measure(block)
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
-        """Count power samples.
-
-        Returns:
-            Means of the periods that ended, or None.
+        """Return the means of the periods that end with these power samples, or None.
 
         Raises:
             Exception: Whatever a fault of the program raises; nothing of the block, or of its

@@ -118,7 +118,6 @@ class AuxiliaryAccount:
         Args:
             counts: Known and missing time [ns] and count of each load, shape (3, n).
             state_ns: Time in each state, shape (states,). [ns]
-            together_ns: Time for which all loads are known. [ns]
         """
         self.known_ns, self.missing_ns, self.missing_count = counts + np.stack(
             [self.known_ns, self.missing_ns, self.missing_count]

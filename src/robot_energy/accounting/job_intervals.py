@@ -105,11 +105,7 @@ class JobIntervals:
             self._peaks[number] = float(np.fmax(self._peaks.get(number, np.nan), peak_power))
 
     def rebase(self, totals: Totals) -> None:
-        """Keep what open intervals have counted while the counters go back to zero.
-
-        Args:
-            totals: All counters before they are set to zero.
-        """
+        """Keep what open intervals have counted while the counters go back to zero."""
         for number, entry in self._open.items():
             self._open[number] = entry.model_copy(update={"base": entry.base - totals})
 

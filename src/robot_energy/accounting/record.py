@@ -266,14 +266,7 @@ class AccountRecord(RecordPart):
 
     @classmethod
     def from_json(cls, text: bytes) -> AccountRecord:
-        """Read what `to_json` wrote.
-
-        Args:
-            text: JSON of one record, in UTF-8.
-
-        Returns:
-            The record; values beyond their limits are at them, and `repairs` says which.
-        """
+        """Return what `to_json` wrote; values beyond a limit are at it, as `repairs` says."""
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:

@@ -59,11 +59,7 @@ class Closing:
 
 
 def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Closing:
-    """Return what can be used of the end of a file.
-
-    Args:
-        size: Its size. [bytes]
-    """
+    """Return what can be used of the end of a file."""
     closing = Closing()
     footer = size - records.FOOTER_SIZE - len(records.MAGIC)
     if footer < len(records.MAGIC):

@@ -86,8 +86,6 @@ def metadata_yaml(
 
     Args:
         file: Name of the one bag file; None for the copy inside that file.
-        start_ns: Log time of the first message. [ns]
-        duration_ns: Time from the first to the last message. [ns]
         origin: Where the recording comes from, in words; empty if not said.
     """
     span = (

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.by_log_time import MAX_OVERLAP_NS, merged, rises
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
@@ -19,9 +18,13 @@ from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_
 from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
+from robot_energy.foundation.units import SECOND_NS
 
 if TYPE_CHECKING:
     from robot_energy.bag.cdr.lazy_store import LazyStore
+
+MAX_OVERLAP_NS = SECOND_NS
+"""By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""
 
 MAX_PROBLEMS = 100
 """Sentences about what is wrong that are kept."""
@@ -116,7 +119,7 @@ class BagReader:
     def parts(
         self, topics: Collection[str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics in file order.
+        """Yield the messages of some topics in file order, one batch a topic; never an empty part.
 
         Each part holds one chunk of the bag, or at most 8192 messages. Inside a batch the order
         is by log time, equal times in file order; from part to part log times may step back.
@@ -126,9 +129,6 @@ class BagReader:
 
         Args:
             spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
-
-        Yields:
-            One batch per topic that has messages in the part; never an empty part.
         """
         wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
         return self._parts(wanted, spans or {})
@@ -275,3 +275,38 @@ def _same_content(first: Path, second: Path) -> bool:
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sort key that puts ``bag_10`` after ``bag_9``."""
     return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
+
+
+def rises(batches: Iterable[RawBatch]) -> bool:
+    """Return whether the log times of a topic order its messages."""
+    newest: int | None = None
+    for batch in batches:
+        times = batch.log_time_ns
+        if bool((np.diff(times) < 0).any()):
+            return False
+        if newest is not None and int(times[0]) < newest - MAX_OVERLAP_NS:
+            return False
+        newest = int(times[-1])
+    return True
+
+
+def merged(topics: Sequence[Iterator[RawBatch]]) -> Iterator[dict[str, RawBatch]]:
+    """Yield the messages of several topics, none ahead of another by more than a batch.
+
+    Args:
+        topics: The messages of each, whose log times rise.
+    """
+    held: list[RawBatch | None] = [next(topic, None) for topic in topics]
+    while ends := [int(batch.log_time_ns[-1]) for batch in held if batch is not None]:
+        until = min(ends)
+        part: dict[str, RawBatch] = {}
+        for number, batch in enumerate(held):
+            if batch is None:
+                continue
+            count = int(np.searchsorted(batch.log_time_ns, until, side="right"))
+            if count:
+                part[batch.topic] = batch[slice(count)]
+            held[number] = (
+                batch[slice(count, None)] if count < len(batch) else next(topics[number], None)
+            )
+        yield part

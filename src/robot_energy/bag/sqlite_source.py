@@ -80,11 +80,7 @@ class SqliteSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield some thousand messages at a time, in order of their times, a batch a topic.
-
-        Args:
-            spans: Log times that matter, by topic. [ns]
-        """
+        """Yield some thousand messages at a time, in order of their times, a batch a topic."""
         wanted = [key for key, (name, kind) in self._ids.items() if topics.get(name) == kind]
         within = ""
         if spans and spans.keys() >= topics.keys():

@@ -42,7 +42,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
 
     Args:
         compression: ``zstd`` or ``none``.
-        overwrite: Replace a bag of this writer that is there.
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
         origin: Where the recording comes from, in words, noted with the bag.
         inputs: Files and folders that it is made of, which it must not replace.

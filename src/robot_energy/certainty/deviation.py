@@ -72,6 +72,44 @@ LossDeviations = Callable[[Float, Float], Float]
 C figures, shape (C, N, n). [W]"""
 
 
+class FigureDeviations:
+    """Deviations of the figures of a model that powers and energies have in common.
+
+    Attributes:
+        coulomb: Of the Coulomb torques, motor side, shape (n,). [N m]
+        bodies: Of the rigid-body power, as a share of it. [-]
+        payload: Of the part of it that the payload takes, as a share of that. [-]
+        payload_share: That part, see `payload_shares`, shape (n,). [-]
+        drive_share: Of the losses of the drives, whose figures have none of their own, over these;
+            of drives without losses over the shaft power. [-]
+        loss_dc: Of the constant loss on the DC side. [W]
+        loss_grid: Of that on the grid side. [W]
+        at_rest: What the form of the losses that flow all the time leaves out. [W]
+        returned: Share of the energy fed back that the grid gets. [-]
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.coulomb = np.asarray(
+            [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
+        )
+        bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
+        self.bodies = relative_std("bodies", least_known(bodies))
+        carried: list[Tag] = [body.tag for body in model.payload]
+        self.payload = relative_std("payload", least_known(carried))
+        self.payload_share = payload_shares(model)
+        kind, self.drive_share = DRIVE_MODELS[model.drive], MISSING_LOSS
+        if not kind.lossless:
+            entries = kind.entries(model.joints)
+            tag = least_known([tag_of(entry) for entry in entries])
+            self.drive_share = relative_std("drive", tag)
+        cabinet = model.cabinet
+        self.loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
+        self.loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
+        self.at_rest = FORM_AT_REST * model.constant_power()
+        efficiency = cabinet.regeneration_efficiency
+        self.returned = 0.0 if efficiency is None else efficiency.value
+
+
 class PowerDeviation:
     """Columns ``g_k s_k`` of one robot."""
 
@@ -82,10 +120,8 @@ class PowerDeviation:
         first, own = len(CABINET_DEVIATIONS), 2 * len(model.joints)
         last = first + len(JOINT_DEVIATIONS) * len(model.joints)
         self._places = [CABINET_DEVIATIONS.index("together"), *range(first + own, last)]
-        self._coulomb = np.asarray(
-            [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
-        )
-        self._coulomb_squared = self._coulomb**2
+        figures = FigureDeviations(model)
+        self._coulomb_squared = figures.coulomb**2
         by_load = [joint.friction.load_coulomb for joint in model.joints]
         self._by_load = np.asarray(
             [0.0 if one is None else figure_std(one, "coulomb") for one in by_load]
@@ -95,24 +131,16 @@ class PowerDeviation:
         )
         kind = DRIVE_MODELS[model.drive]
         self._drive: DriveDeviation | None = None
-        self._drive_share = MISSING_LOSS if kind.lossless else 0.0
-        entries = kind.entries(model.joints)
+        self._drive_share = figures.drive_share
         if kind.deviation is not None:
-            self._drive = kind.deviation(entries)
+            self._drive = kind.deviation(kind.entries(model.joints))
         elif not kind.lossless:
-            tag = least_known([tag_of(entry) for entry in entries])
-            self._drive = partial(_share_of_loss, share=relative_std("drive", tag))
-        cabinet = model.cabinet
-        self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
-        form = FORM_AT_REST * model.constant_power()
-        self._loss_grid = float(np.hypot(figure_std(cabinet.loss_grid, "loss_grid"), form))
-        returned = cabinet.regeneration_efficiency
-        self._returned = 0.0 if returned is None else returned.value
-        bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
-        self._bodies = relative_std("bodies", least_known(bodies))
-        carried: list[Tag] = [body.tag for body in model.payload]
-        self._payload = relative_std("payload", least_known(carried))
-        self._payload_share = payload_shares(model)
+            self._drive = partial(_share_of_loss, share=figures.drive_share)
+        self._loss_dc = figures.loss_dc
+        self._loss_grid = float(np.hypot(figures.loss_grid, figures.at_rest))
+        self._returned = figures.returned
+        self._bodies, self._payload = figures.bodies, figures.payload
+        self._payload_share = figures.payload_share
         self._payload_mass = sum(body.mass for body in model.payload)
         self._slot = -1
         self._recent: Float = np.zeros(RECENT_SLOTS)
@@ -308,11 +336,7 @@ def _loss_stds(entries: list[LossDrive]) -> dict[str, Float]:
 
 
 def loss_model_deviation(entries: list[LossDrive]) -> DriveDeviation:
-    """Return the deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """Return the deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC."""
     return partial(_loss_deviation, **_loss_stds(entries))
 
 
@@ -337,11 +361,7 @@ def _share_of_loss(speed: Float, torque: Float, loss: Float, *, share: float) ->
 
 
 def loss_model_deviations(entries: list[LossDrive]) -> LossDeviations:
-    """Return the four terms of `loss_model_deviation`, each for itself.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """Return the four terms of `loss_model_deviation`, each for itself."""
     stds = _loss_stds(entries).values()
 
     def deviations(speed: Float, torque: Float) -> Float:

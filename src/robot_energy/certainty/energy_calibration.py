@@ -112,12 +112,7 @@ class EnergyCalibration:
         return tuple(self._windows), tuple(tuple(row) for row in rows)
 
     def restore(self, windows: Windows, squares: Squares) -> None:
-        """Go on from an earlier state; what was read since is kept.
-
-        Args:
-            windows: As `state` gave them. [J], [W], [J]
-            squares: As `state` gave them. [J^2]
-        """
+        """Go on from an earlier state; what was read since is kept."""
         if self._squares is None and squares:
             self._squares = np.array(squares)
         self._windows = deque([*windows, *self._windows], maxlen=MAX_WINDOWS)

@@ -37,7 +37,7 @@ from robot_energy.timeline.blocks import (
     Int,
     PowerBlock,
 )
-from robot_energy.timeline.held_rows import taken
+from robot_energy.timeline.hold import taken
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
 MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]

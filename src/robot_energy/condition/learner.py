@@ -7,12 +7,10 @@ nothing depends on how the input is cut, and a replay learns what the monitor ha
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,25 +66,6 @@ class ConditionRecord(ConditionPart):
     friction: FrictionRecord
     meter: MeterRecord
     wear: WearState
-
-    @classmethod
-    def from_json(cls, content: bytes) -> Self:
-        """Return a record of JSON text; records of wear of the first format are dropped."""
-        return super().from_json(_without_old_wear(content))
-
-
-def _without_old_wear(content: bytes) -> bytes:
-    """Drop records of wear that have no contrasts: their features were others."""
-    try:
-        record: Any = json.loads(content)
-        tests = record["wear"]["tests"]
-        old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
-    except (ValueError, TypeError, LookupError):
-        return content  # the reader says what is wrong
-    empty: dict[str, Any] = {"information": [], "target": [], "square": 0.0, "count": 0}
-    for number in old:
-        tests[number] = {"records": [], "changes": [], "contrasts": empty}
-    return json.dumps(record).encode() if old else content
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from robot_energy.foundation.config_file import parse_yaml, read_text
 from robot_energy.foundation.errors import ParameterError
-from robot_energy.inputs.parameters import MAX_BYTES, Parameter, assemble, refuse_renamed
+from robot_energy.inputs.parameters import MAX_BYTES, Parameter, assemble
 from robot_energy.inputs.sources import Inputs
 from robot_energy.presets import ROBOTS, RobotPreset
 
@@ -42,7 +42,6 @@ def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inp
         return entry.check([] if value is None else value, owner)
 
     inputs = assemble(Inputs, value_of, owner)
-    refuse_renamed(given, asked, owner)
     return inputs, list(_misspelt(given, asked, owner))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
@@ -29,16 +29,6 @@ KINDS: dict[Any, str] = {
 MAX_BYTES = 1024 * 1024  # of a parameter file
 HEADER, RECEIVE = "header", "receive"  # sources of stamps, the same words for every input
 MESSAGES, POSITIONS = "messages", "positions"  # sources of velocities
-RENAMED = {  # parameters of earlier versions, and what they are called now
-    "settle": "temperature_wait",
-    "joint_state_topics": "joint_states.topics",
-    "stamps": "joint_states.stamp_source",
-    "reorder": "joint_states.reorder_window",
-    "max_velocity_ratio": "joint_states.max_velocity_ratio",
-    "effort": "joint_states.effort_meaning",
-    "meter.stamps": "meter.stamp_source",
-}
-RENAMED_IN_GROUPS = {"stamps": "stamp_source"}  # of sources that the user names
 GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -168,20 +158,6 @@ def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> 
     """
     taken = {entry.name for entry in fields(cls)}
     return _assemble(cls, value_of, owner, "", taken)
-
-
-def refuse_renamed(given: Iterable[str], known: Collection[str], owner: str) -> None:
-    """Refuse parameters by the names of earlier versions, which would count for nothing."""
-    for name in given:
-        group_name, dot, last = name.rpartition(".")
-        new = RENAMED.get(name)
-        if new is None and dot and last in RENAMED_IN_GROUPS:
-            inside = f"{group_name}.{RENAMED_IN_GROUPS[last]}"
-            new = inside if inside in known else None
-        if new is not None and name not in known:
-            raise ParameterError(
-                f"{owner} sets '{name}', an earlier name", f"'{new}'", f"rename it to '{new}'"
-            )
 
 
 def _assemble(

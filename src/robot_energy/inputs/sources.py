@@ -100,12 +100,13 @@ class JointStateSource:
             )
         return self.joint_names or tuple(joints)
 
-    def corrections_of(self, joints: Sequence[str]) -> tuple[JointCorrection, ...]:
-        """Return what corrects position, velocity and effort of a model's joints."""
+    def corrections_of(self, joints: Sequence[str]) -> tuple[JointCorrection | None, ...]:
+        """Return what corrects position, velocity and effort of a model's joints; None: nothing."""
         found = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
         for name, correction in found.items():
             correction.check(joints, f"joint_states.{name}")
-        return tuple(found.values())
+        nothing = JointCorrection()
+        return tuple(None if each == nothing else each for each in found.values())
 
 
 @dataclass(frozen=True, kw_only=True)

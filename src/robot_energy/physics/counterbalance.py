@@ -64,18 +64,16 @@ def coefficients(entry: AnySpring) -> Float:
 
 def add_counterbalance(
     torque: Float, joint_position: Float, entries: Sequence[AnySpring | None]
-) -> Float:
-    """Return a torque to which all counterbalances were added in place, shape (N, n). [N m] or [N]
+) -> None:
+    """Add all counterbalances to a torque, in place.
 
     Args:
         torque: Joint side, shape (N, n). [N m] or [N]
         joint_position: Shape (N, n). [rad] or [m]
-        entries: One per joint.
     """
     for joint, entry in enumerate(entries):
         if entry is not None:
             torque[:, joint] += counterbalance_torque(entry, joint_position[:, joint])
-    return torque
 
 
 def _gas_length(entry: GasSpring, q: Float) -> tuple[Float, Float]:

@@ -56,11 +56,7 @@ class Ideal:
 
 
 class LossModel:
-    """P_el = P_mech + c0 + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """P_el = P_mech + c0 + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2."""
 
     def __init__(self, entries: list[LossDrive]) -> None:
         self._constant = np.asarray([entry.constant.value for entry in entries])
@@ -99,9 +95,6 @@ class EfficiencyMaps:
 
     Distances are standardised Euclidean: each coordinate is divided by its standard
     deviation over the points of the map.
-
-    Args:
-        entries: One per joint, in model order.
     """
 
     def __init__(self, entries: list[EfficiencyMap]) -> None:
@@ -143,11 +136,7 @@ class EfficiencyMaps:
 
 
 class LossMaps:
-    """P_el = P_mech + L(|w|, |tau| sqrt(1 + alpha (T - 20))), L bilinear between knots.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """P_el = P_mech + L(|w|, |tau| sqrt(1 + alpha (T - 20))), L bilinear between knots."""
 
     def __init__(self, entries: list[LossMap]) -> None:
         self._maps = [

@@ -39,11 +39,7 @@ class Effort:
     def from_model(
         cls, model: RobotModel, meaning: EffortMeaning, drivetrain: Drivetrain
     ) -> Effort:
-        """Return the conversion from effort to motor torque, with what it needs of a model file.
-
-        Args:
-            meaning: What the effort of a joint state is.
-        """
+        """Return the conversion from effort to motor torque, with what it needs of a model file."""
         if meaning is not EffortMeaning.MOTOR_CURRENT:
             return cls(meaning, drivetrain)
         without = [joint.name for joint in model.joints if joint.torque_constant is None]

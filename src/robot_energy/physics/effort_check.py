@@ -55,8 +55,6 @@ class EffortCheck:
             joint_effort: As the driver sent it, shape (N, n). [A], [N m] or [N]
             motor_torque_rigid: Of the same samples, shape (N, n). [N m]
         """
-        if self._meaning is EffortMeaning.NONE:
-            return
         effort, rigid = joint_effort, motor_torque_rigid
         if not math.isfinite(float(effort.sum()) + float(rigid.sum())):
             good = np.isfinite(effort).all(axis=1) & np.isfinite(rigid).all(axis=1)

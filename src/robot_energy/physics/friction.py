@@ -107,16 +107,13 @@ class ViscousLaw:
         return np.where(finite, np.hypot(own, change), np.nan)
 
     def spread(self, assumed_degc: float) -> float:
-        """Return what an unknown temperature adds to the deviation of the coefficient.
+        """Return what an unknown temperature adds to the deviation; 0 without a range. [N m s/rad]
 
         The true temperature is taken to lie anywhere in the fitted range, each value as
         likely as another: ``sqrt(mean((fv(T) - fv(assumed))^2))``.
 
         Args:
             assumed_degc: Used instead of a measurement. [degC]
-
-        Returns:
-            Motor side; 0 for a law without a fitted range. [N m s/rad]
         """
         if not np.isfinite([self.lower_degc, self.upper_degc]).all():
             return 0.0
@@ -205,11 +202,7 @@ def table_law(entry: TableLaw) -> ViscousLaw:
 
 
 class FrictionModel:
-    """Friction of all axes of one robot.
-
-    Args:
-        entries: One per joint, in model order.
-    """
+    """Friction of all axes of one robot."""
 
     def __init__(self, entries: list[JointFriction]) -> None:
         self.laws = [viscous_law(entry.viscous) for entry in entries]
@@ -248,13 +241,10 @@ class FrictionModel:
         return np.stack(columns, axis=-1)
 
     def viscous_std(self, motor_temperature_degc: Float) -> Float:
-        """Return standard deviations of the viscous coefficients, see `ViscousLaw.std`.
+        """Return deviations as `ViscousLaw.std`, same shape; NaN: not known. [N m s/rad]
 
         Args:
             motor_temperature_degc: Shape (..., n). [degC]
-
-        Returns:
-            Motor side, same shape; NaN where none is known. [N m s/rad]
         """
         columns = [law.std(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
         return np.stack(columns, axis=-1)

@@ -21,9 +21,6 @@ class LimitUse:
 
     The torque is that of the drive at the joint: bodies, rotor and friction.
 
-    Args:
-        start_ns: Stamp of the start of the motion. [ns]
-
     Attributes:
         speed: Greatest speed over its limit, NaN where there is no limit, shape (n,). [-]
         torque: Greatest torque or force over its limit, same. [-]

@@ -45,13 +45,8 @@ class Robot:
         urdf_xml: Text of the URDF. Meshes are never opened.
         joint_names: Modelled joints, in the order of every array.
         gravity: In the base frame. [m/s^2]
-        payload: Rigid bodies fixed to links.
         massless_links: Links that may move without inertia, on purpose.
         counterbalance: Springs at the joints, one entry per joint; empty for none.
-
-    Raises:
-        RobotDescriptionError: If the URDF cannot be used.
-        UnknownJointError: If it lacks a joint that the model names.
     """
 
     def __init__(
@@ -105,18 +100,7 @@ class Robot:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
-        """Build the robot that a model file describes.
-
-        Args:
-            model: The robot's model with its URDF.
-
-        Returns:
-            The robot with the payload of the model.
-
-        Raises:
-            RobotDescriptionError: If the URDF cannot be used.
-            UnknownJointError: If the URDF lacks a joint of the model.
-        """
+        """Return the robot that a model file describes, with its payload."""
         robot = _robot_of(
             model.urdf_xml, tuple(model.joint_names), tuple(model.gravity), tuple(model.payload),
             tuple(model.massless_links),
@@ -134,14 +118,7 @@ class Robot:
         )  # fmt: skip
 
     def with_payload(self, payload: Sequence[Payload]) -> Robot:
-        """Return this robot with another payload instead of its own.
-
-        Args:
-            payload: Rigid bodies fixed to links.
-
-        Raises:
-            RobotDescriptionError: If the URDF lacks one of the links.
-        """
+        """Return this robot with another payload instead of its own."""
         robot = self._copy()  # not read again: what it carries is all that differs
         robot._load(payload)
         return robot
@@ -173,9 +150,6 @@ class Robot:
 
         Returns:
             Joint side, without friction and rotor inertia, shape (N, n). [N m] or [N]
-
-        Raises:
-            ShapeError: If a shape is not (N, n).
         """
         shape = self._check(joint_position, joint_velocity, joint_acceleration)
         if shape[0] == 0:
@@ -183,17 +157,22 @@ class Robot:
         if kernels.compiled is not None and self._table is not None:
             motion = joint_position, joint_velocity, joint_acceleration
             torque = self._compiled_torque(kernels.compiled, self._table, *motion)
-            return add_counterbalance(torque, joint_position, self.counterbalance)
+        else:
+            torque = self._parallel_torque(joint_position, joint_velocity, joint_acceleration)
+        if any(self.counterbalance):
+            add_counterbalance(torque, joint_position, self.counterbalance)
+        return torque
+
+    def _parallel_torque(self, *motion: Float) -> Float:
+        """Return the joint torque by Pinocchio, from position, velocity and acceleration."""
         columns = [
-            (values if self._same_order else values[:, self._to_model]).T
-            for values in (joint_position, joint_velocity, joint_acceleration)
+            (values if self._same_order else values[:, self._to_model]).T for values in motion
         ]
         torque = pin.rneaInParallel(1, self._pool, *map(np.asfortranarray, columns))
-        torque = torque.reshape(self.n_joints, shape[0])  # one sample comes back flat
+        torque = torque.reshape(self.n_joints, len(motion[0]))  # one sample comes back flat
         if not self._same_order:
             torque = torque[self._from_model]
-        torque = np.ascontiguousarray(torque).T
-        return add_counterbalance(torque, joint_position, self.counterbalance)
+        return np.ascontiguousarray(torque).T
 
     def _compiled_torque(self, compiled: kernels.Compiled, table: Float, *motion: Float) -> Float:
         """Return the joint torque by the kernel, from position, velocity and acceleration."""
@@ -219,18 +198,12 @@ class Robot:
     def torque_regressor(
         self, joint_position: Float, joint_velocity: Float, joint_acceleration: Float
     ) -> Float:
-        """Matrix W of ``M(q) qdd + c(q, qd) + g(q) = W link_parameters``, without payload.
+        """Return W of ``M(q) qdd + c(q, qd) + g(q) = W link_parameters``, shape (N, n, 10 n).
 
         Args:
             joint_position: Shape (N, n). [rad] or [m]
             joint_velocity: Shape (N, n). [rad/s] or [m/s]
             joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
-
-        Returns:
-            Joint torque per unit of each parameter, shape (N, n, 10 n).
-
-        Raises:
-            ShapeError: If a shape is not (N, n).
         """
         n_samples, n_joints = self._check(joint_position, joint_velocity, joint_acceleration)
         result = np.empty((n_samples, n_joints, 10 * n_joints))
@@ -259,25 +232,14 @@ class Robot:
         return shape
 
     def has_link(self, link: str) -> bool:
-        """Whether the URDF has a link of that name.
-
-        Args:
-            link: The name.
-        """
+        """Whether the URDF has a link of that name."""
         return bool(self._model.existFrame(frame_of(link), pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:
-        """Position of a link's frame in the base frame at one configuration.
+        """Return where a link's frame is in the base frame at one configuration, shape (3,). [m]
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            link: Name of the link.
-
-        Returns:
-            Shape (3,). [m]
-
-        Raises:
-            RobotDescriptionError: If there is no such link.
         """
         return self.link_pose(joint_position, link)[0]
 
@@ -286,13 +248,9 @@ class Robot:
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            link: Name of the link.
 
         Returns:
             Position, shape (3,) [m], and rotation, shape (3, 3).
-
-        Raises:
-            RobotDescriptionError: If there is no such link.
         """
         data, frame = self._placed(joint_position, link, jacobian=False)
         return np.array(data.oMf[frame].translation), np.array(data.oMf[frame].rotation)
@@ -302,14 +260,10 @@ class Robot:
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            link: Name of the link.
 
         Returns:
             Position, shape (3,) [m]; rotation, shape (3, 3); Jacobian in base axes, shape
             (6, n): velocity of the frame's origin, then angular velocity, per joint velocity.
-
-        Raises:
-            RobotDescriptionError: If there is no such link.
         """
         data, frame = self._placed(joint_position, link, jacobian=True)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -322,13 +276,10 @@ class Robot:
         )
 
     def joint_origins(self, joint_position: Float) -> Float:
-        """Origins of the joint frames in the base frame at one configuration.
+        """Return the origins of the joint frames in the base frame, model order, shape (n, 3). [m]
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-
-        Returns:
-            In model joint order, shape (n, 3). [m]
         """
         data = self._model.createData()
         pin.forwardKinematics(self._model, data, np.asarray(joint_position)[self._to_model])

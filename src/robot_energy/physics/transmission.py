@@ -92,7 +92,7 @@ def torque_map(transmission: Float) -> Float:
 
 
 def mapped(matrix: Float, values: Float) -> Float:
-    """Multiply each row by ``matrix`` in a fixed order of operations.
+    """Return each row times ``matrix``, in a fixed order of operations, shape (..., n).
 
     A matrix product of a library may sum in an order that depends on the number of rows;
     this one does not, so a sample gives the same bits in every block.
@@ -100,9 +100,6 @@ def mapped(matrix: Float, values: Float) -> Float:
     Args:
         matrix: Shape (n, n). [any unit]
         values: Shape (..., n). [any unit]
-
-    Returns:
-        Shape (..., n); the product of both units.
     """
     diagonal, coupling = _entries(matrix.tobytes(), len(matrix))
     result = values * diagonal

@@ -132,11 +132,8 @@ class EnergyPipeline:
             self.account.measure(meter)
             self.power.measure(meter)
         power = self.power.step(torque) if torque is not None else None
-        means = self._count(power)
+        means = self.account.step(power) if power is not None else None
         return Output(torque, friction, power, means, meter, temperatures)
-
-    def _count(self, power: PowerBlock | None) -> MeanBlock | None:
-        return None if power is None else self.account.step(power)
 
     def restart(self) -> None:
         """Drop the samples that wait, as after an error; the account and the settings stay."""
@@ -166,6 +163,6 @@ class EnergyPipeline:
         ]
         blocks = [part for part in parts if part is not None]
         power = PowerBlock.concatenate(blocks) if blocks else None
-        means = [self._count(power), self.account.flush()]
-        ended = [mean for mean in means if mean is not None]
+        means = [] if power is None else [self.account.step(power)]
+        ended = [mean for mean in (*means, self.account.flush()) if mean is not None]
         return Output(torque, None, power, MeanBlock.concatenate(ended) if ended else None)

@@ -17,9 +17,8 @@ from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.pipeline.friction_stage import FrictionStage
-from robot_energy.pipeline.friction_timeline import FrictionTimeline
+from robot_energy.pipeline.friction_timeline import FallbackUse, FrictionTimeline
 from robot_energy.pipeline.settings import Settings
 from robot_energy.pipeline.supply import OF_CABINET, SupplyStage
 from robot_energy.timeline.blocks import (
@@ -35,7 +34,7 @@ from robot_energy.timeline.blocks import (
     differences,
     mark,
 )
-from robot_energy.timeline.held_rows import HeldRows
+from robot_energy.timeline.hold import HeldRows
 
 NEVER = 1e9  # s, some thirty years
 HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns]

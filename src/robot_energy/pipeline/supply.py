@@ -33,7 +33,6 @@ class SupplyStage:
     """Drives and cabinet of a robot.
 
     Args:
-        model: The robot's model.
         settings: What the effort is, which shows what motors hold at rest.
     """
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
@@ -9,10 +11,9 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.physics.effort_check import EffortCheck
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.torque import rigid_torque
 from robot_energy.pipeline.payload_timeline import PayloadChange, PayloadTimeline
 from robot_energy.pipeline.settings import Settings
-from robot_energy.timeline.blocks import JointBlock, TorqueBlock
+from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 
 
 class TorqueStage:
@@ -29,7 +30,9 @@ class TorqueStage:
         robot = Robot.from_model(model)
         self._payload = PayloadTimeline(robot)
         self._drivetrain = Drivetrain.from_model(model)
-        self._effort = Effort.from_model(model, settings.effort, self._drivetrain)
+        self._effort: Effort | None = None
+        if settings.effort is not EffortMeaning.NONE:
+            self._effort = Effort.from_model(model, settings.effort, self._drivetrain)
         self.effort_check = EffortCheck(settings.effort, model, self._drivetrain)
         self._derivative = Derivative(
             settings.derivative_window,
@@ -100,10 +103,35 @@ class TorqueStage:
             return None
         joints = JointBlock.concatenate(parts)
         torque = TorqueBlock.concatenate(
-            [
-                rigid_torque(block, robot, self._drivetrain, self._effort)
-                for robot, block in self._payload.pieces(joints)
-            ]
+            [self._rigid(robot, block) for robot, block in self._payload.pieces(joints)]
         )
-        self.effort_check.step(joints.joint_effort, torque.motor_torque_rigid)
+        if self._effort is not None:
+            self.effort_check.step(joints.joint_effort, torque.motor_torque_rigid)
         return torque
+
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
+    def _rigid(self, robot: Robot, block: JointBlock) -> TorqueBlock:
+        """Return the torque that moves bodies and rotors (paper A, eq. 2), and the measured one.
+
+        ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
+        """
+        drivetrain, effort = self._drivetrain, block.joint_effort
+        joint_torque = robot.joint_torque(
+            block.joint_position, block.joint_velocity, block.joint_acceleration
+        )
+        return TorqueBlock(
+            stamp_ns=block.stamp_ns,
+            segment=block.segment,
+            quality=block.quality,
+            joint_position=block.joint_position,
+            joint_velocity=block.joint_velocity,
+            joint_acceleration=block.joint_acceleration,
+            joint_torque_rigid=joint_torque,
+            motor_velocity=drivetrain.motor_velocity_from_joint(block.joint_velocity),
+            motor_torque_rigid=drivetrain.motor_torque_from_joint(joint_torque)
+            + drivetrain.rotor_torque(block.joint_acceleration),
+            motor_torque_measured=np.full_like(effort, np.nan)
+            if self._effort is None
+            else self._effort.motor_torque(effort),
+            payload_mass=np.full(len(block), robot.payload_mass),
+        )

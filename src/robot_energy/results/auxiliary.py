@@ -51,11 +51,7 @@ class AuxiliaryReport(Result):
 
 
 def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None:
-    """Return the figures of the auxiliary branch; None where there is none.
-
-    Args:
-        account: After its last step.
-    """
+    """Return the figures of the auxiliary branch; None where there is none."""
     if account is None:
         return None
     outlet = account.outlet_microjoule

@@ -51,11 +51,7 @@ class ConditionReport(Result):
 
 
 def condition_report(learner: ConditionLearner, model: RobotModel) -> ConditionReport:
-    """Return what was learned by now.
-
-    Args:
-        learner: After the last recording.
-    """
+    """Return what was learned by now."""
     friction, factor = learner.friction, learner.meter.filtered
     time = friction.sums[2].sum(axis=(0, 2, 3)).tolist()
     rows = zip(

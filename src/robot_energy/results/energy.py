@@ -160,11 +160,7 @@ class EnergyUncertainty(Result):
 
 
 def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> EnergyUncertainty:
-    """Return how sure the predicted net energy of an account is.
-
-    Args:
-        joint_names: In model order.
-    """
+    """Return how sure the predicted net energy of an account is."""
     registers, calibration, band = account.registers, account.calibration, account.energy_band
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     variances = energy_variances(registers.deviation)
@@ -224,7 +220,6 @@ def common_figures(
 
     Args:
         temperature_degc: Of the motors; NaN where unknown, shape (n,). [degC]
-        change: What was changed about the model.
         gear_degc: Of the gears; NaN for a joint without one, shape (n,); None: no gear. [degC]
     """
     registers, counts = account.registers, account.counts
@@ -314,12 +309,7 @@ def unbalanced(energy: EnergyBreakdown) -> list[str]:
 def comparison_of(
     account: EnergyAccount, model: RobotModel, power_error: PowerErrorSums
 ) -> MeterComparison:
-    """Return predicted and measured energy over the same intervals.
-
-    Args:
-        model: Which has the constant losses.
-        power_error: Of the same intervals.
-    """
+    """Return predicted and measured energy over the same intervals."""
     comparison, observed_ns = account.comparison, account.registers.time.observed_ns
     compared_ns = comparison.compared_ns
     seconds = compared_ns * NANOSECOND

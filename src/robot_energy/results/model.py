@@ -63,13 +63,10 @@ class ModelReport(ModelUsed, name="model"):
 
 
 def count_tags(model: RobotModel) -> dict[str, int]:
-    """Count the figures of a model by how they are known.
+    """Return how many figures of a model have each tag, zeros included.
 
     Every tagged number counts once, a table or map once as a whole, and every group of
     the URDF (kinematics, masses ...) once.
-
-    Returns:
-        Count for each tag, zeros included.
     """
     entries = tagged_entries(model.model_dump(exclude={"urdf"}, exclude_none=True))
     counts = Counter([*model.urdf.tags.values(), *(entry["tag"] for entry in entries)])
@@ -77,11 +74,7 @@ def count_tags(model: RobotModel) -> dict[str, int]:
 
 
 def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
-    """Yield every entry of a model that says how it is known.
-
-    Yields:
-        The entries, each with its ``tag``.
-    """
+    """Yield every entry of a model that says by a ``tag`` how it is known."""
     if isinstance(value, Mapping):
         entries = cast("Mapping[str, Any]", value)
         if isinstance(entries.get("tag"), str):
@@ -93,11 +86,7 @@ def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
 
 
 def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
-    """Return what a result says of its model.
-
-    Args:
-        change: What was changed about it.
-    """
+    """Return what a result says of its model."""
     return ModelUsed(
         model_id=model.model_id,
         source=model.source,
@@ -112,11 +101,7 @@ def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
 
 
 def model_report(model: RobotModel, robot: Robot) -> ModelReport:
-    """Return what a model holds.
-
-    Args:
-        robot: Its rigid bodies, which were built from it.
-    """
+    """Return what a model holds."""
     cabinet = model.cabinet
     return ModelReport(
         **vars(model_used(model)),

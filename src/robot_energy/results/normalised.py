@@ -36,7 +36,6 @@ def normalised_energy(
     """Return what the energy comes to per metre, and per part.
 
     Args:
-        work: Over the same time as the energy.
         net: From the grid, less what was returned. [J]
         parts: Name and energy of each. [J]
     """

@@ -139,7 +139,6 @@ def replay_report(
 
     Args:
         change: What was changed about the model, for example fixed friction.
-        compared_with: A second replay of the same bag.
     """
     account, topics = result.account, result.topics
     learner = result.pipeline.power.condition

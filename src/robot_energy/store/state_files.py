@@ -38,9 +38,6 @@ def open_regular(path: Path, flags: int, mode: int = 0o644) -> int:
 def read_regular(path: Path, limit: int) -> bytes | None:
     """Return the content of a regular file; None where there is nothing.
 
-    Args:
-        limit: Its size at most. [bytes]
-
     Raises:
         OSError: If it cannot be read, is not a regular file or is larger.
     """

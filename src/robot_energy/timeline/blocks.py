@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.timeline.held_rows import HeldRows, joined, taken
+from robot_energy.timeline.hold import HeldRows, joined, taken
 
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]

@@ -45,7 +45,6 @@ def is_valid_time(seconds: int, nanoseconds: int) -> bool:
     """Return whether a ``builtin_interfaces/Time`` is well formed and within the range.
 
     Args:
-        seconds: Field ``sec``. [s]
         nanoseconds: Field ``nanosec``, below one second. [ns]
     """
     well_formed = 0 <= nanoseconds < SECOND_NS

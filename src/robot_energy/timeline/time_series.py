@@ -165,11 +165,7 @@ def _check(name: str, values: Column, shape: tuple[int, ...]) -> None:
 
 
 def library(name: str) -> Any:
-    """Return a library that converts tables.
-
-    Raises:
-        ImportError: If it is not installed.
-    """
+    """Return a library that converts tables."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:

@@ -127,9 +127,6 @@ def dataset_evidence(
 
     Args:
         options: With which bags are looked at, before those of the dataset.
-
-    Raises:
-        DatasetError: If there is none, or no bag of this model in it.
     """
     tables = read_tables(folder)
     everything = tables.runs

@@ -305,14 +305,16 @@ def _powers(
 def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock:
     """Return readings with a delay and a low pass of the meter undone: ``x = y + T dy/dt``.
 
-    The slope is that of the readings on both sides, which is exact for means over equal
-    intervals of a power that is linear between their middles.
+    The slope is that of a cubic spline through the readings: a difference of the readings on both
+    sides smears what begins and ends within a few of them.
 
     Args:
         meter: Readings; a counter has no low pass.
         delay: By which they are late. [s]
         constant: Time constant of the low pass. [s]
     """
+    from scipy.interpolate import CubicSpline
+
     earlier = replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
     known = np.flatnonzero(np.isfinite(meter.power))
     if constant == 0.0 or len(known) < 2:
@@ -324,7 +326,7 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
     for rows in np.split(np.arange(len(known)), edges):
         if len(rows) > 1:
             place = known[rows]
-            power[place] += constant * np.gradient(power[place], seconds[rows])
+            power[place] += constant * CubicSpline(seconds[rows], power[place])(seconds[rows], 1)
     return replace(earlier, power=power)
 
 

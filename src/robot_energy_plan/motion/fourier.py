@@ -27,9 +27,6 @@ class FourierBasis:
 
     Attributes:
         size: Number of weights per joint, 2 L - 1: the middle, and the rest.
-
-    Raises:
-        MotionError: If the figures make no sense.
     """
 
     def __init__(self, harmonics: int, period: float) -> None:
@@ -73,16 +70,12 @@ class FourierMotion:
     """One Fourier series per joint, repeated without end.
 
     Args:
-        basis: Harmonics and period.
         weights: Weights of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
             then speeds [rad/s] or [m/s].
 
     Attributes:
         n_joints: Number of joints.
         period: Length of one loop. [s]
-
-    Raises:
-        MotionError: If the shape is wrong or a weight is not finite.
     """
 
     def __init__(self, basis: FourierBasis, weights: Float) -> None:

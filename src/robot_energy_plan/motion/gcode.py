@@ -56,11 +56,7 @@ def load_gcode(
 
 
 def gcode_text(path: str | Path) -> str:
-    """Return the text of a G-code file: UTF-8, UTF-16 with its mark, else Latin-1.
-
-    Raises:
-        MotionError: If there is no such file, or it is not a text.
-    """
+    """Return the text of a G-code file: UTF-8, UTF-16 with its mark, else Latin-1."""
     try:
         data = read_regular(path, MAX_BYTES)
     except OSError as error:
@@ -94,9 +90,6 @@ def read_gcode(
 
     Args:
         rapid_speed: Speed of G0 where no F counts for it. [m/s]
-
-    Raises:
-        MotionError: Naming line, what was found and what was expected.
     """
     if not MIN_SPEED <= rapid_speed <= MAX_SPEED:
         raise MotionError(

@@ -50,9 +50,6 @@ def arc_shape(
         end: Where it ends by command. [m]
         words: I, J, K or R. [m]
         absolute: Whether I, J and K are the place of the centre, not its way from the start.
-
-    Raises:
-        MotionError: If the words make no arc.
     """
     first, last = (start[plane[0]], start[plane[1]]), (end[plane[0]], end[plane[1]])
     names = [CENTRE_WORDS[axis] for axis in plane[:2]]

@@ -139,9 +139,6 @@ def flavor_of(text: str, name: str | None = None) -> FoundFlavor:
 
     Args:
         name: Key of `FLAVORS` where the user names it; None: found from the program.
-
-    Raises:
-        MotionError: If there is no flavour of that name.
     """
     if name is not None:
         if name not in FLAVORS:

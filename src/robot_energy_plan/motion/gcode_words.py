@@ -66,9 +66,6 @@ def words_of(text: str, where: str, printer: bool = True) -> list[Word]:
 
     Args:
         printer: Whether commands of the machine stand alone, with words of any form behind them.
-
-    Raises:
-        MotionError: If a part is not a word, a comment does not end, or a checksum is wrong.
     """
     code = text.partition(";")[0]  # settings of slicers are comments of any length
     if len(code) > MAX_CHARACTERS:

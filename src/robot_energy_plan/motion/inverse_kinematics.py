@@ -12,6 +12,7 @@ bring the tool to within 1e-9 m, or are refused.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,7 +38,6 @@ class InverseKinematics:
     """Joint positions from tool positions.
 
     Args:
-        robot: The robot.
         link: Link of the URDF whose frame is the tool.
         held: Names of joints that stay where they start; planar arms only.
         weight: Weight of each joint in the distance from the start, where a planar arm has more
@@ -49,10 +49,6 @@ class InverseKinematics:
 
     Attributes:
         structure: ``gantry``, ``planar`` or ``spatial``.
-
-    Raises:
-        MotionError: If the robot is of another structure, or an option does not fit it.
-        RobotDescriptionError: If there is no such link.
     """
 
     def __init__(
@@ -117,10 +113,6 @@ class InverseKinematics:
             start: Joint positions from which the first place is searched; decides elbow and
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
-
-        Raises:
-            MotionError: If a place is not finite, out of reach, singular, or breaks a limit;
-                names the point, its distance and the reach.
         """
         wanted = np.asarray(tool_position, dtype=np.float64)
         begin = np.asarray(start, dtype=np.float64)
@@ -209,14 +201,11 @@ class InverseKinematics:
         self, place: Float, orientation: Float, posture: Float
     ) -> tuple[Float, float, float]:
         """Newton steps: posture, distance still missed, least singular value there."""
-        from scipy.spatial.transform import Rotation
-
         posture = posture.copy()
         missed, least = np.inf, 0.0
         for _ in range(MAX_STEPS):
             here, turned, jacobian = self.robot.link_jacobian(posture, self.link)
-            turn = Rotation.from_matrix(orientation @ turned.T).as_rotvec()
-            error = np.concatenate([place - here, turn])
+            error = np.concatenate([place - here, rotation_vector(orientation @ turned.T)])
             missed = float(np.abs(error).max())
             left, size, right = np.linalg.svd(jacobian, full_matrices=False)
             least = float(size[-1])
@@ -281,6 +270,26 @@ class InverseKinematics:
             "points that the tool reaches in this orientation, clear of stretched configurations",
             "move the work piece, or begin with another configuration",
         )
+
+
+def rotation_vector(rotation: Float) -> Float:
+    """Return axis times angle, shape (3,). [rad]
+
+    ``R - R^T`` gives ``sin(angle)`` and the axis; close to half a turn the axis is that of
+    ``R + R^T = 2 cos(angle) I + 2 (1 - cos(angle)) a a^T``.
+
+    Args:
+        rotation: Shape (3, 3). [-]
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    skew = 0.5 * np.array([zy - yz, xz - zx, yx - xy])
+    sine, cosine = math.sqrt(float(skew @ skew)), 0.5 * (xx + yy + zz - 1.0)
+    angle = math.atan2(sine, cosine)
+    if cosine > -0.9:
+        return skew * (angle / sine if sine > 0.0 else 1.0)
+    outer = 0.5 * (rotation + rotation.T) - cosine * np.eye(3)
+    axis = outer[int(np.argmax(np.diag(outer)))]
+    return axis * (math.copysign(angle, float(axis @ skew)) / math.sqrt(float(axis @ axis)))
 
 
 def _point(wanted: Float, row: int) -> str:

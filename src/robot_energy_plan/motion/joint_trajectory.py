@@ -38,9 +38,6 @@ class JointTrajectory:
     Attributes:
         duration: Time from the first to the last point. [s]
         instants: Times of the points since the first, shape (K,). [s]
-
-    Raises:
-        MotionError: If points are missing, out of order or not finite.
     """
 
     def __init__(
@@ -128,11 +125,7 @@ def read_points(message: Any, name: str) -> JointTrajectory:
 
 
 def through_points(points: PointColumns, name: str) -> JointTrajectory:
-    """Return the motion through points.
-
-    Raises:
-        MotionError: If points are missing, incomplete or out of order.
-    """
+    """Return the motion through points."""
     if not 2 <= len(points.time) <= MAX_POINTS:
         raise MotionError(f"{name} has {len(points.time)} points", f"2 to {MAX_POINTS}")
     position, velocity, acceleration = (points.column(kind, name) for kind in KINDS)

@@ -87,9 +87,6 @@ def load_motion(
         path: G-code, an STL shape to be printed, a YAML file of point-to-point moves, a bag with
             a JointTrajectory, or such a trajectory as CSV; the end of the name decides.
         topic: Topic of the trajectory in a bag; None where there is one only.
-
-    Raises:
-        MotionError: If there is no such program, or its kind is unknown.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -133,12 +130,7 @@ def _flavor_note(program: GcodeProgram, options: ToolOptions) -> str:
 
 
 def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> LoadedMotion:
-    """Return a program of a tool as a motion of a robot.
-
-    Raises:
-        MotionError: If the robot cannot make it.
-        RobotDescriptionError: If the robot has no such tool.
-    """
+    """Return a program of a tool as a motion of a robot."""
     timed = TimedPath(program.path, options.limits)
     notes = [*program.notes]
     if not robot.has_link(options.link):
@@ -202,11 +194,7 @@ def _start(robot: Robot, structure: str) -> Float:
 
 
 def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
-    """Return numbers that were divided by commas, shape (k,).
-
-    Raises:
-        MotionError: If a number is not finite, or their count is wrong.
-    """
+    """Return numbers that were divided by commas, shape (k,)."""
     try:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError as error:

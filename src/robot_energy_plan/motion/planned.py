@@ -39,11 +39,7 @@ class PlannedMotion(Protocol):
         ...
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
-        """Go through the motion once, from time 0 to its end.
-
-        Yields:
-            Times, shape (N,) [s], rising throughout, and the motion at them, joint side.
-        """
+        """Yield rising times, (N,) [s], from 0 to the end, and the motion at them, joint side."""
         ...
 
 
@@ -58,9 +54,6 @@ class SampledMotion:
     Attributes:
         duration: As given. [s]
         sample_count: Number of samples, or a few more.
-
-    Raises:
-        MotionError: If duration or step make no sense.
     """
 
     def __init__(
@@ -143,13 +136,10 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
 
 
 def planned_ns(time: Float) -> Int:
-    """Return times as stamps.
+    """Return times as stamps, same shape. [ns]
 
     Args:
         time: Since the start, any shape. [s]
-
-    Returns:
-        Same shape. [ns]
     """
     return np.rint(time * SECOND_NS).astype(np.int64)
 

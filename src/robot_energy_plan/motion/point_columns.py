@@ -48,11 +48,7 @@ class PointColumns:
         return cls(names, np.array(time, dtype=np.float64), *columns)
 
     def column(self, kind: str, name: str) -> Float | None:
-        """Return one kind of figure of all points, shape (K, n); None where not all have it.
-
-        Raises:
-            MotionError: If a point has another number of them than there are joints.
-        """
+        """Return one kind of figure of all points, shape (K, n); None where not all have it."""
         lengths, values = getattr(self, kind)
         width = len(self.joint_names)
         if not np.isin(lengths, (0, width)).all():

@@ -76,12 +76,8 @@ class MotionLimits:
         """Return limits with positions and speeds of the URDF, which has no accelerations.
 
         Args:
-            robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
-
-        Raises:
-            MotionError: If the URDF gives no finite velocity limit.
         """
         limits = robot.limits
         return cls(limits.lower, limits.upper, limits.velocity, acceleration, jerk_time)
@@ -97,9 +93,6 @@ class MotionLimits:
         Args:
             joint_position: Shape (n,). [rad] or [m]
             name: What it is, for the message.
-
-        Raises:
-            MotionError: Naming the joint, what was found and its range.
         """
         if joint_position.shape != self.lower.shape:
             raise MotionError(
@@ -125,9 +118,6 @@ class MotionLimits:
 
         Args:
             override: Share of full speed, in (0, 1]. [-]
-
-        Raises:
-            MotionError: If it is outside (0, 1].
         """
         if not 0 < override <= 1:
             raise MotionError(f"the speed override is {override}", "a share in (0, 1]")
@@ -197,7 +187,6 @@ class Profile:
 
     Args:
         distance: Signed way of every joint, shape (K, n). [rad] or [m]
-        limits: Velocity, acceleration and jerk time.
         speed_share: Of the velocity limits, in (0, 1], one value or shape (K,). [-]
         acceleration_share: Of the acceleration limits, in (0, 1], one value or shape (K,). [-]
 
@@ -228,15 +217,12 @@ class Profile:
         self.duration = np.where(moves, self._end + limits.jerk_time, 0.0)
 
     def sample(self, move: Int, time: Float) -> tuple[Float, Float, Float]:
-        """Evaluate the profile.
+        """Return s [-], its velocity [1/s] and its acceleration [1/s^2], shape (N,) each.
 
         Args:
             move: Index of the move, shape (N,).
             time: Since the start of that move; before it rests at 0 and after it at 1,
                 shape (N,). [s]
-
-        Returns:
-            s [-], its velocity [1/s] and its acceleration [1/s^2], shape (N,) each.
         """
         shape = (self._speed[move], self._rise[move], self._ramp[move], self._end[move])
         smooth = self._jerk_time

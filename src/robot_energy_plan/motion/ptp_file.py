@@ -96,12 +96,7 @@ def read_program(path: str | Path) -> ProgramFile:
 
 
 def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program") -> LoadedProgram:
-    """Return the loop of a program file for one robot, and what was assumed.
-
-    Raises:
-        MotionError: If joints are missing or unknown, a configuration breaks a limit, or
-            the URDF gives no speed.
-    """
+    """Return the loop of a program file for one robot, and what was assumed."""
     _same_joints(set(file.via[0]), limits.joint_names, name)
     factor = np.where(limits.prismatic, 1.0, DEGREE if file.angle_unit == "deg" else 1.0)
     via = np.array([[row[joint] for joint in limits.joint_names] for row in file.via]) * factor

@@ -23,7 +23,6 @@ class Program:
 
     Args:
         via: Configurations, joint side, shape (K, n), K >= 1. [rad] or [m]
-        limits: Limits kept throughout.
         dwell: Rest at each via, one value or shape (K,), >= 0. [s]
         override: Share of full speed, in (0, 1]. [-]
         speed_share: Share of the speed under that override, of the move to the next via, in
@@ -39,9 +38,6 @@ class Program:
         moves: Number of motions in one loop.
         n_joints: Number of joints.
         period: Length of one loop. [s]
-
-    Raises:
-        MotionError: If a via breaks the limits, or nothing takes any time.
     """
 
     def __init__(
@@ -133,7 +129,6 @@ def random_program(
     """Return a program of random configurations, the same for the same seed.
 
     Args:
-        limits: Position, velocity and acceleration limits.
         seed: Any integer >= 0.
         moves: Number of motions in a loop (paper A: 20).
         zone: Share of each joint's range around its middle that may be used, one value
@@ -144,9 +139,6 @@ def random_program(
             every motion, the way back to the first via included. See `tool_above`.
         start: First via, so that programs can follow one another, shape (n,); default: drawn
             like the others. [rad] or [m]
-
-    Raises:
-        MotionError: If the figures make no sense, or no allowed program is found.
     """
     share = np.broadcast_to(np.asarray(zone, dtype=np.float64), limits.lower.shape)
     if not ((share > 0) & (share <= 1)).all():
@@ -186,12 +178,8 @@ def tool_above(robot: Robot, link: str, height: float) -> Callable[[Float], bool
     """Return a condition for `random_program`: a link stays above a height.
 
     Args:
-        robot: The robot.
         link: Link of the URDF, such as the flange.
         height: In the base frame. [m]
-
-    Raises:
-        RobotDescriptionError: When asked, if there is no such link.
     """
     return lambda joint_position: bool(robot.link_position(joint_position, link)[2] >= height)
 

@@ -23,10 +23,6 @@ class Sequence:
         begin: When each part begins, shape (K,). [s]
         duration: When the last part ends. [s]
         n_joints: Number of joints.
-
-    Raises:
-        MotionError: If there is no part, a time makes no sense, or a part does not begin
-            where the one before it ends.
     """
 
     def __init__(self, parts: Row[tuple[JointMotion, float]]) -> None:

@@ -83,10 +83,6 @@ def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
 
     It begins each outline at the point nearest to where the last one ended and moves there without
     printing.
-
-    Raises:
-        MotionError: If the file cannot be read, holds no shape, is too large or too small for a
-            layer, or no closed outline results.
     """
     options = slicing or Slicing()
     mesh = _mesh(Path(path), UNITS[options.unit])

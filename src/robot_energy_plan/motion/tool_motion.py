@@ -81,9 +81,6 @@ class ToolMotion:
 
     Attributes:
         duration: [s]
-
-    Raises:
-        MotionError: If the step makes no sense or the motion is too long for it.
     """
 
     def __init__(

@@ -69,11 +69,7 @@ class Arc:
     plane: Plane = HORIZONTAL
 
     def flat(self, point: Point) -> tuple[float, float]:
-        """Return the coordinates of a point in the plane. [m]
-
-        Args:
-            point: Any. [m]
-        """
+        """Return the coordinates of a point in the plane. [m]"""
         return point[self.plane[0]], point[self.plane[1]]
 
     @property

@@ -42,9 +42,6 @@ def check_sampling(rate: float, loops: int) -> None:
 
     Args:
         rate: Points per second. [Hz]
-
-    Raises:
-        MotionError: If one does not.
     """
     if not 1.0 <= rate <= MAX_RATE:
         raise MotionError(f"the rate is {rate} Hz", f"1 to {MAX_RATE:g} Hz")
@@ -89,11 +86,7 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Traje
 
 
 def read_csv_trajectory(path: str | Path) -> JointTrajectory:
-    """Return the motion of a table.
-
-    Raises:
-        MotionError: If it cannot be read or columns are missing.
-    """
+    """Return the motion of a table."""
     try:
         lines = read_regular_text(path, MAX_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -182,12 +175,7 @@ def write_trajectory(
 
 
 def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
-    """Return the motion of the JointTrajectory of a bag.
-
-    Raises:
-        MissingTopicError: If there is no such topic, or several.
-        MotionError: If it does not hold one message, or that cannot be used.
-    """
+    """Return the motion of the JointTrajectory of a bag."""
     bag = BagReader(path)
     if topic is None:
         found = sorted(name for name, info in bag.topics.items() if info.msgtype == MESSAGE)
@@ -218,9 +206,6 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
     """Return a serialized ``trajectory_msgs/msg/JointTrajectory``, for `read_points`.
 
     Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
-
-    Raises:
-        MotionError: If it is too long or no such message.
     """
     if len(data) > MAX_BYTES:
         raise MotionError(f"{name} has over {MAX_BYTES} bytes", "a shorter motion")

@@ -79,7 +79,6 @@ class PowerChain:
         """Return what candidates need.
 
         Args:
-            candidates: Which.
             progress: Called with the share done, 0 to 1.
         """
         found: list[Use] = []

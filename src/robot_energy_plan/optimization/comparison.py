@@ -43,11 +43,7 @@ class ComparedMotion:
     columns: Float = field(default_factory=lambda: np.full(1, np.nan))
 
     def more_than(self, other: ComparedMotion) -> tuple[float, float]:
-        """Return what it needs more than another, and half the width of the 90 % band of that.
-
-        Args:
-            other: Of the same comparison. [J]
-        """
+        """Return what it needs more than another, and half the width of the 90 % band of that."""
         if np.isnan(self.energy + other.energy):
             return np.nan, np.nan
         apart = self.columns - other.columns
@@ -82,7 +78,6 @@ def compare_motions(
     cycle_time: float = 0.0,
     peak_limit: float = np.inf,
     calibration: Calibrated | None = None,
-    progress: Callable[[float], None] | None = None,
     max_samples: int = MAX_SAMPLES,
 ) -> MotionComparison:
     """Return what several motions need, and which needs least energy.
@@ -94,10 +89,6 @@ def compare_motions(
         cycle_time: Until which a robot waits at the end of its motion; 0: it does not. [s]
         peak_limit: Of the power from the grid. [W]
         calibration: What a meter has shown of the bands of this model.
-        progress: Called with the share done, 0 to 1.
-
-    Raises:
-        MotionError: If there is none, or a figure makes no sense.
     """
     if not motions:
         raise MotionError("no trajectory was given", "one at least")
@@ -107,12 +98,7 @@ def compare_motions(
         )
     chain = PowerChain(model, motor_temperature_degc[None, :])
     found: list[ComparedMotion] = []
-    for number, motion in enumerate(motions):
-
-        def show(share: float, done: int = number) -> None:
-            if progress is not None:
-                progress((done + share) / len(motions))
-
+    for motion in motions:
         try:
             given = motion()
             max_samples -= planned_samples(given.planned(), 1)
@@ -120,7 +106,7 @@ def compare_motions(
                 raise MotionError(
                     "all trajectories together have too many samples", "fewer or shorter ones"
                 )
-            one = _compared(chain, given, cycle_time, peak_limit, calibration, show)
+            one = _compared(chain, given, cycle_time, peak_limit, calibration)
         except RobotEnergyError as error:
             one = ComparedMotion(False, str(error))
         found.append(one)
@@ -135,11 +121,10 @@ def _compared(
     cycle_time: float,
     peak_limit: float,
     calibration: Calibrated | None,
-    progress: Callable[[float], None],
 ) -> ComparedMotion:
     model, sums = chain.model, DeviationSums(chain.model)
     degc = chain.motor_temperature_degc[0]
-    result = predict(model, motion.planned(), degc, progress=progress, on_output=sums.take)
+    result = predict(model, motion.planned(), degc, on_output=sums.take)
     account = result.account
     if calibration is not None:
         account.calibration.restore(calibration)

@@ -21,12 +21,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.certainty.deviation import BODY_TAGS, FORM_AT_REST, payload_shares
+from robot_energy.certainty.deviation import FigureDeviations
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.certainty.priors import MISSING_LOSS, figure_std, relative_std
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.model.figure import Tag, least_known, tag_of
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.hold_torque import HoldTorque
@@ -50,26 +48,14 @@ class EnergyDeviations:
     """Rates of the columns ``D_k`` of one robot. [W]"""
 
     def __init__(self, model: RobotModel) -> None:
-        self._coulomb = np.asarray(
-            [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
-        )
+        self.figures = FigureDeviations(model)
         self._certainty = FrictionCertainty(model)
         kind = DRIVE_MODELS[model.drive]
         entries = kind.entries(model.joints)
         self._drive = None if kind.loss_deviations is None else kind.loss_deviations(entries)
-        tag = least_known([tag_of(entry) for entry in entries])
-        self._drive_share = MISSING_LOSS if kind.lossless else relative_std("drive", tag)
         self._lossless = kind.lossless
-        bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
-        self._bodies = relative_std("bodies", least_known(bodies))
-        carried: list[Tag] = [body.tag for body in model.payload]
-        self._payload = relative_std("payload", least_known(carried))
-        self._payload_share = payload_shares(model)
         ratio = np.abs(Drivetrain.from_model(model).transmission)
         self._top_speed = ratio @ Robot.from_model(model).limits.velocity
-        self._loss_grid = figure_std(model.cabinet.loss_grid, "loss_grid")
-        self._loss_dc = figure_std(model.cabinet.loss_dc, "loss_dc")
-        self._at_rest = FORM_AT_REST * model.constant_power()
 
     def columns(
         self,
@@ -96,29 +82,29 @@ class EnergyDeviations:
             reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
         """
-        speed = np.abs(motor_velocity)
+        figures, speed = self.figures, np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
         own = np.sqrt(np.maximum(std**2 - shared**2, 0.0))
         square = speed * speed
-        carried = rigid_power * self._payload_share
+        carried = rigid_power * figures.payload_share
         at_bus = [
-            self._bodies * (rigid_power - carried).sum(axis=1)[:, None],
-            self._payload * carried.sum(axis=1)[:, None],
+            figures.bodies * (rigid_power - carried).sum(axis=1)[:, None],
+            figures.payload * carried.sum(axis=1)[:, None],
             (square * shared).sum(axis=1)[:, None],
-            speed * self._coulomb,
+            speed * figures.coulomb,
             square * own,
             held,
         ]
         if self._drive is not None:
             at_bus += list(self._drive(speed, motor_torque))
         elif self._lossless:
-            at_bus.append(self._drive_share * np.abs(rigid_power + friction_power))
+            at_bus.append(figures.drive_share * np.abs(rigid_power + friction_power))
         else:
-            at_bus.append(self._drive_share * np.abs(drive_loss))
+            at_bus.append(figures.drive_share * np.abs(drive_loss))
         at_bus += self._form(speed, friction_power + np.abs(drive_loss))
-        rows = np.concatenate([np.full((len(speed), 1), self._loss_dc), *at_bus], axis=1)
+        rows = np.concatenate([np.full((len(speed), 1), figures.loss_dc), *at_bus], axis=1)
         rows *= reaches[:, None]
-        cabinet = np.full((len(speed), 3), (self._loss_grid, self._at_rest, FORM_FED_BACK))
+        cabinet = np.full((len(speed), 3), (figures.loss_grid, figures.at_rest, FORM_FED_BACK))
         cabinet[:, 2] *= fed_back
         return np.concatenate([cabinet, rows], axis=1)
 
@@ -144,8 +130,6 @@ class DeviationSums:
     def __init__(self, model: RobotModel) -> None:
         self.braked = 0.0
         self._deviations = EnergyDeviations(model)
-        returned = model.cabinet.regeneration_efficiency
-        self._returned = 0.0 if returned is None else returned.value
         self._standstill = motor_standstill(model)
         self._hold, self._drive = HoldTorque(model), drive_from_model(model)
         self._fallback_degc = model.temperature.fallback_degc
@@ -195,7 +179,7 @@ class DeviationSums:
             fed_back,
         )
         rows = np.nan_to_num(rows) * weight[:, None]
-        reaches = np.where(braking, 0.0, np.where(excess, self._returned, 1.0))
+        reaches = np.where(braking, 0.0, np.where(excess, self._deviations.figures.returned, 1.0))
         total, lost = rows.copy(), rows * braking[:, None]
         total[:, 3:] *= reaches[:, None]  # the first three are of the cabinet
         lost[:, :2] = 0.0

@@ -34,9 +34,6 @@ def read_form(
             bag of recorded joint states.
         topic: Of the trajectory, or of the joint states, in a bag; None where there is one only.
         max_feed: Greatest factor on the feeds of G-code. [-]
-
-    Raises:
-        MotionError: If there is no such program, or its kind is unknown.
     """
     file = Path(path)
     if not file.exists():

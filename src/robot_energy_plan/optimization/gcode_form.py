@@ -85,9 +85,6 @@ class GcodeForm(WrittenTrajectory):
 
     Args:
         max_feed: Greatest factor on its feeds; 1: never faster than it states. [-]
-
-    Raises:
-        MotionError: If it cannot be read, or the robot cannot make it.
     """
 
     def __init__(

@@ -69,9 +69,6 @@ def level_starts(power: Sequence[Float], cycle_time: float, figure: Figure = pea
     Args:
         power: Of each robot over one cycle, at equal steps, all of one length, shape (N,). [W]
         cycle_time: Of all. [s]
-
-    Raises:
-        MotionError: If there are not at least two robots of one length.
     """
     if len(power) < 2 or len({len(one) for one in power}) != 1:
         raise MotionError(

@@ -113,11 +113,7 @@ class CostTable:
         return np.inf if cost is None else float(self.braked.energy[via]) * cost.held
 
     def cost(self, plan: CyclePlan) -> Cost:
-        """Return what a plan costs.
-
-        Raises:
-            MotionError: If a rest is too short for its state.
-        """
+        """Return what a plan costs."""
         moved = self.use[plan.row]
         energy = moved.by_temperature.sum(axis=0)
         brake = float(moved.brake.sum())

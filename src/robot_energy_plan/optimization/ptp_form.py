@@ -19,7 +19,6 @@ from robot_energy_plan.optimization.program_form import ProgramForm
 
 MIN_JERK_TIME = 0.01  # s, over which a time law builds up acceleration where nothing is stated
 DIGITS = 6  # of shares in a file, after the point
-ANGLE_DIGITS = 9  # of configurations
 
 
 class PtpForm(ProgramForm):

@@ -41,9 +41,6 @@ def recorded_motion(
 
     Args:
         time_range: Part of the bag, such as one cycle; None for all.
-
-    Raises:
-        MotionError: If there is a gap, or too little or too much of it.
     """
     found: list[TorqueBlock] = []
 

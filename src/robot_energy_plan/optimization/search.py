@@ -29,9 +29,6 @@ def cheapest(
         allowed: Which of them may be used, shape (P,).
         time: For all moves together. [s]
         wait_power: Power of the wait that takes what is left of the time. [W]
-
-    Raises:
-        MotionError: If the moves cannot be made within the time.
     """
     rows = _efficient(table, allowed, wait_power)
     duration = table.use.duration

@@ -133,9 +133,6 @@ def make_task(
         speeds: Shares of speed that are tried, shape (S,). [-]
         accelerations: Shares of acceleration that are tried, shape (A,). [-]
         progress: Called with the share done, 0 to 1.
-
-    Raises:
-        MotionError: If the program does not fit into the cycle time.
     """
     every = Candidates.concatenate(
         [base, grid(moves, speeds, accelerations), *filter(None, [moves.laws])]

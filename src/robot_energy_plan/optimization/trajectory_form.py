@@ -70,11 +70,7 @@ class _StretchedMoves(Moves):
 
 
 class TrajectoryForm(WrittenTrajectory):
-    """A trajectory.
-
-    Raises:
-        MotionError: If it is not one of this robot, or never moves.
-    """
+    """A trajectory."""
 
     def __init__(
         self, given: JointTrajectory, robot: Robot, path: str | Path, recorded: bool = False

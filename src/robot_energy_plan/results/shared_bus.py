@@ -60,12 +60,7 @@ class SharedBusReport(Result, name="shared_bus"):
 def shared_bus_report(
     robots: Sequence[BusRobot], found: BusExchange | PlannedBus, notes: Sequence[str] = ()
 ) -> SharedBusReport:
-    """Return all figures.
-
-    Args:
-        found: Flows of recordings, or of a planned cycle.
-        notes: What a reader should know, one sentence each.
-    """
+    """Return all figures."""
     planned = found if isinstance(found, PlannedBus) else None
     flows = found if isinstance(found, BusExchange) else found.together
     capacitor = shared_cabinet([robot.model.cabinet for robot in robots]).capacitor

@@ -69,17 +69,10 @@ LAYOUTS = Kinds(
 
 
 def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
-    """Write the layouts of all viewers; earlier ones of this tool are replaced.
+    """Return the files of the layouts of all viewers; earlier ones of this tool are replaced.
 
     Args:
         folder: Folder of the files; made if it is missing.
-        joint_names: In the order of the model.
-
-    Returns:
-        The files.
-
-    Raises:
-        LayoutError: If a file cannot be written, or is another's.
     """
     place = Path(folder)
     try:

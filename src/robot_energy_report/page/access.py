@@ -79,14 +79,7 @@ def page_access(
     allow_control: bool = False,
     hosts: Sequence[str] = (),
 ) -> PageAccess:
-    """Check the rules of access.
-
-    Returns:
-        The rules.
-
-    Raises:
-        PageError: If the address is none, or a token is needed and missing or too weak.
-    """
+    """Return the rules of access, checked."""
     try:
         found = ipaddress.ip_address(address)
     except ValueError:

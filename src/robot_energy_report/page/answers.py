@@ -14,9 +14,6 @@ PATIENCE = 5.0  # for a body to arrive [s]
 async def body_of(request: Request, most: int) -> bytes:
     """Return the body of a request.
 
-    Args:
-        most: Its size at most. [bytes]
-
     Raises:
         TimeoutError: If it does not arrive.
         ValueError: If it is too long.

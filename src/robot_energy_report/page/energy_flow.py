@@ -154,16 +154,13 @@ def known_label(name: str, known_time: float, missing_time: float) -> str:
 
 
 def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
-    """Return the flows of a balance.
+    """Return the flows of a balance; None where a term is unknown.
 
     Only the terms are rounded, so that they sum to the grid's rounded flow; every flow between
     them is a sum of whole units. An axis that feeds back is a source: of what its motion gives.
 
     Args:
         base: As of `unit_for`. [W] or [J]
-
-    Returns:
-        The flows; None where a term is unknown.
     """
     terms = parts.terms
     if not all(map(math.isfinite, [*terms, parts.returned])):
@@ -222,13 +219,10 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
 
 
 def registers_picture(registers: dict[str, Any]) -> FlowPicture | None:
-    """Return the flows of the energies since the registers were set to zero.
+    """Return flows since the registers were zero, in units readable in Wh; None: unknown.
 
     Args:
         registers: As `PageReaders.registers` returns them. [J]
-
-    Returns:
-        The flows, in units that read well in Wh; None where an energy is unknown.
     """
     joints = registers["joints"]
     parts = FlowParts(

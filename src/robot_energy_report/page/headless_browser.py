@@ -28,11 +28,7 @@ def find_browser() -> str | None:
 
 
 def need_browser() -> str:
-    """Return the browser that draws pages.
-
-    Raises:
-        PageError: If there is none.
-    """
+    """Return the browser that draws pages."""
     found = find_browser()
     if found is None:
         raise PageError(
@@ -44,11 +40,7 @@ def need_browser() -> str:
 
 
 def run_browser(page: Path, *words: str) -> None:
-    """Open a page in a browser of its own and wait until it has ended.
-
-    Raises:
-        PageError: If there is no browser, or it fails.
-    """
+    """Open a page in a browser of its own and wait until it has ended."""
     browser = need_browser()
     as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
     with tempfile.TemporaryDirectory(prefix="robot_energy_") as profile:
@@ -69,11 +61,7 @@ def run_browser(page: Path, *words: str) -> None:
 
 
 def printed(html: bytes) -> bytes:
-    """Return a page as PDF, with the mark of this tool.
-
-    Raises:
-        PageError: If there is no browser, or it fails.
-    """
+    """Return a page as PDF, with the mark of this tool."""
     with tempfile.TemporaryDirectory(prefix="robot_energy_") as folder:
         page, made = Path(folder) / "report.html", Path(folder) / "report.pdf"
         page.write_bytes(html)

@@ -114,11 +114,7 @@ class Period:
         ]
 
     def at(self, stamp_ns: int) -> str:
-        """Return an instant as requests name it.
-
-        Args:
-            stamp_ns: The instant. [ns]
-        """
+        """Return an instant as requests name it."""
         return self._local(stamp_ns).isoformat(timespec="minutes")
 
     def plain(self) -> dict[str, str]:
@@ -150,11 +146,7 @@ class Period:
 
 
 def zone_of(name: str) -> ZoneInfo:
-    """Return a time zone.
-
-    Raises:
-        HistoryError: If there is none of that name.
-    """
+    """Return a time zone."""
     try:
         return time_zone(name)
     except ValueError as error:
@@ -163,14 +155,7 @@ def zone_of(name: str) -> ZoneInfo:
 
 
 def period_at(kind: str, stamp_ns: int, zone: ZoneInfo) -> Period:
-    """Return the period of a kind that an instant lies in.
-
-    Args:
-        stamp_ns: The instant. [ns]
-
-    Raises:
-        HistoryError: If there is no such kind.
-    """
+    """Return the period of a kind that an instant lies in."""
     found = KINDS.get(kind)
     if found is None:
         raise HistoryError(f"period '{kind[:20]}'", ", ".join((*KINDS, SPAN)))
@@ -179,15 +164,7 @@ def period_at(kind: str, stamp_ns: int, zone: ZoneInfo) -> Period:
 
 
 def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
-    """Return any span, made longer so that it has whole parts.
-
-    Args:
-        start_ns: Its begin. [ns]
-        stop_ns: Its end. [ns]
-
-    Raises:
-        HistoryError: If it ends before it begins, or is too long.
-    """
+    """Return any span, made longer so that it has whole parts."""
     start_ns, stop_ns = start_ns // SLOT_NS * SLOT_NS, -(-stop_ns // SLOT_NS) * SLOT_NS
     length = stop_ns - start_ns
     if not 0 < length <= MAX_YEARS * 366 * _DAY_NS:
@@ -205,9 +182,6 @@ def instant(text: str, zone: ZoneInfo) -> int:
 
     Args:
         text: A date, or date and time, local to the zone unless it says its offset.
-
-    Raises:
-        HistoryError: If it names none.
     """
     try:
         found = datetime.fromisoformat(text)

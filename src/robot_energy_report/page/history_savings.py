@@ -40,14 +40,7 @@ class SavingsWish:
 
 
 def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int) -> SavingsWish:
-    """Return what a request asks for.
-
-    Args:
-        now_ns: Time of this computer. [ns]
-
-    Raises:
-        HistoryError: If it asks for what there is not.
-    """
+    """Return what a request asks for."""
     zone = period.zone
     first = {name: values[0] for name, values in asked.items() if values}
     start, stop = (

@@ -76,8 +76,6 @@ class PhaseTotals:
         """Count what waits up to the instant of new registers.
 
         Args:
-            stamp_ns: Of the registers. [ns]
-            start_ns: When they began at zero. [ns]
             seconds: Time that they observed. [s]
             joule: Net energy from the grid that they counted. [J]
         """

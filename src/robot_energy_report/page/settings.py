@@ -44,8 +44,6 @@ class CostCounter:
         """Take a register.
 
         Args:
-            start_ns: When it was last set to zero. [ns]
-            stamp_ns: Up to when it has counted. [ns]
             energy: Its value. [J]
         """
         if self._settings.price_per_kwh is None or not energy >= 0.0:
@@ -70,9 +68,5 @@ class CostCounter:
 
 
 def load_settings(path: str) -> PageSettings:
-    """Read the settings of the page.
-
-    Returns:
-        The settings.
-    """
+    """Return the settings of the page."""
     return load(path, PageSettings, PageError, "page settings") if path else PageSettings()

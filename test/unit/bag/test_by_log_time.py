@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag.by_log_time import merged
 from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.reader import merged
 
 SECOND = 10**9
 TOPICS = ("/joints", "/heat")

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from robot_energy_cli import main
-from robot_energy_cli.help_text import WrappedHelp
-from robot_energy_cli.main import build_parser
+from robot_energy_cli.main import WrappedHelp, build_parser
 
 
 @pytest.mark.parametrize("words", [[], ["help"], ["--help"]])

@@ -13,7 +13,7 @@ import pytest
 from faulty_disk import FaultyDisk, inventory
 from refusals import refused
 from robot_energy.foundation.errors import ReportError
-from robot_energy.foundation.files import output_streams
+from robot_energy.foundation.files import output_files
 from robot_energy.foundation.files.output_files import (
     HTML,
     HTML_MARK,
@@ -243,7 +243,7 @@ def test_devices_and_pipes_are_written_to(tmp_path):
 
 
 def test_a_pipe_that_nobody_reads_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(output_streams, "MAX_READER_ATTEMPTS", 1)
+    monkeypatch.setattr(output_files, "MAX_READER_ATTEMPTS", 1)
     os.mkfifo(tmp_path / "pipe")
     with refused(ReportError, found="pipe"):
         write_file(tmp_path / "pipe", NEW, JSON)

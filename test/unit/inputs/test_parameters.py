@@ -5,13 +5,11 @@ import pytest
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import (
-    RENAMED,
     Parameter,
     assemble,
     group,
     named_groups,
     parameter,
-    refuse_renamed,
 )
 from robot_energy.inputs.sources import Inputs as AllInputs
 
@@ -123,22 +121,6 @@ def names_of(cls) -> list[str]:
 
     assemble(cls, value_of, "node")
     return asked
-
-
-@pytest.mark.parametrize("old", [*RENAMED, "motors.stamps"])
-def test_a_name_of_an_earlier_version_is_refused_with_the_new_one(old):
-    known = names_of(AllInputs)
-    new = RENAMED.get(old, "motors.stamp_source")
-    assert old not in known
-    assert new in [*known, "temperature_wait"]
-    with pytest.raises(ParameterError) as caught:
-        refuse_renamed(["unrelated", old], known, "node")
-    assert new in caught.value.expected
-    assert new in caught.value.remedy
-
-
-def test_names_of_no_input_are_nobodys_business():
-    refuse_renamed(["camera.stamps", "meter.topic", "stamp"], names_of(AllInputs), "node")
 
 
 def test_every_input_names_the_source_of_its_stamps_alike():

@@ -5,10 +5,7 @@ import robots
 from refusals import refused
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort import Effort
-from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.torque import rigid_torque
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.pipeline.torque_stage import TorqueStage
 
 
 def test_coupling_turns_the_coupled_motor():
@@ -49,9 +46,8 @@ def test_rigid_torque_adds_rotor_to_reflected_body_torque():
     block = robots.joint_block(
         np.array([0.0]), np.array([[0.3]]), np.array([[1.0]]), np.array([[4.0]])
     )
-    drivetrain = Drivetrain.from_model(model)
-    effort = Effort(EffortMeaning.NONE, drivetrain)
-    torque = rigid_torque(block, Robot.from_model(model), drivetrain, effort)
+    torque = TorqueStage(model).plan(block)
+    assert torque is not None
     assert torque.joint_torque_rigid[0, 0] == pytest.approx(2.0 * 4.0)
     assert torque.motor_velocity[0, 0] == pytest.approx(10.0)
     assert torque.motor_torque_rigid[0, 0] == pytest.approx(8.0 / 10.0 + 0.01 * 40.0)

@@ -91,7 +91,6 @@ def check_size(
 
     Args:
         fielddefs: Definitions by type; what is not there counts as one field.
-        known: Fields of types counted before; grows.
     """
     from rosbags.interfaces import Nodetype
 

@@ -7,18 +7,19 @@ written to, not replaced.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
 import stat
 import sys
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
-from robot_energy.foundation.files.output_streams import open_stream, stream_number
 from robot_energy.foundation.files.placement import OutputPlacement, all_or_none, remove_remains
 from robot_energy.foundation.shown_text import shown
 
@@ -28,6 +29,10 @@ HTML_MARK = f'<meta name="generator" content="{GENERATOR}">'
 STANDARD_OUTPUT = "-"
 MAX_MARK_BYTES = 8192  # at each end of a file that are searched for its mark
 MAX_INPUT_FILES = 10_000  # of an input folder that are compared with outputs
+MAX_READER_ATTEMPTS = 200  # to open a pipe that nobody reads yet; a clock would count stalls too
+_LOOK_PERIOD = 0.02  # s
+_STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
+_STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
 
 Names = Iterable[str | os.PathLike[str]]
 ErrorType = type[RobotEnergyError]
@@ -255,3 +260,51 @@ def _is_marked(path: Path, kind: FileKind) -> bool:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - MAX_MARK_BYTES))
         return kind.mark in start or kind.mark in file.read(MAX_MARK_BYTES)
+
+
+def stream_number(target: Path) -> int | None:
+    """Return the descriptor that a path such as /dev/stdout names; None for other paths."""
+    if (text := str(target)) in _STREAMS:
+        return _STREAMS[text]
+    named = str(target.parent) in _STREAM_FOLDERS and target.name.isdecimal()
+    return int(target.name) if named else None
+
+
+def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
+    """Return a device, pipe or descriptor open for writing; None for a file or an unused path.
+
+    Args:
+        failure: Makes the exception to raise of an error of the disk.
+    """
+    try:
+        number = stream_number(target)
+        if number is not None:
+            if number in (1, 2):
+                (sys.stdout if number == 1 else sys.stderr).flush()
+            return os.fdopen(os.dup(number), "wb")
+        mode = os.lstat(target).st_mode
+        if stat.S_ISCHR(mode):
+            return os.fdopen(os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NOCTTY), "wb")
+        return _open_pipe(target) if stat.S_ISFIFO(mode) else None
+    except FileNotFoundError:
+        return None
+    except OSError as trouble:
+        raise failure(trouble) from trouble
+
+
+def _open_pipe(target: Path) -> BinaryIO:
+    """Open a pipe for writing once it has a reader."""
+    attempts = 0
+    while True:
+        try:
+            number = os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except OSError as trouble:
+            if trouble.errno != errno.ENXIO:
+                raise
+            attempts += 1
+            if attempts >= MAX_READER_ATTEMPTS:
+                raise OSError(errno.ENXIO, "no program reads the pipe", str(target)) from trouble
+            time.sleep(_LOOK_PERIOD)
+            continue
+        os.set_blocking(number, True)
+        return os.fdopen(number, "wb")

@@ -57,11 +57,7 @@ class OutputFolder:
         return self._placement.draft
 
     def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
-        """Return a new file in it; when that is closed, its content is on the disk.
-
-        Args:
-            buffering: Size of the buffer. [bytes]
-        """
+        """Return a new file in it; when that is closed, its content is on the disk."""
         try:
             return io.BufferedWriter(_SyncedFile(self.draft / name), buffering)  # pyright: ignore
         except OSError as trouble:

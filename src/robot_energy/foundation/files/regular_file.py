@@ -26,9 +26,6 @@ _KINDS = {
 def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
     """Return a regular file, or one that a link leads to, open for reading.
 
-    Args:
-        buffering: As of ``open``. [bytes]
-
     Raises:
         OSError: If it cannot be opened or is not a regular file.
     """

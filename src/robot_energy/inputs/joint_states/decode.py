@@ -212,8 +212,10 @@ class JointStateReader:
                 np.asarray(np.concatenate(parts)[order], order="F")
                 for parts in zip(*(part for _, part in placed), strict=True)
             )
-        corrected = zip(self._corrections, quantities, strict=False)
-        columns = [each.apply(np.asarray(values, dtype=np.float64)) for each, values in corrected]
+        columns: list[Float] = [np.asarray(values, dtype=np.float64) for values in quantities]
+        for place, each in enumerate(self._corrections[: len(columns)]):
+            if each is not None:
+                columns[place] = each.apply(columns[place])
         part = joint_block(np.asarray(stamp, dtype=np.int64), *columns)
         good = self._usable(part)
         return (part, rows) if good is None else (part[good], rows[good])

@@ -119,11 +119,7 @@ class Plausibility:
         self._check_velocities(block)
 
     def refused(self, block: JointBlock) -> None:
-        """Note messages that were refused for their velocity: they may show the unit.
-
-        Args:
-            block: The messages, one sample each.
-        """
+        """Note messages that were refused for their velocity: they may show the unit."""
         self._note_beyond(block, np.ones(len(block), dtype=np.bool_))
 
     def findings(self) -> list[JointStateProblem]:

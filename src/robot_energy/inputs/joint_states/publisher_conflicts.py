@@ -80,7 +80,6 @@ class PublisherConflictFilter:
 
         Args:
             restless: Whether they did so twice within a second: two clocks take turns.
-            stamp_ns: First stamp of the new epoch. [ns]
         """
         held = self.flush()
         self.steps.begin_epoch()

@@ -56,11 +56,7 @@ class VelocityCheck:
         return 0 if self._held is None else 1
 
     def step(self, block: JointBlock) -> JointBlock | None:
-        """Return the messages that can be used, with the one that waited before, or None.
-
-        Args:
-            block: One or more, one sample each.
-        """
+        """Return the messages that can be used, with the one that waited before, or None."""
         if self._fastest is None:
             return block
         fast = np.abs(block.joint_velocity) > self._fastest

@@ -50,7 +50,6 @@ class EnergyCounterDecoder:
     """Turns the readings of one counter into levels of power.
 
     Args:
-        max_gap_ns: Longest time between readings that is bridged. [ns]
         max_power: Power that no step between two readings can imply. [W]
         wraps_at: Reading at which the counter starts again from zero; None: it never does. [J]
 

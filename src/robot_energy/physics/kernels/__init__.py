@@ -75,7 +75,6 @@ class Compiled(Protocol):
             stamp_ns: Rising, shape (N,). [ns]
             values: Order F, shape (N, n). [unit]
             slope: Written to, of the rows from ``start`` on, order F, shape (M, n). [unit/s]
-            behind_ns: How far a window reaches behind its row. [ns]
             least_behind: Samples that it has behind at least, if there are so many.
             scale: Unit of time in the fit. [s]
 
@@ -138,8 +137,6 @@ class Compiled(Protocol):
         Args:
             measured: Begins and ends of its pieces [ns] and the powers there [W], shape (M,) each.
             predicted: The same, shape (P,) each.
-            start: From where they are compared. [ns]
-            until: Up to where. [ns]
             available: Written to, end of the measured piece of each interval, shape (room,). [ns]
             duration: Written to, shape (room,). [ns]
             energy: Written to, measured and predicted, order F, shape (room, 2). [J]

@@ -109,11 +109,7 @@ class Inventory:
 
 
 def parse(urdf_xml: str) -> ET.Element:
-    """Parse a URDF without entities and geometry, and check that it is one tree.
-
-    Returns:
-        The root, whose joints and links have unique names and finite numbers.
-    """
+    """Return the root of a URDF without entities and geometry that is one tree, names unique."""
     root = read_elements(urdf_xml)
     if root.tag != "robot":
         raise RobotDescriptionError(f"the XML has the root '{root.tag}'", "'robot' (a URDF)")
@@ -229,7 +225,7 @@ def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
     )
 
 
-def for_dynamics(root: ET.Element, keep: str = "") -> str:
+def for_dynamics(root: ET.Element) -> str:
     """Return the URDF with what the dynamics need alone, and in the way the parser accepts.
 
     Limits play no part in the dynamics and are opened wide, since the parser refuses joints
@@ -243,7 +239,7 @@ def for_dynamics(root: ET.Element, keep: str = "") -> str:
             root.remove(element)
             continue
         for part in list(element):
-            if part.tag not in (*_OF_DYNAMICS[element.tag], keep):
+            if part.tag not in _OF_DYNAMICS[element.tag]:
                 element.remove(part)
     for joint in root.findall("joint"):
         if joint.get("name") in RESERVED_NAMES:

@@ -165,16 +165,13 @@ def prefix_remarks(root: ET.Element) -> list[str]:
 
 
 def inertia_remarks(root: ET.Element) -> list[str]:
-    """Name bodies whose inertia no distribution of their mass can have.
+    """Return a sentence for each body whose inertia no distribution of its mass can have.
 
     That is where the mass would lie outside of the robot, or where a principal moment of inertia
     exceeds the sum of the other two.
 
     Args:
         root: The element ``robot``, checked by `check_numbers`.
-
-    Returns:
-        One sentence each.
     """
     origins = [*root.iterfind("joint/origin"), *root.iterfind("link/inertial/origin")]
     offsets = [[float(word) for word in origin.get("xyz", "0").split()] for origin in origins]
