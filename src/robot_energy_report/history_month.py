@@ -31,10 +31,9 @@ PARTS = {  # as all reports name them, and what each is
     "cabinet": ("constant losses", "drawn by controller, fans and supplies all the time"),
     "capacitor": ("capacitor", "left in the DC link"),
 }  # fmt: skip
-COLUMNS = (
+EXPLAINED = (
     ("energy from the grid", "what the models say that the robots drew from the grid"),
     ("at rest", "the energy of the time without motion"),
-    ("standby", "rest with the drives on for a minute or more; its energy can be saved"),
     ("observed", "time for which joint states came; nothing is known of the rest, and no energy is "
                  "assumed for it"),
     ("change", "compared with the month before; a dash where the observed times differ by more "
@@ -80,8 +79,8 @@ def month_document(
     _jobs(page, by_robot)
     _quality(page, by_robot)
     _tariffs(page, by_robot)
-    page.heading("Columns")
-    page.table("", ("column", "meaning"), COLUMNS)
+    page.heading("What the figures are")
+    page.table("", ("figure", "meaning"), EXPLAINED)
     return page
 
 
