@@ -32,7 +32,7 @@ format: prepare .venv/tests  ## format the sources and mend what ruff can mend
 	@$(in_environment) ruff format src test ros2_energy_monitor .ci && ruff check --fix src test ros2_energy_monitor .ci
 
 docs: prepare  ## the documentation site in build/site; warnings are errors, and outputs of its pages are those of the programs
-	@$(in_environment) python .ci/pages.py src/doc/tutorial.md src/doc/gallery.md
+	@$(in_environment) python .ci/pages.py src/doc/tutorial.md src/doc/gallery.md src/doc/api/*.md
 	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes --upgrade --target build/sphinx -r .ci/requirements-docs.txt
 	@$(in_environment) PYTHONPATH="build/sphinx:$$PYTHONPATH" python -m sphinx -q -W --keep-going -b html src/doc build/site
 	@echo "made build/site/index.html"

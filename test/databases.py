@@ -134,11 +134,11 @@ def influxdb() -> Iterator[Http]:
 
 
 @contextmanager
-def victoria_metrics() -> Iterator[Http]:
+def victoria_metrics(*settings: str) -> Iterator[Http]:
     with _folder() as folder:
         port = _free_port()
         words = [VICTORIA or "", f"-storageDataPath={folder / 'data'}", "-retentionPeriod=100y",
-                 f"-httpListenAddr=127.0.0.1:{port}", "-dedup.minScrapeInterval=1ms"]  # fmt: skip
+                 f"-httpListenAddr=127.0.0.1:{port}", *settings]  # fmt: skip
         with _running(words):
             server = Http(port)
             _until(lambda: server.ready("health"), "VictoriaMetrics")

@@ -11,6 +11,7 @@ import pytest
 from robot_energy_fleet.dataset import Dataset, RowKey, row_bytes
 from robot_energy_fleet.dataset_columns import TABLES
 from robot_energy_fleet.tables import FleetTables
+from robot_energy_rig import virtual_rig
 from robot_energy_studies import generated_fleet
 from robot_energy_studies.fleet_study import fleet_tables
 from robot_energy_studies.generated_fleet import FleetPlan
@@ -41,12 +42,16 @@ def _fleet(robots, faults, days, cycles) -> FleetTables:
 
 @contextmanager
 def short_bags(days, cycles=3):
-    """Bags of so many cycles while this lasts, on so many days of a week; rarely sampled."""
+    """Bags of so many cycles while this lasts, on so many days of a week; rarely sampled.
+
+    Temperatures are held for ten seconds: at night the rig would take one step for two samples.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generated_fleet, "CYCLES", cycles)
         patch.setattr(generated_fleet, "WORKDAYS", days)
         patch.setattr(generated_fleet, "RATE", 25.0)
         patch.setattr(generated_fleet, "NIGHT_RATE", 1.0)
+        patch.setattr(virtual_rig, "BLOCK", 10.0)
         yield
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from robot_energy.foundation.signature import lists
 from robot_energy.model import RobotModel
 from robot_energy.presets import ROBOTS
 from robot_energy.replay.api import ReplayOptions
@@ -24,6 +25,7 @@ from robot_energy_report.page.settings import load_settings
 NOT_HERE = {"learned", "out", "overwrite", "progress"}
 
 
+@lists(ReplayOptions, NOT_HERE)
 def fleet_run(
     bags: str | Path,
     out: str | Path,
@@ -62,12 +64,7 @@ def fleet_run(
     Raises:
         DatasetError: If bags or dataset cannot be used, or the scheduler is lost.
         RobotEnergyError: If a model cannot be used.
-        TypeError: If there is no such option.
     """
-    known = ReplayOptions.__annotations__.keys() - NOT_HERE
-    if unknown := options.keys() - known:
-        found = ", ".join(sorted(unknown))
-        raise TypeError(f"fleet_run has no option {found}; expected: {', '.join(sorted(known))}")
     models, dataset = FleetModels(), Dataset(out)
     named = models.add(model) if isinstance(model, RobotModel) else model and str(model)
     if robot := options.get("robot"):

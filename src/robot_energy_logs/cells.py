@@ -102,6 +102,9 @@ def as_numbers(
     values = np.full((len(line), numbers), np.nan)
     numeric = np.ones(len(line), dtype=np.bool_)
     for place, column in enumerate(cells[:numbers]):
+        if column.dtype == pl.Float64:
+            values[:, place] = column.to_numpy()
+            continue
         given = column
         if column.dtype == pl.String:
             given = pl.select(_written_number(column, decimal)).to_series()

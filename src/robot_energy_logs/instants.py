@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta, tzinfo
 from decimal import Decimal, InvalidOperation
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from robot_energy.foundation.time_zone import time_zone
 from robot_energy_logs.mapping import DIGITS, LATEST_NS, Time, since_1970
@@ -19,6 +21,7 @@ DOUBLED = (1800 * SECOND, 3600 * SECOND)  # how far local times step back at the
 EPOCH, ELAPSED = datetime(1970, 1, 1), datetime(1900, 1, 1)  # of strptime without a date
 EXCEL_DAYS = 25_569  # from 1899-12-30, where Excel's days begin, to 1970
 MAX_EXPONENT = 30  # of a number that can be a time
+PLAIN_WHOLE = r"^[0-9]{1,18}$"
 BEYOND_MICROSECONDS = re.compile(r"[.,]\d{6}(\d{1,3})")
 CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%H:%M", "%I:%M:%S %p")
 DAYS = (
@@ -79,6 +82,27 @@ class Instants:
             else instant
             for row, (instant, without) in enumerate(zip(found, local, strict=True))
         ]
+
+    def exact(self, column: pl.Series) -> NDArray[np.int64] | None:
+        """Return instants, shape (N,), of plain decimal numbers that have no digit below 1 ns. [ns]
+
+        Args:
+            column: As of a call; None comes of any other one.
+        """
+        digits = DIGITS.get(self._unit)
+        if self._forms or digits is None or column.dtype != pl.String or not len(column):
+            return None
+        parts = column.str.splitn(".", 2).struct.unnest()
+        whole, rest = parts.get_columns()
+        rest = rest.fill_null("")
+        if not (
+            whole.str.contains(PLAIN_WHOLE).all()
+            and rest.str.contains(f"^[0-9]{{0,{digits}}}$").all()
+            and whole.cast(pl.Int64).to_numpy().max() < LATEST_NS // 10**digits
+        ):
+            return None
+        fine = ("0" + rest.str.pad_end(digits, "0")).cast(pl.Int64)
+        return (whole.cast(pl.Int64) * 10**digits + fine).to_numpy()
 
     def _read(self, cell: str | None) -> tuple[int | None, bool]:
         """The instant of a cell, and whether it is a date that has no zone."""

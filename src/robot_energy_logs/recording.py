@@ -334,15 +334,19 @@ def write_bag(
 
 def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[str, int]:
     """Write all topics, interleaved as a recorder would; return the messages of each."""
-    given = [stream.given(block) for stream in streams]
-    messages = [stream.encoder.encode(stream.fields(block), len(block)) for stream in streams]
-    for start in range(0, len(block), INTERLEAVED_ROWS):
-        piece = slice(start, start + INTERLEAVED_ROWS)
-        for stream, chosen, rows in zip(streams, given, messages, strict=True):
-            if chosen[piece].any():
-                stamps = block.stamp_ns[piece][chosen[piece]]
-                bag.write(stream.topic, stamps, rows[piece][chosen[piece]])
-    return {stream.topic: int(chosen.sum()) for stream, chosen in zip(streams, given, strict=True)}
+    parts: list[tuple[str, Int, NDArray[np.uint8]]] = []
+    turns: list[Int] = []
+    for stream in streams:
+        rows, messages = (
+            stream.given(block),
+            stream.encoder.encode(stream.fields(block), len(block)),
+        )
+        parts.append(
+            (stream.topic, block.stamp_ns[rows], messages if rows.all() else messages[rows])
+        )
+        turns.append(np.flatnonzero(rows) // INTERLEAVED_ROWS)
+    bag.write_sorted(parts, turns)
+    return {topic: len(stamps) for topic, stamps, _ in parts}
 
 
 def nothing_used(files: Sequence[FileAccount]) -> tuple[str, str, str]:

@@ -101,6 +101,11 @@ class Clock:
             rows: With the columns of time and run, as far as there are such, as texts.
         """
         texts = list(rows.texts)
+        in_turn = self._in_runs or rows.repeated or self._shift_ns
+        if not in_turn and (exact := self._instants.exact(texts[0])) is not None:
+            latest = int(exact.max())
+            self._last_ns = latest if self._last_ns is None else max(self._last_ns, latest)
+            return exact, np.ones(len(rows), np.bool_), np.full(len(rows), self._run)
         lines: list[int] = rows.line.tolist()
         if self._time.rate is not None:
             count = np.arange(self._rows, self._rows + len(rows))
@@ -111,7 +116,7 @@ class Clock:
             if column.dtype == pl.String and rows.decimal != ".":
                 column = column.str.replace(rows.decimal, ".", literal=True)
             found = self._instants(column, lines, self._source)
-        if self._in_runs or rows.repeated or self._shift_ns:
+        if in_turn:
             placed, run = self._placed(found, texts, rows)
         else:
             placed, run = found, [self._run] * len(found)

@@ -177,7 +177,7 @@ class LogTable:
             kept: Whether all rows will be kept in memory, so that their number is bounded.
 
         Yields:
-            At most 8192 rows at a time, in the order of the file.
+            Some rows at a time, in the order of the file.
 
         Raises:
             LogFormatError: If the file cannot be read to its end, or is too long to be kept.
@@ -190,7 +190,7 @@ class LogTable:
         parts = (
             self._frame_rows(pick, len(numbers))
             if self._text is None
-            else self._text.rows(pick, width)
+            else self._text.rows(pick, width, len(numbers))
         )
         for line, cells, found, repeated in parts:
             count += len(line)

@@ -1,7 +1,9 @@
 """A table as text -> cells of every row: its encoding, its header, and what is left out.
 
 A text is cut into lines and cells here, not by the CSV reader of polars: that one leaves out
-blank lines and fills up short rows, and then nobody can say which row was refused and why.
+blank lines and fills up short rows, and then nobody can say which row was refused and why. It
+reads what has neither, up to the first part of a file in which a cell is no number, or a row has
+other than as many cells as the header.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.timeline.blocks import Int
 
 BLOCK_ROWS = 8192
+PLAIN_PART = 2**20  # characters that the reader of polars takes at once
 MAX_LINE = 2**20
 """Characters; a packed file could hold one line that fills the memory."""
 MAX_RATIO = 200
@@ -142,14 +145,30 @@ class TextTable:
             pass
         return 0
 
-    def rows(self, pick: Sequence[int], width: int) -> Iterator[Cells]:
-        """Yield all rows that are neither blank nor comments."""
+    def rows(self, pick: Sequence[int], width: int, numbers: int = 0) -> Iterator[Cells]:
+        """Yield all rows that are neither blank nor comments.
+
+        Args:
+            numbers: How many of the first ones of `pick` should hold numbers; they may come as
+                such, not as text.
+        """
         done, repeated = self._begin, list[int]()
         try:
             with self._open() as file:
                 lines = self._lines(file)
                 for _ in islice(lines, self._begin):
                     pass
+                while text := file.read(PLAIN_PART):
+                    text += file.readline(MAX_LINE)
+                    cells = self._plain(text, width, pick[:numbers])
+                    if cells is None:
+                        lines = self._lines(io.StringIO(text, newline=""), file)
+                        break
+                    line = done + np.arange(1, len(cells) + 1)
+                    done += len(cells)
+                    self._count(len(text))
+                    picked = [cells[:, column] for column in pick]
+                    yield line, picked, np.full(len(cells), width), ()
                 while part := list(islice(lines, BLOCK_ROWS)):
                     repeated += self._blanked(part, done)
                     cells, line = self._split(part, lines, width)
@@ -164,6 +183,31 @@ class TextTable:
                     done += int(line[-1])
         except NO_TEXT as error:
             raise self.unreadable(error, done) from error
+
+    def _plain(self, text: str, width: int, numbers: Sequence[int]) -> pl.DataFrame | None:
+        """Cells of whole lines, some of them numbers; None where a line is not just a row of them.
+
+        Quotes, comments and repeated headers are looked for anywhere. What the reader fills up or
+        leaves out shows in the number of cells or of rows.
+        """
+        delimiter, mark = self.delimiter or ",", self.comment or COMMENT
+        lines = text.count("\n") + (not text.endswith("\n"))
+        if (
+            any(each in text for each in ('"', "\r", mark, self._first or mark))
+            or delimiter == " " or self.decimal != "." or width < 2
+            or text.count(delimiter) != lines * (width - 1)
+            or len(text) >= PLAIN_PART + MAX_LINE
+        ):  # fmt: skip
+            return None
+        kinds = {str(k): pl.Float64 if k in numbers else pl.String for k in range(width)}
+        try:
+            cells = pl.read_csv(
+                text.encode(), has_header=False, schema=kinds, separator=delimiter, quote_char=None
+            )
+        except pl.exceptions.PolarsError:
+            return None
+        endless = any(np.isinf(cells[:, column].to_numpy()).any() for column in numbers)
+        return cells if len(cells) == lines and not endless else None
 
     def _blanked(self, part: list[str], done: int) -> Iterator[int]:
         """Make blank lines of comments and repeated headers; yield the places of the latter."""
@@ -206,6 +250,7 @@ class TextTable:
             packed = raw.read(len(GZIP)) == GZIP
             size = raw.seek(0, io.SEEK_END)
             raw.seek(0)
+            self._length = 0
             self._most = max(size * MAX_RATIO, MIN_UNPACKED) if packed else size
             yield gzip.GzipFile(fileobj=raw, mode="rb") if packed else raw
 
@@ -217,17 +262,18 @@ class TextTable:
         ):
             yield text
 
-    def _lines(self, file: TextIO) -> Iterator[str]:
-        length = 0
-        while line := file.readline(MAX_LINE):
-            length += len(line)
-            if len(line) == MAX_LINE:
-                raise csv.Error(f"a line of over {MAX_LINE} characters")
-            if length > self._most:
-                raise csv.Error(
-                    f"it holds over {self._most} characters, {MAX_RATIO} times its size"
-                )
-            yield line
+    def _lines(self, *files: TextIO) -> Iterator[str]:
+        for file in files:
+            while line := file.readline(MAX_LINE):
+                if len(line) == MAX_LINE:
+                    raise csv.Error(f"a line of over {MAX_LINE} characters")
+                self._count(len(line))
+                yield line
+
+    def _count(self, characters: int) -> None:
+        self._length += characters
+        if self._length > self._most:
+            raise csv.Error(f"it holds over {self._most} characters, {MAX_RATIO} times its size")
 
     def unreadable(self, error: Exception, line: int = 0) -> LogFormatError:
         """Return why the file cannot be read."""

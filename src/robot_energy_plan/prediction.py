@@ -197,7 +197,10 @@ def _loads(model: RobotModel, states: Mapping[str, str]) -> list[AuxiliaryLoad]:
 
 
 def _temperatures(given: float | Sequence[float] | Float, n_joints: int) -> Float:
-    values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    try:
+        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise MotionError(f"the motor temperatures are {given!r}", "numbers in degC") from error
     if values.shape not in ((1,), (n_joints,)):
         raise MotionError(
             f"{values.size} motor temperatures were given",

@@ -25,7 +25,7 @@ Target = str | Path | BytesIO  # a file, or a buffer for SVG
 COLOURS = {"measured": "#b4470b", "predicted": "#0b5cad", "fixed": "#7a3fc4"}
 PART_COLOURS = {
     "motion": "#12805c", "friction": "#c2570c", "drives": "#7a3fc4", "cabinet": "#5b6b7d",
-    "brake": "#be1844",
+    "brake": "#be1844", "capacitor": "#8a6d0f",
 }  # fmt: skip
 LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
 SERIES = ("#0b5cad", "#c2570c", "#12805c", "#be1844", "#8a6d0f", "#7a3fc4", "#5b6b7d")
@@ -143,6 +143,7 @@ def _save(figure: Any, path: Target) -> None:
         "pdf": {"CreationDate": None, "Creator": GENERATOR, "Producer": None},
     }[kind]
     picture = path if isinstance(path, BytesIO) else BytesIO()
+    _draw_once(figure)
     figure.savefig(picture, format=kind, dpi=150, metadata=metadata, transparent=kind == "svg")
     if kind == "svg":
         text = picture.getvalue().replace(FONT, PAGE_FONTS)
@@ -150,3 +151,16 @@ def _save(figure: Any, path: Target) -> None:
         picture.write(text)
     if not isinstance(path, BytesIO):
         write_file(path, picture.getvalue(), PICTURE, "the figure")
+
+
+def _draw_once(figure: Any) -> None:
+    """Only lay a figure out where matplotlib draws it for that, and drops what it has drawn."""
+    layout, draw = figure.get_layout_engine(), figure.draw
+
+    def drawn(renderer: Any) -> None:
+        if figure.get_layout_engine() is not layout:
+            draw(renderer)
+        elif figure.axes:
+            layout.execute(figure)
+
+    figure.draw = drawn

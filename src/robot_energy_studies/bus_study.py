@@ -203,13 +203,14 @@ def count(rows: Sequence[JudgedBus]) -> list[str]:
         own = [row for row in rows if row.name == name]
         claimed = [row for row in own if row.claimed]
         inside = sum(row.inside for row in own)
-        errors = np.median([abs(row.claim - row.truth) / row.truth for row in own])
+        some = [row for row in own if row.claim > 0.0]
+        errors = np.median([abs(row.claim - row.truth) / row.claim for row in some])
         lines.append(
             f"{name}: {inside} of {len(own)} bands hold the truth "
             f"({100 * inside / len(own):.0f} %); {len(claimed)} claimed, "
             f"{sum(row.truth > 0 for row in claimed)} of these with the right sign; median error "
             f"{100 * errors:.0f} %, half width "
-            f"{100 * np.median([row.half / row.claim for row in own]):.0f} % of the saving"
+            f"{100 * np.median([row.half / row.claim for row in some]):.0f} % of the claim"
         )
     return lines
 

@@ -25,7 +25,7 @@ from robot_energy.model.figure import Figure
 from robot_energy.physics.friction import viscous_law
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.data.bags import Bag, Kept
 from robot_energy_identify.drives.drive_power import DrivePowerTopics
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.dynamics.dynamics_model import with_link_parameters
@@ -182,7 +182,8 @@ class DrawnPlant:
             powers = None
             if drive_power:
                 powers = DrivePowerTopics((DRIVE_POWER,)).read(path, rig.joint_names)
-            bags.append(Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS))
+            bag = Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS)
+            bags.append(replace(bag, kept=Kept(bag.whole(self.given_model()))))
         return bags
 
     def judged(self, result: FullIdentification) -> list[Judged]:

@@ -132,6 +132,21 @@ def test_the_keyboard_goes_from_bar_to_bar_and_opens_one(opened):
     shown(window, "Thursday 2026-01-01", 24)
 
 
+def test_the_focus_stays_on_the_page_where_what_had_it_is_gone(opened):
+    from selenium.webdriver.common.keys import Keys
+
+    window = opened("?period=month&at=2026-01-01")
+    place = "document.activeElement.dataset.place"
+    window.run("document.getElementById('out').focus()")
+    window.driver.switch_to.active_element.send_keys(Keys.ENTER)
+    shown(window, "2026", 12)  # the button is disabled
+    window.wait(f"{place} === '0'", "the newest bar")
+    window.run("document.querySelector('#robots tbody button').focus()")
+    window.driver.switch_to.active_element.send_keys(Keys.ENTER)
+    window.wait(f"location.search.includes('robot=') && {place} === '0'", "one robot")
+    assert window.complaints() == []
+
+
 def test_what_is_not_recorded_is_a_dash_and_never_zero(opened):
     window = opened("?period=day&at=2026-01-01&robot=cell1/a")
     assert names(window)[3] == "2026-01-01 03:00 to 04:00: not recorded"

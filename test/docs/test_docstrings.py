@@ -16,6 +16,8 @@ import pytest
 import robot_energy
 from places import LIBRARY, ROOT
 
+DOCUMENTS = ROOT / "src/doc"
+
 PACKAGES = (*LIBRARY, ROOT / "ros2_energy_monitor/ros2_energy_monitor")
 
 ARRAY = re.compile(r"\b(Float|Int|NDArray|ndarray)\b")
@@ -95,10 +97,8 @@ def names_for_users() -> set[str]:
     """Names that the documentation of the API or of kinds names, or that it says are public."""
     words = [
         word.rpartition(".")[2]
-        for page in ("api.md", "kinds.md")
-        for word in re.findall(
-            r"(?:auto\w+:: |`)([A-Za-z_][\w.]*)", (ROOT / "src/doc" / page).read_text()
-        )
+        for page in (*DOCUMENTS.glob("api/*.md"), DOCUMENTS / "kinds.md")
+        for word in re.findall(r"(?:auto\w+:: |`)([A-Za-z_][\w.]*)", page.read_text())
     ]
     public = (original for _, original in robot_energy._EXPORTS.values())
     return {*words, *robot_energy.__all__, *public, *robot_energy.physics.__all__}

@@ -27,7 +27,7 @@ class Measurement:
     """One variable.
 
     Attributes:
-        factor: From the field to the value. [-]
+        size: One of its unit, in that of the field. [-]
         double: Whether it is a Double; a Float otherwise.
         number: MeasurementID; None where no public text states one.
         load: Name of the load outside of the cabinet that it is of; empty for the robot.
@@ -37,7 +37,7 @@ class Measurement:
     name: str
     topic: Topic
     field: str
-    factor: float
+    size: float
     double: bool
     unit: tuple[int, str, str]
     number: int | None = None
@@ -48,24 +48,24 @@ class Measurement:
         owner = message
         if self.load:
             owner = next((one for one in message.auxiliary if one.name == self.load), None)
-        return math.nan if owner is None else getattr(owner, self.field) * self.factor
+        return math.nan if owner is None else getattr(owner, self.field) / self.size
 
 
 def _of(origin: str, power: str, energy: str) -> tuple[Measurement, ...]:
-    factor = 1.0 / ENERGY_UNITS["Wh"]
+    size = ENERGY_UNITS["Wh"]
     low, high = "AcActiveEnergyTotalImportLp", "AcActiveEnergyTotalImportHp"
     return (
         Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, 1.0, False, WATT, 1412),
-        Measurement(origin, low, Topic.REGISTERS, energy, factor, False, WATT_HOUR, 1001),
-        Measurement(origin, high, Topic.REGISTERS, energy, factor, True, WATT_HOUR),
+        Measurement(origin, low, Topic.REGISTERS, energy, size, False, WATT_HOUR, 1001),
+        Measurement(origin, high, Topic.REGISTERS, energy, size, True, WATT_HOUR),
     )
 
 
 def _band(
-    name: str, topic: Topic, field: str, factor: float, unit: tuple[int, str, str]
+    name: str, topic: Topic, field: str, size: float, unit: tuple[int, str, str]
 ) -> Measurement:
     """Part of a 90 % band; the standard has none."""
-    return Measurement(PREDICTED, name, topic, field, factor, True, unit)
+    return Measurement(PREDICTED, name, topic, field, size, True, unit)
 
 
 PREDICTED, MEASURED, LOAD = "predicted", "measured", "load"
@@ -81,7 +81,7 @@ MEASUREMENTS = (
         "ActiveEnergyBandHalfWidth",
         Topic.REGISTERS,
         "predicted_energy_band",
-        1.0 / ENERGY_UNITS["Wh"],
+        ENERGY_UNITS["Wh"],
         WATT_HOUR,
     ),
     *_of(MEASURED, "measured_power", "measured_energy"),
@@ -90,7 +90,7 @@ MEASUREMENTS = (
 
 def load_measurements(name: str) -> tuple[Measurement, ...]:
     """Return the measurements of a load outside of the cabinet."""
-    energy = 1.0 / ENERGY_UNITS["Wh"]
+    energy = ENERGY_UNITS["Wh"]
     return (
         Measurement(
             LOAD, "AcActivePowerTotal", Topic.POWER, "power", 1.0, False, WATT, 1412, name

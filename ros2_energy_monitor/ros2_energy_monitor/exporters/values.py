@@ -16,7 +16,7 @@ from typing import Any
 
 from robot_energy.foundation.units import ENERGY_UNITS, SECOND_NS
 from robot_energy.results.base import known
-from robot_energy.timeline.blocks import NANOSECOND, Phase
+from robot_energy.timeline.blocks import Phase
 
 MAX_JOINTS = 32  # that an exporter lists one by one
 
@@ -35,7 +35,7 @@ class ExportedValue:
     Attributes:
         name: As a key; also the name of the field of the message, less its unit.
         rises: Whether it never falls but by a reset.
-        factor: From the field to the exported number. [-]
+        size: One of its unit, in that of the field; a division, so that 7.2 MJ are 2 kWh. [-]
     """
 
     name: str
@@ -44,7 +44,7 @@ class ExportedValue:
     unit: str
     field: str
     rises: bool = False
-    factor: float = 1.0
+    size: float = 1.0
 
 
 def _power(field: str, title: str) -> ExportedValue:
@@ -52,8 +52,8 @@ def _power(field: str, title: str) -> ExportedValue:
 
 
 def _energy(field: str, title: str, rises: bool) -> ExportedValue:
-    factor = 1.0 / ENERGY_UNITS["kWh"]
-    return ExportedValue(f"{field}_kwh", title, Topic.REGISTERS, "kWh", field, rises, factor)
+    size = ENERGY_UNITS["kWh"]
+    return ExportedValue(f"{field}_kwh", title, Topic.REGISTERS, "kWh", field, rises, size)
 
 
 VALUES = (
@@ -86,7 +86,7 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
     for value in VALUES:
         if value.topic is topic:
             raw = known(getattr(message, value.field))
-            found[value.name] = None if raw is None else raw * value.factor
+            found[value.name] = None if raw is None else raw / value.size
     if topic is Topic.POWER:
         found["phase"] = Phase(message.phase).name
         found["quality"] = int(message.quality)
@@ -130,4 +130,4 @@ def state_name(load: Any) -> str | None:
 
 def stamp_of(stamp: Any) -> float:
     """Return a builtin_interfaces/Time as seconds since 1970. [s]"""
-    return (stamp.sec * SECOND_NS + stamp.nanosec) * NANOSECOND
+    return (stamp.sec * SECOND_NS + stamp.nanosec) / SECOND_NS

@@ -122,10 +122,19 @@ def test_values_are_those_of_the_messages_with_null_for_unknown():
     assert found["stamp"] == 1_700_000_000.0
     assert found["joints"][0]["motor_temperature_degc"] == 41.5
     found = exported(registers(), Topic.REGISTERS)
-    assert found["predicted_import_energy_kwh"] == pytest.approx(2.0)
+    assert found["predicted_import_energy_kwh"] == 2.0
     assert found["measured_energy_kwh"] is None
     assert found["energy_start"] == 1_600_000_000.0
     json.dumps(found, allow_nan=False)
+
+
+def test_whole_kilowatt_hours_and_nanoseconds_are_shown_without_a_tail():
+    for whole in range(1, 2000):
+        message = registers(whole * 3.6e6)
+        message.energy_start.sec, message.energy_start.nanosec = whole, 100_000_000
+        found = exported(message, Topic.REGISTERS)
+        assert found["predicted_import_energy_kwh"] == whole
+        assert found["energy_start"] == float(f"{whole}.1")
 
 
 def test_messages_retention_and_discovery(broker, subscriber, exporter, eventually):

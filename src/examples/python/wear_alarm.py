@@ -33,5 +33,6 @@ for minute in range((WORN_AFTER + 1) * 60):
         factors = " ".join(f"{factor:.2f}" for factor in learned.friction.filtered)
         print(f"{(minute + 1) // 60} h: friction over that of the model file, by axis: {factors}")
     if learned.wear.alarms:
-        print(f"after {minute + 1 - 60 * WORN_AFTER} min: {learned.wear.alarms[0].sentence}")
+        later = minute + 1 - 60 * WORN_AFTER
+        print(f"{later} min after the friction rose: {learned.wear.alarms[0].sentence}")
         break

@@ -32,7 +32,7 @@ class TimeRange:
         if first is None or last is None:
             raise BagError(
                 f"{bag.path} holds no message with a time, so no part of it can be named",
-                remedy="leave out --start and --end",
+                remedy="leave out start and end",
             )
 
         def at(seconds: float | None, default: int) -> int:
@@ -47,7 +47,7 @@ class TimeRange:
                 f"nothing of {bag.path} lies from {(start - first) * NANOSECOND:g} to "
                 f"{(end - first) * NANOSECOND:g} s after its start",
                 f"a start before the end, both within its {length:g} s",
-                "change --start and --end; negative ones count from the end of the bag",
+                "change start and end; negative ones count from the end of the bag",
             )
         return max(start, first), min(end, last)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
-from itertools import repeat
+from itertools import islice, repeat
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.bag.mcap_writer import McapWriter, framed, head
 from robot_energy.bag.metadata import (
     DEFAULT_QOS,
     FILE_NAME,
@@ -24,9 +25,12 @@ from robot_energy.bag.metadata import (
 from robot_energy.bag.ownership import LIBRARY, foreign_entries
 from robot_energy.foundation.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
 from robot_energy.foundation.files.output_folder import OutputFolder
+from robot_energy.timeline.blocks import Int
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
+
+TOGETHER = 4096  # messages that are put together at once
 
 
 class BagWriter(AbstractContextManager["BagWriter"]):
@@ -52,10 +56,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         origin: str = "",
         inputs: Iterable[str | PathLike[str]] = (),
     ) -> None:
-        from mcap.writer import CompressionType, Writer
-
-        kinds = {"zstd": CompressionType.ZSTD, "none": CompressionType.NONE}
-        if compression not in kinds:
+        if compression not in ("zstd", "none"):
             raise BagError(f"unknown compression {compression!r}", "zstd or none")
         self._folder = OutputFolder(path, foreign_entries, overwrite, inputs, BagError)
         self.path = self._folder.path
@@ -71,8 +72,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._name = f"{self.path.name}_0.mcap"
         try:
             self._file = self._folder.open(self._name)
-            self._writer = Writer(self._file, compression=kinds[compression])
-            self._writer.start(profile="ros2", library=LIBRARY)
+            self._writer = McapWriter(self._file, compression == "zstd", LIBRARY)
         except OSError as error:
             raise self._failed(error) from error
         except BaseException:
@@ -90,13 +90,9 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         type_hash = self._store.hash_rihs01(msgtype)
         if msgtype not in self._schemas:
             definition, _ = self._store.generate_msgdef(msgtype, ros_version=2)
-            self._schemas[msgtype] = self._writer.register_schema(
-                msgtype, "ros2msg", definition.encode()
-            )
+            self._schemas[msgtype] = self._writer.schema(msgtype, definition)
         notes = {"offered_qos_profiles": qos_yaml(qos), "topic_type_hash": type_hash}
-        self._channels[topic] = self._writer.register_channel(
-            topic, "cdr", self._schemas[msgtype], notes
-        )
+        self._channels[topic] = self._writer.channel(topic, self._schemas[msgtype], notes)
         self._topics[topic] = TopicEntry(topic, msgtype, qos, type_hash, 0)
         self._counts[topic] = 0
 
@@ -109,16 +105,44 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             log_time_ns: Log time of each message, shape (n,). [ns]
             rows: Complete serialized messages: uint8, shape (n, size), or n byte strings.
         """
-        self._check_open()
-        if topic not in self._channels:
-            raise MissingTopicError(f"{topic} was not added to {self.path}", "add_topic first")
         times = np.atleast_1d(np.asarray(log_time_ns, dtype=np.int64))
         if times.shape != (len(rows),) or (len(times) and int(times.min()) < 0):
             raise ShapeError(
                 f"{len(rows)} messages of {topic} came with times of shape {times.shape}",
                 "one time per message, none negative",
             )
-        self.write_in_order(zip(times.tolist(), repeat(topic), _rows(rows), strict=False))
+        if isinstance(rows, np.ndarray):
+            self.write_sorted([(topic, times, rows)], [times * 0])
+        else:
+            self.write_in_order(zip(times.tolist(), repeat(topic), rows, strict=False))
+
+    def write_sorted(
+        self, parts: Sequence[tuple[str, Int, NDArray[np.uint8]]], keys: Sequence[Int]
+    ) -> None:
+        """Append messages of several topics in the order of a key; equal ones stay as given.
+
+        Args:
+            parts: Topic, log times of shape (n,), not negative [ns], and complete serialized
+                messages, shape (n, size).
+            keys: Of the messages of each part, shape (n,).
+        """
+        frames = [framed(self._channel(topic), times, _whole(rows)) for topic, times, rows in parts]
+        counts = [len(part) for part in frames]
+        order = np.argsort(np.concatenate(keys), kind="stable")
+        source = np.repeat(np.arange(len(frames)), counts)[order]
+        place = np.concatenate([np.arange(count) for count in counts])[order]
+        cuts = np.flatnonzero((np.diff(source) != 0) | (np.diff(place) != 1)) + 1
+        runs = zip([0, *cuts.tolist()], [*cuts.tolist(), len(order)], strict=True)
+        pieces = [
+            frames[source[begin]][place[begin] : place[end - 1] + 1] for begin, end in runs if end
+        ]
+        self._append(
+            [topic for topic, _, _ in parts],
+            source,
+            np.concatenate([times for _, times, _ in parts])[order],
+            np.array([part.shape[1] for part in frames])[source],
+            b"".join(memoryview(piece) for piece in pieces),
+        )
 
     def write_in_order(self, messages: Iterable[tuple[int, str, bytes]]) -> None:
         """Append messages of several topics, one after the other.
@@ -127,25 +151,49 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             messages: Log time, not negative [ns]; topic that was added; complete serialized
                 message.
         """
+        rest = iter(messages)
+        while some := list(islice(rest, TOGETHER)):
+            topics = list(dict.fromkeys(topic for _, topic, _ in some))
+            numbers = {topic: number for number, topic in enumerate(topics)}
+            records = [head(self._channel(topic), time, row) + row for time, topic, row in some]
+            self._append(
+                topics,
+                np.array([numbers[topic] for _, topic, _ in some]),
+                np.array([time for time, _, _ in some]),
+                np.array([len(record) for record in records]),
+                b"".join(records),
+            )
+
+    def _append(
+        self, topics: Sequence[str], source: Int, time_ns: Int, size: Int, records: bytes
+    ) -> None:
+        """Append Message records of topics, each with the number of its topic."""
         self._check_open()
-        channels, counts, add = self._channels, self._counts, self._writer.add_message
-        first, last = self._first, self._last
+        if not len(source):
+            return
+        channels = np.array([self._channels[topic] for topic in topics])
         try:
-            for time, topic, row in messages:
-                add(channels[topic], time, row, time)
-                counts[topic] += 1
-                first = time if first is None or time < first else first
-                last = time if last is None or time > last else last
+            self._writer.messages(channels[source], time_ns, size, memoryview(records))
         except OSError as error:
             raise self._failed(error) from error
-        self._first, self._last = first, last
+        for topic, count in zip(topics, np.bincount(source).tolist(), strict=False):
+            self._counts[topic] += count
+        first, last = int(time_ns.min()), int(time_ns.max())
+        self._first = first if self._first is None else min(self._first, first)
+        self._last = last if self._last is None else max(self._last, last)
+
+    def _channel(self, topic: str) -> int:
+        self._check_open()
+        if topic not in self._channels:
+            raise MissingTopicError(f"{topic} was not added to {self.path}", "add_topic first")
+        return self._channels[topic]
 
     def close(self) -> None:
         """Write index and metadata and put the bag in place; a second call does nothing."""
         if not self._open:
             return
         try:
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": self._metadata(None)})
+            self._writer.metadata("rosbag2", {"serialized_metadata": self._metadata(None)})
             self._writer.finish()
             self._file.close()
             with self._folder.open(FILE_NAME) as file:
@@ -195,10 +243,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             raise BagError(f"{self.path} is closed", "an open bag")
 
 
-def _rows(rows: NDArray[np.uint8] | Sequence[bytes]) -> Sequence[bytes]:
-    if not isinstance(rows, np.ndarray):
-        return rows
+def _whole(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if rows.ndim != 2 or rows.dtype != np.uint8:
         raise ShapeError(f"messages of shape {rows.shape}, {rows.dtype}", "(n, size), uint8")
-    data, size = rows.tobytes(), rows.shape[1]
-    return [data[i : i + size] for i in range(0, len(data), size)]
+    return rows

@@ -104,6 +104,10 @@ class ParameterError(RobotEnergyError, ValueError):
     """A parameter of a node or input is missing, of a wrong type, out of range or misfitting."""
 
 
+class OptionError(RobotEnergyError, TypeError):
+    """A function has no option of that name."""
+
+
 class CredentialsError(RobotEnergyError, ValueError):
     """A file of secrets is missing, open to others than its owner, or malformed."""
 

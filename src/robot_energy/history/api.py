@@ -103,7 +103,8 @@ def history(
         if by_joint:
             return _history(joint_sums(connection, known, bounds))
         if resolution == "minute":
-            return _history(sums(connection, known, bounds, minutes=True))
+            spans = not_resolved(connection, known, bounds, minutes=True)
+            return _history(sums(connection, known, bounds, minutes=True), spans)
         spans = not_resolved(connection, known, bounds)
         cost = costs(connection, known, bounds, tariffs, by_shift) if tariffs else {}
         if by_shift:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import timedelta
 
 from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
 from robot_energy.history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
@@ -207,8 +208,8 @@ def step(epoch: Epoch, reading: Reading) -> EpochStep | None:
     if tuple(last.joints) != tuple(reading.joints):
         new = True
     if span.slot(SLOT_NS)[2] & UNRESOLVED:
-        seconds = f"{(span.end_ns - span.begin_ns) / 1e9:.0f} s"
-        text = f"not recorded for {seconds}; one span holds the energy of that time"
+        length = timedelta(seconds=round((span.end_ns - span.begin_ns) / SECOND_NS))
+        text = f"not recorded for {length}; one span holds the energy of that time"
         events.append(Event(reading.stamp_ns, "not_resolved", text))
     first = last if new else epoch.first
     newest = max(epoch.newest_ns, reading.stamp_ns)

@@ -191,7 +191,7 @@ def _savings(before: _Days, after: _Days, changed: set[str]) -> EnergySavings:
     if model.left_out:
         notes.append(f"{', '.join(model.left_out)} is constant or explained by the others")
     if found.outside:
-        notes.append(f"{found.outside} reported days lie outside of what the baseline has seen")
+        notes.append(f"reported days outside of what the baseline has seen: {found.outside}")
     if changed := {"model", "meter"} & changed:
         notes.append(f"the {' and the '.join(sorted(changed))} changed meanwhile")
     columns: dict[str, Column] = {

@@ -235,25 +235,32 @@ def pieces(start_ns: int, stop_ns: int, until_ns: int) -> Iterator[tuple[int, in
 
 
 def not_resolved(
-    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
-) -> TimeSeries:
+    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], *,
+    minutes: bool = False,
+) -> TimeSeries:  # fmt: skip
     """Return the spans that lie in no part, with their true begin and end, in order of time.
 
     Args:
-        bounds: As in `sums`, of quarter hours or coarser.
+        bounds: As in `sums`. [ns]
+        minutes: As in `sums`.
     """
     first, last = bounds[0], bounds[-1]
     put_parts(connection, robots, pairwise(bounds))
-    kept = min(Rolled.of(connection).quarters_from_ns, last)
+    own = "some r CROSS JOIN slot15 s", "s.flags & 1", -1, last
+    if minutes:  # spans within a quarter hour are resolved there
+        which = f"s.flags & 1 AND s.start / {SLOT_NS} = (s.stop - 1) / {SLOT_NS}"
+        finer = "slot1 s CROSS JOIN some r", which, first - SLOT_NS, last
+    else:
+        kept = min(Rolled.of(connection).quarters_from_ns, last)
+        finer = "some r CROSS JOIN slot60 s", "1", first - HOUR_NS, kept
     columns = ", ".join(f"s.{name}" for name in COLUMNS)
     rows: list[tuple[Any, ...]] = connection.execute(
         " UNION ALL ".join(
-            f"SELECT s.start, s.stop, r.name, {columns}, 0, s.flags FROM some r CROSS JOIN "
-            f"{table} s ON s.robot = r.id AND s.start >= ? AND s.start < ? WHERE {which} "
-            f"AND s.stop > ? AND NOT EXISTS (SELECT 1 FROM part p WHERE {_WITHIN.format(on='s')})"
-            for table, which in (("slot15", "s.flags & 1"), ("slot60", "1"))
-        ) + " ORDER BY 1, 3",
-        (-1, last, first, first - HOUR_NS, kept, first),
+            f"SELECT s.start, s.stop, r.name, {columns}, 0, s.flags FROM {tables} "
+            f"ON s.robot = r.id AND s.start >= {begin} AND s.start < {end} WHERE {which} AND "
+            f"s.stop > {first} AND NOT EXISTS (SELECT 1 FROM part p WHERE {_WITHIN.format(on='s')})"
+            for tables, which, begin, end in (own, finer)
+        ) + " ORDER BY 1, 3"
     ).fetchall()  # fmt: skip
     return span_table(rows)
 

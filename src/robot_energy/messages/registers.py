@@ -17,7 +17,7 @@ from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
 from robot_energy.certainty.band_calibration import BandCalibration
-from robot_energy.foundation.units import MAX_COUNTER
+from robot_energy.foundation.units import MAX_COUNTER, SECOND_NS
 from robot_energy.messages.fields import (
     ENERGY_REGISTERS,
     EXACT_FIELDS,
@@ -28,7 +28,7 @@ from robot_energy.messages.fields import (
     SHAFT_FIELDS,
 )
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.timeline.blocks import NANOSECOND, known_part
+from robot_energy.timeline.blocks import known_part
 
 
 class RegistersWriter:
@@ -96,9 +96,9 @@ class RegistersWriter:
                 "capacitor_energy": known_part(
                     "capacitor", registers.cabinet("capacitor"), self._unmodelled
                 ),
-                "observed_time": time.observed_ns * NANOSECOND,
-                "gap_time": time.gap_ns * NANOSECOND,
-                "comparison_time": comparison.compared_ns * NANOSECOND,
+                "observed_time": time.observed_ns / SECOND_NS,
+                "gap_time": time.gap_ns / SECOND_NS,
+                "comparison_time": comparison.compared_ns / SECOND_NS,
                 "predicted_energy_learned": float(account.counts.learned_energy_sum.joule[0]),
                 "gap_count": np.uint64(time.gap_count),
                 **{
@@ -111,7 +111,7 @@ class RegistersWriter:
                     f"joints.{SHAFT_FIELDS[name]}": account.shaft.joints(name)[None, :]
                     for name in SHAFT_REGISTERS
                 },
-                "joints.shaft_compared_time": account.shaft.compared_ns[None, :] * NANOSECOND,
+                "joints.shaft_compared_time": account.shaft.compared_ns[None, :] / SECOND_NS,
                 **stamp_columns(np.array([minute_ns]), "minute"),
                 **_exact_columns(account),
                 **_load_columns(account),
@@ -126,8 +126,8 @@ def load_fields(counted: Totals) -> list[dict[str, Any]]:
         {
             "name": name,
             "energy": load.energy_microjoule / PER_JOULE,
-            "known_time": load.known_ns * NANOSECOND,
-            "missing_time": load.missing_ns * NANOSECOND,
+            "known_time": load.known_ns / SECOND_NS,
+            "missing_time": load.missing_ns / SECOND_NS,
             "missing_count": load.missing_count,
             "outlet_energy": load.outlet_energy_microjoule / PER_JOULE,
         }
@@ -137,11 +137,11 @@ def load_fields(counted: Totals) -> list[dict[str, Any]]:
 
 def outlet_fields(counted: Totals) -> dict[str, float]:
     """Return the fields of the outlet; NaN where no auxiliary loads are counted."""
-    unit = 1.0 / PER_JOULE if counted.auxiliary else np.nan
+    unit = PER_JOULE if counted.auxiliary else np.nan
     return {
-        "outlet_energy": counted.outlet_energy_microjoule * unit,
-        "outlet_cabinet_energy": counted.outlet_cabinet_energy_microjoule * unit,
-        "outlet_time": counted.outlet_ns * NANOSECOND,
+        "outlet_energy": counted.outlet_energy_microjoule / unit,
+        "outlet_cabinet_energy": counted.outlet_cabinet_energy_microjoule / unit,
+        "outlet_time": counted.outlet_ns / SECOND_NS,
     }
 
 
@@ -154,7 +154,7 @@ def interval_fields(
     """Return the plain fields of the message, its joints and its loads; stamps stay integers."""
     counted, nan = interval.counted, math.nan
     cabinet = {name: value / PER_JOULE for name, value in counted.cabinet_energy_microjoule.items()}
-    observed, compared = counted.observed_ns * NANOSECOND, counted.compared_ns * NANOSECOND
+    observed, compared = counted.observed_ns / SECOND_NS, counted.compared_ns / SECOND_NS
     span_ns = counted.observed_ns + counted.gap_ns
     measured = counted.measured_energy_microjoule / PER_JOULE if compared else nan
     predicted = counted.predicted_energy_at_meter_microjoule / PER_JOULE if compared else nan
@@ -177,7 +177,7 @@ def interval_fields(
         "predicted_energy_at_meter": predicted,
         "comparison_time": compared,
         "observed_time": observed,
-        "gap_time": counted.gap_ns * NANOSECOND,
+        "gap_time": counted.gap_ns / SECOND_NS,
         "gap_count": counted.gap_count,
         "coverage": counted.observed_ns / span_ns if span_ns else nan,
         "predicted_peak_power": nan if peak is None else peak,
@@ -208,7 +208,7 @@ def interval_fields(
                     field: counted.joint_energy_microjoule[register][index]
                     for register, field in EXACT_JOINT_FIELDS.items()
                 },
-                "shaft_compared_time": counted.shaft_compared_ns[index] * NANOSECOND,
+                "shaft_compared_time": counted.shaft_compared_ns[index] / SECOND_NS,
             }
             for index, name in enumerate(joint_names)
         ],
@@ -244,7 +244,7 @@ def _load_columns(account: EnergyAccount) -> dict[str, Any]:
     totals, loads = account.totals(), account.auxiliary
     rows = load_fields(totals)
     kinds = {"missing_count": np.uint64}
-    states = (loads.state_energy.joule, loads.state_ns * NANOSECOND) if loads else np.empty((2, 0))
+    states = (loads.state_energy.joule, loads.state_ns / SECOND_NS) if loads else np.empty((2, 0))
     return {
         **outlet_fields(totals),
         **{

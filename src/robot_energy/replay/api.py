@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack
 
@@ -16,7 +17,7 @@ from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.condition.learner import ConditionRecord, Learning
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.shown import Shown
-from robot_energy.foundation.signature import lists
+from robot_energy.foundation.signature import check_options, lists
 from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
@@ -234,11 +235,11 @@ def fixed_friction(
     Args:
         temperature: The operating point, or ``fallback`` for that of the model. [degC]
     """
-    degc = model.temperature.fallback_degc if temperature == FALLBACK else float(temperature)
+    degc = model.temperature.fallback_degc if temperature == FALLBACK else temperature
     low, high = FRICTION_DEGC
-    if not low <= degc <= high:
+    if not (isinstance(degc, Real) and low <= degc <= high):
         raise ParameterError(
-            f"friction is to be fixed at {degc:g} degC",
+            f"friction is to be fixed at {degc} degC",
             f"{low:g} to {high:g} degC, or '{FALLBACK}'",
         )
     everywhere = np.full(len(model.joints), degc)
@@ -272,12 +273,10 @@ def run_replay(
         on_reading: Called with the account as it stands at each UTC minute, and at the end.
 
     Raises:
-        TypeError: If there is no such option.
+        OptionError: If there is no such option.
         RobotEnergyError: If bag, model or an option cannot be used.
     """
-    if unknown := sorted(options.keys() - ReplayOptions.__annotations__.keys()):
-        known = ", ".join(sorted(ReplayOptions.__annotations__))
-        raise TypeError(f"replay has no option {', '.join(unknown)}; expected: {known}")
+    check_options("replay", options, ReplayOptions.__annotations__)
     every: dict[str, Any] = {**options, "power_period": power_period}
     given = {name: value for name, value in every.items() if value is not None}
     for option in CHECKED:

@@ -12,9 +12,8 @@ losses need not be known yet. Readings while the drives brake, or the DC link gi
 fed back, are left out at every delay: the meter then sees less, which would look like a delay.
 
 A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns, and
-the delay is free meanwhile;
-what the drives feed back counts as 0 in it, and the DC link as empty. It is undone in
-`robot_energy_identify.data.recordings`. An energy counter has none.
+the delay is free meanwhile; what the drives feed back counts as 0 in it, and the DC link as empty.
+It is undone in `robot_energy_identify.data.recordings`. An energy counter has none.
 """
 
 from __future__ import annotations
@@ -46,6 +45,7 @@ SPAN = 0.5  # s: delays of meters up to this are tried,
 SHARE = 0.01  # and up to this share of the recorded time: seconds of motion hide long ones
 STEPS = 20  # on each side of zero,
 FINE = 10  # then on each side of the best of them
+WIDE = 2  # steps of low passes to each side: the least error may lie beyond the next
 MIN_ROWS = 100
 MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
@@ -86,20 +86,23 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     error = _errors_of_both(data, grid, lags)
     if error is None:
         return None
-    undelayed = _at_best_lags(error)[:, 0]
-    found = best_delay(grid, _at_best_lags(error), undelayed, span, MIN_GAIN)
+    coarse = _at_best_lags(error)
+    found = best_delay(grid, coarse, coarse[:, 0], span, MIN_GAIN)
     if found.applied == 0.0:
         return found
     total = error.sum(axis=0)
     row, column = divmod(int(total.argmin()), total.shape[1])
     fine = np.arange(-FINE, FINE + 1) / FINE
-    near, late = grid[row] + grid[1] * fine, lags[column] + lags[1] * fine
-    late = np.concatenate([lags[:1], late[late > 0.0], lags[-1:]])  # ends: the same readings
-    error = _errors_of_both(data, near, late)
+    near, late = grid[row] + WIDE * grid[1] * fine, lags[column] + lags[1] * fine
+    near, late = near[near > 0.0], late[late >= 0.0]
+    # First a delay alone, at its best, on the same readings.
+    alone = lags[total[0].argmin()]
+    error = _errors_of_both(data, np.append(0.0, near), np.append(alone, late))
     if error is None:
         return found
-    closer = best_delay(near, _at_best_lags(error), undelayed, span, MIN_GAIN)
-    return found if closer.at_edge else closer
+    closer = _at_best_lags(error)
+    finer = best_delay(near, closer[:, 1:], closer[:, 0], span, MIN_GAIN)
+    return found if finer.at_edge else finer
 
 
 def _at_best_lags(error: Float) -> Float:

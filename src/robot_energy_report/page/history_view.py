@@ -172,18 +172,23 @@ class HistoryView:
         return {"currency": currency, "rows": rows}
 
     def csv(self, wish: Wish) -> str:
-        """Return the parts of a period as a table, by robot, by joint, or by job."""
+        """Return the parts of a period as a table, by robot, by joint, or by job.
+
+        Spans that no part holds are rows with ``resolved`` 0.
+        """
         wish, parts = self._table(wish)
         by_job = wish.group == "job"
         table = self._ended(wish, wish.period, False, JOB_SUMS) if by_job else parts
+        spans = [] if by_job else rows_of(parts.not_resolved)
+        names = [name for name in table.to_dict() if name not in ("stamp_ns", "stop_ns")]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        flat = table.to_dict()
-        begin, end = flat.pop("stamp_ns").tolist(), flat.pop("stop_ns").tolist()
-        writer.writerow(["begin", "end", *flat])
-        columns = [harmless(values.tolist()) for values in flat.values()]
-        for start, stop, *row in zip(begin, end, *columns, strict=True):
-            writer.writerow([wish.period.at(start), wish.period.at(stop), *row])
+        writer.writerow(["begin", "end", *names, "resolved"])
+        for rows, resolved in ((rows_of(table), 1), (spans, 0)):
+            for row in rows:
+                when = (wish.period.at(row[name]) for name in ("stamp_ns", "stop_ns"))
+                values = harmless([row.get(name) for name in names])
+                writer.writerow([*when, *values, resolved])
         return text.getvalue()
 
     def add_tariff(self, tariff: Tariff, now_ns: int) -> str:

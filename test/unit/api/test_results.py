@@ -1,5 +1,6 @@
 """Results of the public functions are those of the commands."""
 
+import inspect
 import json
 import pickle
 from argparse import ArgumentTypeError
@@ -214,6 +215,38 @@ def test_export_writes_parquet(tmp_path, capsys):
     assert polars.read_parquet(target).height == 72
 
 
-def test_an_option_that_does_not_exist_is_refused():
-    with pytest.raises(TypeError, match=r"no option fixed_degc; expected: .*start"):
-        re.replay(BAG, "kr16", fixed_degc=40.0)
+@pytest.mark.parametrize(
+    ("verb", "option", "expected"),
+    [
+        (re.replay, "temprature", "replay has no option 'temprature'; expected 'temperature'?"),
+        (re.replay, "xyz", "replay has no option 'xyz'; expected one of .*start"),
+        (re.evaluate, "efort", "evaluate has no option 'efort'; expected 'effort'?"),
+        (re.fleet_run, "efort", "fleet_run has no option 'efort'; expected 'effort'?"),
+        (re.fleet_run, "overwrite", "fleet_run has no option 'overwrite'"),
+    ],
+)
+def test_an_option_that_does_not_exist_is_refused(verb, option, expected, tmp_path):
+    for kind in (TypeError, re.RobotEnergyError):
+        with pytest.raises(kind, match=expected.replace("?", r"\?")):
+            verb(BAG, "kr16", **{option: 1.0})
+
+
+def test_signatures_list_every_option():
+    for name in re.__all__:
+        thing = getattr(re, name)
+        if inspect.isfunction(thing):
+            kinds = [parameter.kind for parameter in inspect.signature(thing).parameters.values()]
+            assert inspect.Parameter.VAR_KEYWORD not in kinds, name
+
+
+def test_a_word_is_no_temperature():
+    for call in (lambda: re.replay(BAG, "kr16", temperature="hot"),
+                 lambda: re.predict(PROGRAM, "kr16", "hot")):  # fmt: skip
+        with pytest.raises(re.RobotEnergyError, match="hot"):
+            call()
+
+
+def test_a_misspelt_verb_is_named_as_python_names_an_attribute():
+    with pytest.raises(AttributeError) as error:
+        _ = re.replya
+    assert (error.value.name, error.value.obj) == ("replya", re)

@@ -1,17 +1,20 @@
 """BagWriter: bags that other readers find whole."""
 
+import io
 import resource
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
 
 from refusals import refused
 from robot_energy.bag import LATCHED_QOS, SENSOR_QOS, BagReader, BagWriter
 from robot_energy.bag.cdr import typestore
+from robot_energy.bag.mcap_writer import McapWriter, head
 from robot_energy.foundation.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
 
 
@@ -221,3 +224,46 @@ def test_origin_is_noted_where_stock_tools_leave_it_alone(tmp_path):
     with BagWriter(tmp_path / "plain") as bag:
         bag.add_topic("/a", "std_msgs/msg/Float64")
     assert BagReader(tmp_path / "plain").origin == ""
+
+
+@pytest.mark.parametrize("size", [40, 4000])
+def test_the_file_is_that_of_the_mcap_library_to_the_byte(size):
+    generator, theirs, ours = np.random.default_rng(1), io.BytesIO(), io.BytesIO()
+    expected = Writer(theirs, compression=CompressionType.NONE)
+    expected.start(profile="ros2", library="a name")
+    written = McapWriter(ours, False, "a name")
+    schema = expected.register_schema("a/msg/B", "ros2msg", b"float64 x")
+    assert written.schema("a/msg/B", "float64 x") == schema
+    for topic in ("/one", "/two"):
+        expected.register_channel(topic, "cdr", schema, {"key": "value"})
+        written.channel(topic, schema, {"key": "value"})
+    for count in (1, 300, 3000):
+        channels, times = generator.integers(1, 3, count), generator.integers(0, 10**15, count)
+        rows = [generator.bytes(length) for length in generator.integers(4, size, count).tolist()]
+        records = list[bytes]()
+        for channel, time, row in zip(channels.tolist(), times.tolist(), rows, strict=True):
+            expected.add_message(channel, time, row, time)
+            records.append(head(channel, time, row) + row)
+        sizes = np.array([len(record) for record in records])
+        written.messages(channels, times, sizes, memoryview(b"".join(records)))
+    for writer, note in ((expected, expected.add_metadata), (written, written.metadata)):
+        note("rosbag2", {"serialized_metadata": "text"})
+        writer.finish()
+    assert theirs.getvalue() == ours.getvalue()
+
+
+def test_messages_of_several_topics_are_in_the_order_of_their_key(tmp_path, bags):
+    times = np.arange(1, 6) * 10
+    joints, heat = bags.joint_rows(times), np.zeros((2, 12), np.uint8)
+    with BagWriter(tmp_path / "bag", "none") as bag:
+        bag.add_topic("/joints", bags.JOINT_STATE)
+        bag.add_topic("/heat", bags.TEMPERATURE)
+        parts = [("/heat", times[[0, 3]], heat), ("/joints", times, joints)]
+        bag.write_sorted(parts, [np.array([0, 1]), np.arange(5) // 3])
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        records = make_reader(file).iter_messages(log_time_order=False)
+        found = [(channel.topic, message.log_time) for _, channel, message in records]
+    assert found == [
+        ("/heat", 10), ("/joints", 10), ("/joints", 20), ("/joints", 30),
+        ("/heat", 40), ("/joints", 40), ("/joints", 50),
+    ]  # fmt: skip

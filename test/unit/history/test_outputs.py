@@ -14,7 +14,7 @@ import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 import databases
-from histories import DAY, HOUR, START, Robot
+from histories import DAY, HOUR, MINUTE, START, Robot
 from places import GRAFANA
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
@@ -49,7 +49,7 @@ needs_victoria = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Robots with names that each format must escape; the recorder was off for two hours."""
+    """Names that each format must escape; the recorder was off for hours, and for minutes."""
     folder = tmp_path_factory.mktemp("outputs") / "history"
     store = HistoryStore(folder)
     store.open()
@@ -59,6 +59,8 @@ def folder(tmp_path_factory):
         assert store.write(robot.now), store.trouble
         robot.advance(2 * HOUR + 7)
         store.add(name, [robot.minute() for _ in range(100)])
+        robot.advance(2 * MINUTE)  # within a quarter hour
+        store.add(name, [robot.minute()])
         assert store.write(robot.now, newest=True), store.trouble
     store.close()
     add_tariffs(folder, [Tariff(begin=date(2026, 1, 1), price_per_kwh=0.3)], START)
@@ -70,16 +72,17 @@ def wanted(folder):
     return Wanted(folder, START, START + DAY)
 
 
-def recorded(folder):
+def recorded(folder, column=IMPORT):
     """All that each robot used, from the table itself."""
     with closing(open_reader(folder)) as connection:
         return dict(connection.execute(
-            f"SELECT r.name, sum({IMPORT}) FROM slot15 s JOIN robot r ON r.id = s.robot GROUP BY 1"
+            f"SELECT r.name, sum({column}) FROM slot15 s JOIN robot r ON r.id = s.robot GROUP BY 1"
         ))  # fmt: skip
 
 
-def test_rows_are_all_of_the_history_and_have_keys_of_their_own(wanted, folder):
-    found = rows(wanted)
+@pytest.mark.parametrize(("resolution", "count"), [("minute", 2), ("quarter", 1), ("hour", 1)])
+def test_rows_are_all_of_the_history_and_have_keys_of_their_own(folder, resolution, count):
+    found = rows(Wanted(folder, START, START + DAY, resolution))
     keys = {(row["robot"], row["start_ns"], row["stop_ns"]) for row in found}
     assert len(keys) == len(found)
     sums = dict.fromkeys(NAMES, 0)
@@ -87,8 +90,9 @@ def test_rows_are_all_of_the_history_and_have_keys_of_their_own(wanted, folder):
         sums[row["robot"]] += row[IMPORT]
     assert sums == recorded(folder)
     spans = [row for row in found if not row["resolved"]]
-    assert len(spans) == len(NAMES)
-    assert all(row["stop_ns"] - row["start_ns"] > 2 * HOUR for row in spans)
+    assert len(spans) == count * len(NAMES)
+    lengths = {round((row["stop_ns"] - row["start_ns"]) / MINUTE) for row in spans}
+    assert lengths == ({121, 3} if count == 2 else {121})
     assert all(row.get("cost") is None for row in spans)  # nothing is known of its price
 
 
@@ -164,6 +168,8 @@ def test_a_name_that_a_format_has_not_is_refused(tmp_path, name):
 @needs_postgres
 def test_a_real_postgresql_holds_the_history_once(wanted, folder):
     with databases.postgres() as server:
+        server.run(sql_bytes(wanted).rpartition(b"COMMIT;")[0])  # a transfer that breaks off
+        assert server.run(b"SELECT to_regclass('robot_energy') IS NULL;") == "t"
         early = Wanted(folder, START, START + HOUR)
         for part in (early, wanted, wanted):
             server.run(sql_bytes(part))
@@ -227,6 +233,8 @@ def test_a_real_influxdb_holds_the_history_once(wanted, folder):
     wanted = Wanted(folder, wanted.start_ns, wanted.stop_ns)
     with databases.influxdb() as server:
         server("query", b"", q="CREATE DATABASE plant")
+        lines = line_bytes(wanted).splitlines(keepends=True)
+        server("write", b"".join(lines[: len(lines) // 2]), db="plant")  # one that breaks off
         for _ in range(2):
             server("write", line_bytes(wanted), db="plant")
         asked = f"SELECT sum({IMPORT}) FROM robot_energy GROUP BY robot"
@@ -237,7 +245,7 @@ def test_a_real_influxdb_holds_the_history_once(wanted, folder):
 
 @needs_victoria
 def test_a_real_victoriametrics_holds_the_history_once(wanted, folder):
-    with databases.victoria_metrics() as server:
+    with databases.victoria_metrics("-dedup.minScrapeInterval=1ms") as server:
         for _ in range(3):
             server("write", line_bytes(wanted))
             server("internal/force_flush")
@@ -246,6 +254,21 @@ def test_a_real_victoriametrics_holds_the_history_once(wanted, folder):
         found = json.loads(server("api/v1/query", query=f"sum by (robot) ({asked})", time=when))
         sums = {one["metric"]["robot"]: float(one["value"][1]) for one in found["data"]["result"]}
         assert sums == pytest.approx(recorded(folder))
+
+
+@needs_victoria
+def test_counters_in_a_real_victoriametrics_count_once_as_it_is_installed(wanted, folder):
+    with databases.victoria_metrics() as server:
+        for _ in range(3):
+            server("api/v1/import/prometheus", metrics_bytes(wanted))
+            server("internal/force_flush")
+        for part, column in COUNTERS.items():
+            asked = f'increase_pure(robot_energy_history_joules_total{{part="{part}"}}[2d])'
+            when = str((START + DAY) // 10**9)
+            found = json.loads(server("api/v1/query", query=asked, time=when))["data"]["result"]
+            sums = {one["metric"]["robot"]: float(one["value"][1]) for one in found}
+            true = {name: energy / 1e6 for name, energy in recorded(folder, column).items()}
+            assert sums == pytest.approx(true, abs=1e-6)
 
 
 @pytest.mark.skipif(PROMTOOL is None, reason="no promtool: apt-get install prometheus")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import Progress, replay
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning, Phase
-from robot_energy_identify.data.bags import Bag, facts, folds_of
+from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower, drive_topics
@@ -91,8 +92,15 @@ def model(folder: Path) -> RobotModel:
     return load(folder / "two_link.yaml")
 
 
+@cache
+def kept(path: Path, effort: EffortMeaning) -> Kept:
+    """A bag that is read once, as `identify all` does."""
+    return Kept(Bag(path, effort).whole(load(path.parent / "two_link.yaml")))
+
+
 def bags_in(folder: Path, missing: str = "", effort: EffortMeaning = TORQUE) -> list[Bag]:
-    return [Altered(folder / f"at_{degc}", effort, missing=missing) for degc in (25, 40, 55)]
+    paths = [folder / f"at_{degc}" for degc in (25, 40, 55)]
+    return [Altered(one, effort, kept=kept(one, effort), missing=missing) for one in paths]
 
 
 @pytest.fixture(scope="module")

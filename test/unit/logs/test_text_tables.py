@@ -199,3 +199,39 @@ def test_dates_that_step_back_after_a_header_stay_where_they_are(tmp_path):
     report = imported(tmp_path, lines(HEADER, *rows, HEADER, *older), time=time)
     assert dict(report.files[0].rejected) == {"not_newer": 2}
     assert "line 4 of log.csv repeats the header" in report.notes[-1]
+
+
+def test_a_plain_table_is_read_as_one_in_quotes(tmp_path):
+    random = np.random.default_rng(1)
+    forms = ["{:.9g}", "{:.17g}", "{:.3f}", "{:.6e}", " {:.2f}", "{:+.4f}"]
+    values = random.normal(size=(30_000, 3)) * 10.0 ** random.integers(-9, 9, (30_000, 3))
+    rows = [
+        f"{1e9 + 0.002 * k:.{k % 7 + 3}f},"
+        + ",".join(forms[(k + n) % 6].format(value) for n, value in enumerate(row))
+        for k, row in enumerate(values.tolist())
+    ]
+    rows[20_000] = f"{1e9 + 40},,1,2"
+    found = {}
+    for name, head in (("plain", "t,a,b,c"), ("quoted", 't,a,b,"c"')):
+        folder = tmp_path / name
+        folder.mkdir()
+        given = (
+            rows if name == "plain" else [f'"{row.replace(",", chr(34) + ",", 1)}' for row in rows]
+        )
+        found[name] = table_rows(write_csv(folder / "log.csv", head, given), ["a", "b", "c"])
+    for one, other in zip(found["plain"][:2], found["quoted"][:2], strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert found["plain"][2].rejected == found["quoted"][2].rejected
+    assert found["plain"][2].first_line == found["quoted"][2].first_line == {"not_finite": 20_002}
+
+
+@pytest.mark.parametrize(
+    ("row", "reason"),
+    [("1,2", "wrong_length"), ("1,2,3,4", "wrong_length"), ("1,x,3", "not_numeric"), ("", "")],
+)
+def test_a_row_that_offends_is_found_behind_many_plain_ones(tmp_path, row, reason):
+    rows = [f"{k},0.5,{1e-6 * k:.12f}" for k in range(100_000)]
+    rows[90_000] = row
+    _, _, account = table_rows(write_csv(tmp_path / "log.csv", "t,a,b", rows), ["a", "b"])
+    assert account.first_line == ({reason: 90_002} if reason else {})
+    assert account.accepted == 99_999

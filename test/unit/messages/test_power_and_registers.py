@@ -6,10 +6,11 @@ import pytest
 import accounts
 import robots
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.types import typestore
 from robot_energy.messages.fields import EXACT_FIELDS, EXACT_JOINT_FIELDS, SHAFT_FIELDS
 from robot_energy.messages.power import PowerStateWriter
-from robot_energy.messages.registers import RegistersWriter
+from robot_energy.messages.registers import RegistersWriter, outlet_fields
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
@@ -106,6 +107,12 @@ def test_energy_registers(run):
     assert shoulder.shaft_energy_positive_compared == shoulder.shaft_energy_positive
     assert all(np.isnan(getattr(elbow, field)) for field in SHAFT_FIELDS.values())
     assert elbow.shaft_compared_time == 0.0
+
+
+def test_whole_seconds_have_no_tail():
+    for whole in range(1, 2000):
+        totals = Totals.model_construct(outlet_ns=whole * 10**9)
+        assert outlet_fields(totals)["outlet_time"] == whole
 
 
 def test_exact_registers(run):

@@ -216,6 +216,29 @@ def test_the_table_holds_what_is_shown(view):
     assert "2026-01-02T02:00+00:00" not in used
 
 
+def test_minutes_and_spans_are_the_total_and_in_the_table(tmp_path):
+    store, robot = HistoryStore(tmp_path), Robot()
+    store.open()
+    for off in (0, 3, 20):  # within a quarter hour, and over one
+        robot.advance(off * MINUTE, 6000)
+        store.add("a", [robot.minute(6000) for _ in range(5)])
+    assert store.write(robot.now), store.trouble
+    store.close()
+    view = HistoryView(tmp_path)
+    asked = {"period": "hour", "at": "2026-01-01"}
+    answer = ask(view, **asked)
+    whole = 38 * 60 * 6000
+    assert answer["total"]["energy"] == whole
+    assert answer["span_count"] == 2
+    assert answer["span_energy"] == (4 + 21) * 60 * 6000
+    assert total(answer["series"]) + answer["span_energy"] == whole
+    table = view.csv(view.wish({name: [value] for name, value in asked.items()}, NOW))
+    rows = list(csv.DictReader(io.StringIO(table)))
+    assert sum(int(row[IMPORT]) for row in rows) == whole * 10**6
+    spans = [(row["begin"][11:16], row["end"][11:16]) for row in rows if row["resolved"] == "0"]
+    assert spans == [("00:05", "00:09"), ("00:13", "00:34")]
+
+
 def test_a_name_is_no_formula_in_the_table(tmp_path):
     view = record(tmp_path / "history", {"=cmd|' /C calc'!A0": [(0.25, 100)]})
     wish = view.wish({"period": ["day"], "at": ["2026-01-01"]}, NOW)

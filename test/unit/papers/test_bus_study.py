@@ -59,3 +59,12 @@ def test_only_bands_that_hold_the_truth_count():
     rows = [JudgedBus(ADVISED, 1, 10.0, half, truth, 99.0) for half, truth in ((2, 9), (2, 13))]
     (line,) = count(rows)
     assert "1 of 2 bands hold the truth (50 %); 2 claimed, 2 of these with the right sign" in line
+
+
+def test_a_claim_where_nothing_is_saved_is_off_by_all_of_it():
+    """Where the capacitors take all, the truth is 0, which no error can be a share of."""
+    rows = [JudgedBus(ADVISED, 1, 10.0, 8.0, truth, 99.0) for truth in (0.0, 10.0)]
+    rows.append(JudgedBus(ADVISED, 1, 0.0, 0.0, 0.0, 99.0))
+    (line,) = count(rows)
+    assert "2 of 3 bands" in line
+    assert "median error 50 %, half width 80 % of the claim" in line

@@ -29,7 +29,7 @@ def bags(plant, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(plant, bags):
-    return identify_everything(bags, plant.given_model(), ("capacitor",), strict=False)
+    return identify_everything(bags, plant.given_model(), ("capacitor", "thermal"), strict=False)
 
 
 def test_with_exact_sensors_the_figures_are_those_that_are_called_true(plant, result):
@@ -48,7 +48,9 @@ def test_with_exact_sensors_the_figures_are_those_that_are_called_true(plant, re
 
 @pytest.mark.long
 def test_a_further_recording_gives_no_disjoint_intervals(plant, bags, result):
-    three = identify_everything(bags[:3], plant.given_model(), ("capacitor",), strict=False)
+    three = identify_everything(
+        bags[:3], plant.given_model(), ("capacitor", "thermal"), strict=False
+    )
     fewer, more = plant.judged(three), plant.judged(result)
     count, apart = disjoint(fewer, more)
     assert count > 60

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,32 @@ def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
     assert reader.notes == 1
     assert "<code>x</code> is not known" in page_html(document)
     assert 'class="total"' in page_html(document)
+
+
+def test_a_figure_is_drawn_once_and_looks_as_matplotlib_alone_lays_it_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from matplotlib.lines import Line2D
+
+    drawn: list[object] = []
+    draw = Line2D.draw
+    monkeypatch.setattr(Line2D, "draw", lambda line, to: (drawn.append(line), draw(line, to)))
+
+    def picture() -> tuple[bytes, int]:
+        drawn.clear()
+        file = BytesIO()
+        with canvas(file, (3.0, 2.0), "a title") as figure:
+            axes = figure.subplots(2, 1, sharex=True)
+            (line,) = axes[0].plot([0, 1], [0, 1e-5], label="a line")
+            axes[0].legend()
+            axes[1].set_ylabel("a long label of an axis")
+        return file.getvalue(), drawn.count(line)
+
+    ours, once = picture()
+    monkeypatch.setattr("robot_energy_report.canvas._draw_once", lambda figure: None)
+    theirs, _ = picture()
+    assert once == 1
+    assert ours == theirs
 
 
 def test_a_figure_lies_in_the_file(tmp_path: Path) -> None:

@@ -111,6 +111,8 @@ def test_html_says_what_the_terminal_says(result, predicted):
     assert f"{result.comparison.predicted_minus_measured_relative:+.1%}"[1:-1] in html
     assert "<table>" in html
     assert "<script" not in html
+    assert 'class="tile' not in html  # which only the styles of a page set apart
+    assert "As a table" not in html
     assert result.report._repr_html_() == html
     assert "<table>" in predicted._repr_html_()
     assert "joint_a6" in re.load_model("kr16")._repr_html_()

@@ -1,5 +1,5 @@
 // Energy over time as stacked bars; a bar is a button that opens its time.
-import { drawn, energy, known, number, percent, setText, DASH, JOULE_PER_WH } from "./format.js";
+import { drawn, element, energy, known, number, percent, setText, DASH, JOULE_PER_WH } from "./format.js";
 
 const TOP = 10;
 const BOTTOM = 34;
@@ -7,6 +7,11 @@ const STRIP = 5; // below the axis: the share of the time that was not observed
 const KNOWN = 0.995; // observed share from which on a part of the time is whole
 
 export const kindOf = (series, index) => (series.rest ? "s-rest" : series.kind ? `s-${series.kind}` : `s${index}`);
+
+// Names with their colours; a line ends between two of them.
+export function showLegend(host, entries) {
+  host.replaceChildren(...entries.flatMap(([kind, name]) => [element("span", { class: "entry" }, element("span", { class: `key ${kind}` }), name), " "]));
+}
 
 export function niceStep(span, count) {
   const raw = span / count;
@@ -48,7 +53,7 @@ export function drawBars(host, note, { parts, series, now, currency }, open) {
   const y = (value) => TOP + (1 - (value / unit[1] - floor) / (top - floor)) * (height - BOTTOM - TOP);
   const slot = (right - left) / parts.length;
   const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "group", "aria-label": "Energy over time; arrow keys go from bar to bar, Enter opens one" });
-  svg.append(drawn("text", { class: "soft", x: left - 7, y: height - 9, "text-anchor": "end" }, unit[0]));
+  svg.append(drawn("text", { class: "soft", x: 0, y: height - 9 }, unit[0]));
   for (let level = floor; level <= top + step / 2; level += step) {
     const at = y(level * unit[1]);
     svg.append(drawn("line", { class: "rule", x1: left, x2: right, y1: at, y2: at }),
@@ -92,6 +97,6 @@ export function drawBars(host, note, { parts, series, now, currency }, open) {
   });
   bars[Math.max(0, all.findLastIndex(Boolean))]?.setAttribute("tabindex", "0");
   svg.append(...bars);
-  setText(note, "Choose a bar to read it. A click or Enter opens its time.");
+  setText(note, `Choose a bar to read it.${parts.some((part) => part.zoom) ? " A click or Enter opens its time." : ""}`);
   host.replaceChildren(svg);
 }

@@ -37,7 +37,7 @@ export function duration(seconds) {
   if (!known(seconds)) return DASH;
   if (seconds < 120) return `${number(seconds, 1)} s`;
   if (seconds < 7200) return `${number(seconds / 60, 1)} min`;
-  return `${number(seconds / 3600, 2)} h`;
+  return `${number(seconds / 3600, seconds < 360000 ? 2 : 0)} h`;
 }
 
 // Stamps before 2001 are those of a simulation: shown as seconds.

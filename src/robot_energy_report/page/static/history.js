@@ -1,13 +1,13 @@
 // The history page: asks for one period, shows it, and goes from a year to a minute and back.
 import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, DASH } from "./format.js";
 import { ask, keep, setToken, tokenHash } from "./access.js";
-import { drawBars, kindOf } from "./bars.js";
+import { drawBars, kindOf, showLegend } from "./bars.js";
 import { baselineOf, fillBaseline, showFriction, showSavings } from "./savings.js";
 import "./theme.js";
 
 const REFRESH = 60000; // of a period that is not over [ms]
 const MANY = 16; // robots from which on there are cells and a search
-const PARTS = { friction: "friction", drives: "drives", motion: "motion", brake: "brake resistor", cabinet: "cabinet", capacitor: "capacitor" };
+const PARTS = { friction: "friction", drives: "drive losses", motion: "lifting, accelerating", brake: "brake resistor", cabinet: "constant losses", capacitor: "capacitor" };
 const BARS = {
   part: "Parts of the energy from the grid, less what was fed back. ",
   joint: "Electrical energy into the drives of the joints, without the cabinet. ",
@@ -53,7 +53,7 @@ async function load() {
     byId("trouble").hidden = true;
     byId("access").hidden = true;
     byId("content").hidden = false;
-    show();
+    keepFocus(show);
     await Promise.all([showShifts(asked, wish), loadFriction(asked, wish), loadSavings(asked, wish)]);
   } catch (error) {
     if (asked !== view.asked) return;
@@ -64,6 +64,14 @@ async function load() {
     byId("trouble").hidden = false;
     setText(byId("trouble"), error instanceof TypeError ? "no connection to the monitor" : error.message);
   }
+}
+
+// What had the focus may be gone, hidden or disabled then: the bars have it, not the top of the page.
+function keepFocus(work) {
+  const lost = ({ activeElement: one } = document) => one === document.body || one.disabled || one.hidden;
+  const had = !lost();
+  work();
+  if (had && lost()) byId("bars").querySelector('[tabindex="0"]')?.focus({ preventScroll: true });
 }
 
 function askToken() {
@@ -81,7 +89,7 @@ function show() {
   byId("later").disabled = Boolean(answer.running) || period.start > answer.now;
   byId("out").disabled = !OUT[period.period];
   for (const button of document.querySelectorAll("[data-by]")) button.setAttribute("aria-pressed", String(button.dataset.by === answer.group));
-  for (const button of document.querySelectorAll("[data-period]")) button.setAttribute("aria-pressed", String(button.dataset.period === period.period));
+  for (const button of document.querySelectorAll("[data-period]")) button.setAttribute("aria-pressed", String(button.dataset.period === period.period && (period.period !== "day" || Boolean(answer.running))));
   byId("live").href = `.${tokenHash()}`;
   showBars();
   showHeadline(before);
@@ -101,8 +109,7 @@ function named(series, group) {
 function showBars() {
   const { answer } = view;
   const series = named(answer.series, answer.group);
-  byId("legend").replaceChildren(...series.flatMap((one, index) => [element("span", { class: `key part ${kindOf(one, index)}` }), one.name, " "]),
-    ...(series.length ? [element("span", { class: "key unseen" }), "not observed"] : []));
+  showLegend(byId("legend"), [...series.map((one, index) => [`part ${kindOf(one, index)}`, one.name]), ...(series.length ? [["unseen", "not observed"]] : [])]);
   const focused = byId("bars").contains(document.activeElement) ? document.activeElement.dataset.place : null;
   // Costs are those of all energy from the grid.
   const parts = BARS[answer.group] ? answer.parts.map((part) => ({ ...part, cost: null })) : answer.parts;
@@ -111,7 +118,7 @@ function showBars() {
   const remarks = answer.remarks.length ? `Some of it: ${answer.remarks.join(", ")}. ` : "";
   const last = answer.spans.at(-1);
   const zone = answer.timezone;
-  const when = (seconds) => new Date(1000 * seconds).toLocaleString([], { timeZone: zone, hour12: false, dateStyle: "short", timeStyle: "short" });
+  const when = (seconds) => new Date(1000 * seconds).toLocaleString("sv", { timeZone: zone, dateStyle: "short", timeStyle: "short" });
   setText(byId("span-note"), `${BARS[answer.group] ?? ""}${remarks}${answer.span_count ? `${energy(answer.span_energy)} more lie in ${answer.span_count} span${answer.span_count > 1 ? "s" : ""} that no bar holds, as the recorder was off; the last, of ${last.robot}, from ${when(last.start)} to ${when(last.stop)}. ` : ""}Times of ${zone}.`);
 }
 
@@ -206,7 +213,7 @@ async function loadSavings(asked, wish) {
     if (asked !== view.asked) return;
     view.savings = found;
     setText(byId("baseline-answer"), "");
-    showSaved();
+    keepFocus(showSaved);
   } catch (error) {
     if (asked !== view.asked) return;
     byId("savings").hidden = true;

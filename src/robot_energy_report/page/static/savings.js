@@ -1,5 +1,6 @@
 // Savings against a baseline (ISO 50006), and learned friction over the parts of a period.
-import { byId, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, DASH, JOULE_PER_WH } from "./format.js";
+import { byId, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, DASH, JOULE_PER_WH } from "./format.js";
+import { showLegend } from "./bars.js";
 import { drawCurves } from "./curves.js";
 
 const KWH = 1000 * JOULE_PER_WH;
@@ -83,7 +84,7 @@ export function showFriction(answer, alone) {
   const drawnRows = alone ? rows.slice(0, SHOWN) : [];
   const models = new Set(rows.map((row) => `${row.robot} ${row.model}`)).size > new Set(rows.map((row) => row.robot)).size;
   byId("friction").hidden = !drawnRows.length || parts.length < 2;
-  byId("friction-legend").replaceChildren(...drawnRows.flatMap((row, index) => [element("span", { class: `key part s${index}` }), row.joint, " "]));
+  showLegend(byId("friction-legend"), drawnRows.map((row, index) => [`part s${index}`, row.joint]));
   if (!byId("friction").hidden) {
     drawCurves(byId("friction"), byId("friction-note"), {
       title: `Learned friction of ${drawnRows.length} joints over that of the model file`, places: parts, unit: "ratio", level: 1, digits: 2,

@@ -1,0 +1,12 @@
+// Order of search results: pages for users first, decision records behind them.
+var Scorer = {
+  score: ([docname, , , , score]) => score - (docname.startsWith("decisions/") ? 100 : 0),
+  objNameMatch: 11,
+  objPartialMatch: 6,
+  objPrio: { 0: 15, 1: 5, 2: -5 },
+  objPrioDefault: 0,
+  title: 15,
+  partialTitle: 7,
+  term: 5,
+  partialTerm: 2,
+};
