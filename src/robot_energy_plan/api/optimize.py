@@ -184,7 +184,10 @@ def optimize(
 
 
 def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:
-    ends = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    try:
+        ends = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise MotionError(f"the motor temperature is {given!r}", "numbers in degC") from error
     low, high = PLAUSIBLE_DEGC
     if ends.size > 2 or not ((ends >= low) & (ends <= high)).all() or ends[-1] < ends[0]:
         raise MotionError(

@@ -131,8 +131,9 @@ def test_every_document_takes_a_report_and_a_page():
     assert names - DOCUMENTS.keys() == {"check", "excitation", "fleet_run"}
     assert names >= DOCUMENTS.keys()
     for place in DOCUMENTS.values():
-        first, second = list(inspect.signature(resolve_name(place)).parameters.values())[:2]
+        first, second, *more = inspect.signature(resolve_name(place)).parameters.values()
         assert (first.name, second.annotation) == ("report", "Document")
+        assert all(other.default is not inspect.Parameter.empty for other in more), place
 
 
 def every_result(kind=Result):
@@ -142,7 +143,7 @@ def every_result(kind=Result):
 
 
 def test_representations_fit_on_a_line_or_two(result, predicted):
-    for shown in (result, result.report, predicted, re.load_model("kr16")):
+    for shown in (result, result.report, predicted, predicted.report, re.load_model("kr16")):
         assert len(repr(shown)) < 260
     assert "against the meter" in repr(result)
 
