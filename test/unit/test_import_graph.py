@@ -25,7 +25,7 @@ MODULES = {
         totals
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
+        mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
         reader sources sqlite_source time_range writer
     """,
     "robot_energy.bag.cdr": """

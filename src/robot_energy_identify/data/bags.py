@@ -63,8 +63,11 @@ class Kept:
         """
         known = self.recording
         if model is not known.model and not known.differs_in_supply(model):
-            known = self._newest
-            self._newest = known.with_model(model)
+            newest = self._newest
+            if model is not newest.model and not newest.differs_in_supply(model):
+                self.forget()  # all is computed again: nothing of it is of use
+                newest = known
+            self._newest = newest.with_model(model)
             return self._newest
         return known.with_model(model)
 
