@@ -14,7 +14,6 @@ import numpy as np
 
 from robot_energy.certainty.band import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import Float, Int
@@ -27,7 +26,7 @@ from robot_energy_fleet.advice.evidence import (
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
 from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
-from robot_energy_report.formats import percent
+from robot_energy_report.formats import percent, watt_hours
 
 LONG_REST = 60.0  # s; from here on the drives are left on for nothing
 NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
@@ -124,7 +123,7 @@ def standby(
                 [FORM_OF_POSE * held_more, METER * saved if metered else 0.0],
             ]
         )
-        others.append(f"{state.name} {saved / JOULE_PER_KWH:.3g} kWh")
+        others.append(f"{state.name} {watt_hours(saved)}")
         if best is None or saved > best[0]:
             best = saved, columns, state, used
     if best is None:
@@ -213,7 +212,7 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         share * evidence.brake_energy,
         columns,
         "assumed",
-        f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor, "
+        f"{watt_hours(evidence.brake_energy)} went into the brake resistor, "
         f"{part} of the energy from the grid",
         f"a regenerative supply that returns {percent(share, digits=0)}",
     )
@@ -222,9 +221,9 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
 def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     """Return what one DC bus for two robots at such work saves, each its half.
 
-    ``S = T/2 (2 E[max(D, 0)] - E[max(D_1 + D_2, 0)])``, with the demands D_1, D_2 of two robots
-    that both work as recorded and start independently; the share of S that capacitors keep already
-    is taken off. None where a supply is regenerative, or nothing is braked.
+    Without capacitors ``S = T/2 (2 E[max(D, 0)] - E[max(D_1 + D_2, 0)])``, with demands D_1, D_2 of
+    two robots that both work as recorded and start independently: the share s of what is fed back.
+    With them see `_share_saved`. None where a supply is regenerative, or nothing is braked.
 
     Args:
         evidence: Of recordings, with the demand on the bus.
@@ -237,25 +236,42 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         return None
     value, share = energy[seen] / time[seen], time[seen] / time[seen].sum()
     fed_back = float(np.maximum(-value, 0.0) @ share)
-    kept = min(evidence.brake_energy / evidence.observed_time / fed_back, 1.0)
-    saved: list[float] = []
+    braked = min(evidence.brake_energy / evidence.observed_time / fed_back, 1.0)
+    parts: list[float] = []
     total, weight = value, share
     for robots in range(2, MOST_ROBOTS + 1):
         total, weight = _sum_of(total, weight, value, share)
-        saved.append(fed_back - float(np.maximum(-total, 0.0) @ weight) / robots)
-    two, most = (kept * evidence.observed_time * each for each in (saved[0], saved[-1]))
-    part = two / evidence.brake_energy
+        used = 1.0 - float(np.maximum(-total, 0.0) @ weight) / robots / fed_back
+        parts.append(_share_saved(used, braked, robots))
+    part = parts[0]
+    two = part * evidence.brake_energy
     return Claim(
         "shared_bus",
         two,
         np.concatenate([part * evidence.brake_columns, [FORM_OF_STARTS * two]]),
         "predicted",
-        f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor; with two "
-        f"robots at such work on one DC bus {percent(part)} of it would move the other, with "
-        f"{MOST_ROBOTS} robots {percent(most / evidence.brake_energy)}, where starts fall anywhere",
+        f"{watt_hours(evidence.brake_energy)} went into the brake resistor; with two "
+        f"robots at such work on one DC bus {percent(part)} of it would be used, with "
+        f"{MOST_ROBOTS} robots {percent(parts[-1])}, where starts fall anywhere",
         "one DC bus for robots that stand together; `robot-energy shared-bus` computes it for "
         "recordings made at one time, and `optimize --level --one-bus` shifts starts",
     )
+
+
+def _share_saved(used: float, braked: float, robots: int) -> float:
+    """Return the share of the braked energy that one bus saves. [-]
+
+    A capacitor of energy E leaves ``B = m exp(-E/m)`` of braking whose energies are exponential, m
+    in the mean. On one bus the others use s of it, and their capacitors are free in half of the
+    time: ``B' = (1 - s) m exp(-E (R + 1) / 2 / (m (1 - s)))``, saved is ``1 - B'/B``.
+
+    Args:
+        used: s, what other robots use of what is fed back. [-]
+        braked: B/m, 1 without a capacitor. [-]
+        robots: R, on one bus.
+    """
+    left = 1.0 - used
+    return 1.0 - left * braked ** (0.5 * (robots + 1) / left - 1.0) if left > 0.0 else 1.0
 
 
 def _sum_of(value: Float, share: Float, other: Float, of_other: Float) -> tuple[Float, Float]:
