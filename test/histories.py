@@ -99,7 +99,7 @@ class Course:
 
     Attributes:
         days: Length. [days]
-        kills: Of the recorder, at any place.
+        kills: Of the recorder, at any place; it starts again, or a second one takes over.
         resets: Of the registers.
         steps: Of the clock, forth and back.
         changes: Of the model or the place of the meter.
@@ -130,7 +130,7 @@ def run_course(folder, course: Course, seed: int, start: int = START) -> tuple[i
         for place in draw.sample(range(count), getattr(course, kind)):
             planned.setdefault(place, []).append(kind)
     off = range(count // 2, count // 2 + int(course.off_days * DAY / course.period))
-    store, done, lately = HistoryStore(folder), 0, []
+    store, second, done, lately = HistoryStore(folder), HistoryStore(folder), 0, []
     store.open()
     for place in range(count):
         end = (robot.now // course.period + 1) * course.period
@@ -142,8 +142,12 @@ def run_course(folder, course: Course, seed: int, start: int = START) -> tuple[i
             match kind:
                 case "kills":
                     store.add("a", readings)
+                    assert not second.write(robot.now)  # as long as the first holds the lock
+                    assert "another process" in second.trouble
                     store.close()  # what it had not written is gone
-                    store, readings = HistoryStore(folder), []
+                    takes_over, readings = draw.random() < 0.5, []
+                    store = second if takes_over else HistoryStore(folder)
+                    second = HistoryStore(folder) if takes_over else second
                     store.open()
                 case "resets":
                     readings.append(robot.read())
@@ -168,6 +172,7 @@ def run_course(folder, course: Course, seed: int, start: int = START) -> tuple[i
             # A monitor that is reset while the recorder is off: that energy is in no message.
             readings = [one for one in readings if one.energy_start_ns != robot.start]
         store.add("a", readings)
+        second.add("a", readings)
         if draw.random() < 0.3:
             assert store.write(robot.now), store.trouble
     store.add("a", [robot.read()])

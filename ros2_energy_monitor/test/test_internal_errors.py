@@ -39,10 +39,10 @@ PATHS = {  # of the energy monitor: where a defect is put, and which topic loses
     ),
     "meter": (lambda node: (node._meter, "step"), "/power_meter"),
     "meter.books": (lambda node: (node.account, "measure"), "/power_meter"),
-    "publish.power": (lambda node: (node._account_publisher._power_writer, "encode"), ""),
+    "publish.power": (lambda node: (node._power_writer, "encode"), ""),
     "publish.joint_friction": (lambda node: (node._friction_writer, "encode"), ""),
     "timer.Checkpoints._poll": (
-        lambda node: (node._account_publisher.checkpoints.store, "poll"),
+        lambda node: (node.checkpoints.store, "poll"),
         "",
     ),
     "diagnostics": (lambda node: (node.sources, 1), ""),
@@ -219,7 +219,7 @@ def test_a_checkpoint_timer_with_a_defect_is_tried_again(bench, messages):
     node = bench.add(EnergyMonitor, model="kr16", checkpoint_period=0.1)
     registers = bench.latest(EnergyRegisters, "energy/registers")
     publisher = bench.publisher(JointState, "joint_states")
-    defect = Defect(node._account_publisher.checkpoints, "_encode")
+    defect = Defect(node.checkpoints, "_encode")
     for row in messages["/joint_states"][:100]:
         publisher.publish(row)
     bench.spin_until(lambda: defect.calls >= 2, "two failures")

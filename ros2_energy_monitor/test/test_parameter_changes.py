@@ -88,7 +88,7 @@ def test_while_active_only_what_leaves_the_registers_as_they_are(bench):
     assert all(result.successful for result in set_parameters(bench, node, **values))
     assert node.parameters.input_timeout == 7.0
     assert node.joint_states._revival._after == 33.0
-    assert node._account_publisher.checkpoints._timer.timer_period_ns == 500_000_000
+    assert node.checkpoints._timer.timer_period_ns == 500_000_000
     assert node.get_parameter("model").value == "kr16"
 
 

@@ -151,7 +151,7 @@ def test_three_nodes_pass_it_on(bench: Any, recording: Path, tmp_path: Path) -> 
     power = bench.add(PowerMonitor, model="kr16", state_folder=str(tmp_path))
     frames = bench.inbox(JointTorque, "energy/joint_torque")
     feed = Feeder(bench, recording, torques)
-    store = power._account_publisher.checkpoints.store
+    store = power.checkpoints.store
     feed("driver", 0.0, 1.0)
     bench.spin_until(lambda: power.account.end_ns, "power")
     feed("player", 0.0, 2.0)

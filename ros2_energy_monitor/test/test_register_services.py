@@ -335,7 +335,7 @@ def test_a_disk_in_trouble_and_back(bench, messages, tmp_path):
         folder.rmdir()
         folder.write_text("in the way again")
 
-    node._account_publisher.checkpoints._thread.submit(unplug).result()  # while nothing is written
+    node.checkpoints._thread.submit(unplug).result()  # while nothing is written
     feed(bench, node, publisher, rows[200:300])
     observer.wait(persisted=False)
     answer = call(bench, node, ResetRegisters, "reset_registers", reason="to see")
@@ -359,7 +359,7 @@ def test_a_second_monitor_says_so_and_takes_over(bench, messages, tmp_path):
     publisher = bench.publisher(JointState, "joint_states")
     rows = messages["/joint_states"]
     feed(bench, first, publisher, rows[:300])
-    assert first._account_publisher.checkpoints.now()
+    assert first.checkpoints.now()
     total = first.account.registers.cabinet("grid_import")
     second, observer = start(bench, tmp_path), Observer(bench)
     status = observer.diagnosed("another monitor", str(tmp_path))
@@ -379,7 +379,7 @@ def test_ticks_go_on_while_the_disk_hangs(bench, messages, tmp_path):
     feed(bench, node, publisher, rows[:200])
     observer.wait(persisted=True)
     card = threading.Event()
-    node._account_publisher.checkpoints._thread.submit(card.wait)
+    node.checkpoints._thread.submit(card.wait)
     try:
         observer.wait(persisted=False)
         hung = len(observer.rows)
@@ -399,7 +399,7 @@ def card(bench, messages, tmp_path) -> Iterator[Any]:
     node, released = start(bench, tmp_path, checkpoint_period=3600.0), threading.Event()
     publisher = bench.publisher(JointState, "joint_states")
     feed(bench, node, publisher, messages["/joint_states"][:200])
-    node._account_publisher.checkpoints._thread.submit(released.wait)
+    node.checkpoints._thread.submit(released.wait)
     yield SimpleNamespace(node=node, publisher=publisher, release=released.set)
     released.set()
 
@@ -506,7 +506,7 @@ def test_namespaces_have_registers_of_their_own(bench, messages, tmp_path):
         bench.add(partial(EnergyMonitor, namespace=name), **{**FAST, "state_folder": str(tmp_path)})
         for name in ("cell1", "cell2")
     ]
-    assert all(node._account_publisher.checkpoints.now() for node in nodes)
+    assert all(node.checkpoints.now() for node in nodes)
     assert len(list(tmp_path.glob("cell1-*.state"))) == 1
     assert len(list(tmp_path.glob("cell2-*.state"))) == 1
 

@@ -62,7 +62,7 @@ def test_power_comes_every_so_many_ticks_and_never_in_pairs(
     node = bench.add(EnergyMonitor, model="kr16", **parameters)
     rows, arrival = received(rate, 12.0, jitter)
     sent = Sent()
-    node._account_publisher._power._publisher._publisher = sent
+    node._power._publisher._publisher = sent
     waiting: list[tuple[int, bytes]] = []
 
     def drain(inboxes):

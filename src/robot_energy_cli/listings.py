@@ -10,7 +10,7 @@ from robot_energy_cli.command import Command
 
 
 def _print_kinds(args: Namespace) -> int:
-    from robot_energy_report.kinds import kinds_listing
+    from robot_energy_cli.kinds import kinds_listing
 
     del args
     print(kinds_listing(), end="")

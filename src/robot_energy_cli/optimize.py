@@ -42,6 +42,7 @@ OPTIONS = {
     "--rest-states FILE": "figures of these states, for this robot",
     "--regenerative": "evaluate a regenerative supply as well",
     "--peak-limit W": "greatest power from the grid",
+    "--cycles-per-year N": "how many cycles there are in a year: says what is saved in it",
     "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
     "--level PROGRAM": (
         "program of another robot of this model on the same supply; starts within the cycle "

@@ -38,6 +38,7 @@ CURVE_STEP = 5.0  # of the curves of friction [K]
 MIN_ROBOTS = 3  # that make a middle and a range
 RANGE = (0.1, 0.9)
 WEEK_NS = 7 * 86_400_000_000_000
+UNPLACED = 1e-6  # share of the energy beyond which that of no hour is said
 SHIFTS = (6, 14, 22)  # hours at which a shift begins, where nothing else is said
 
 
@@ -80,6 +81,12 @@ def fleet_report(
         notes.append(
             "a price or a shift changes within a UTC hour, and a dataset holds sums of UTC hours: "
             "those of such an hour are shared by the time that the bag has before and after"
+        )
+    energy, placed = (float(one["grid_energy"].sum()) for one in (read, tables.hours))
+    if (unplaced := energy - placed) > UNPLACED * energy:
+        notes.append(
+            f"{unplaced / JOULE_PER_KWH:.3f} kWh were used while no recorder ran: no shift holds "
+            "them, and what was standby of them is not known"
         )
     if left_out := int(read["jobs_left_out"].sum()):
         notes.append(jobs_left_out(left_out))

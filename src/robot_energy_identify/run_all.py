@@ -24,6 +24,7 @@ from robot_energy.foundation.errors import (
     ModelFileError,
     NotIdentifiableError,
 )
+from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
@@ -110,7 +111,8 @@ def identify_everything(
         progress: Called with the subject and the share done, 0 to 1.
         effort_refused: Why the effort of the bags cannot be used, from `usable_effort`.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
-        strict: Whether a step that comes out implausible ends it all; else it is left out.
+        strict: Whether a step that comes out implausible ends it all; else it is left out, as in a
+            fold, and no step has the rows of the dynamics.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
 
     Raises:
@@ -124,9 +126,12 @@ def identify_everything(
     low_pass: Delay | None = None
     in_time = False
     base = model
+    for kept in (bag.kept for bag in bags if bag.kept is not None):
+        kept.forget()
     for number, subject in enumerate(order):
         if progress is not None:
             progress(subject, number / len(order))
+        give_back_freed_memory()
         if subject in SUPPLY and subject not in skip and not in_time:
             in_time = True
             low_pass, delay = _meter_lags(bags, now)
@@ -151,7 +156,7 @@ def identify_everything(
                 if strict and isinstance(error, ImplausibleIdentificationError):
                     raise
                 step = Step(subject, None, str(error), now)
-        steps.append(step)
+        steps.append(step if strict else step.without_rows())
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
             if cabinet.subject == "cabinet" and cabinet.taken:

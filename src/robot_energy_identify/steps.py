@@ -6,6 +6,7 @@ Every step reads the recordings with the model that the step before left.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -13,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.friction import viscous_law
@@ -25,15 +27,20 @@ from robot_energy_identify.cabinet.cabinet import (
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
-from robot_energy_identify.data.recordings import Recording, channels_of
+from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
 from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
 from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.dynamics_model import SOURCE, to_model
 from robot_energy_identify.dynamics.validation import TorqueError
-from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
+from robot_energy_identify.friction.friction import (
+    FrictionFit,
+    fit_axes,
+    fit_friction,
+    with_friction,
+)
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
-from robot_energy_identify.friction.samples import friction_data
+from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.friction.shared_shape import share_shape
 from robot_energy_identify.plausibility import (
     check_cabinet,
@@ -216,6 +223,14 @@ class Step:
         """Whether the model holds what was found."""
         return self.found is not None and not self.reason
 
+    def without_rows(self) -> Step:
+        """Return the step without the rows of the dynamics, which only its report asks for."""
+        found = self.found
+        if not isinstance(found, DynamicsFound):
+            return self
+        result = replace(found.result, observations=found.result.observations.without_rows())
+        return replace(self, found=replace(found, result=result))
+
 
 def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
     """Recordings with measured torque.
@@ -259,6 +274,7 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     kept = stated[0].kept if len(stated) == 1 and np.isfinite(seconds) else None
     seen = None if kept is None else kept.rows  # the same pieces in every fold
     settings = DynamicsSettings(sensors=bags[0].sensors, seen=seen)
+    give_back_freed_memory()
     result = identify_dynamics(channels_of(level), model, settings)
     found = DynamicsFound(
         result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
@@ -279,44 +295,56 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
 
 
 def _at_one_temperature(
-    recordings: Sequence[Recording], pieces: Sequence[Recording]
-) -> tuple[list[Recording], tuple[str, ...]]:
+    recordings: Sequence[Recording], pieces: Sequence[MotionBlock]
+) -> tuple[list[MotionBlock], tuple[str, ...]]:
     """Measured torque of the pieces as if every motor always had its median temperature.
 
     The dynamics know one viscous friction fv per joint. Where friction follows the temperature
     T, ``(fv(T) - fv(T_median)) w`` is taken off, by laws fitted with the bodies as given. Their
     difference over temperature hardly depends on the bodies.
     """
-    axes = [friction_data(recordings, joint) for joint in range(len(recordings[0].model.joints))]
-    try:
-        fits, _ = fit_axes(axes)
-    except NotIdentifiableError:
-        return list(pieces), ()
+    fits = [
+        _over_temperature(friction_data(recordings, joint))
+        for joint in range(len(recordings[0].model.joints))
+    ]
     warm = {
         fit.name: viscous_law(fit.law)
         for fit in fits
-        if FRICTION_LAWS[fit.chosen].follows_temperature
+        if fit is not None and FRICTION_LAWS[fit.chosen].follows_temperature
     }
     if not warm:
         return list(pieces), ()
-    torques = [part.torque.motor_torque_measured.copy() for part in pieces]
+    torques = [part.motor_torque_measured.copy() for part in pieces]
     for joint, name in enumerate(recordings[0].model.joint_names):
         if name not in warm:
             continue
         degc = [part.power.motor_temperature_degc[:, joint] for part in recordings]
         usual = float(warm[name].viscous(float(np.nanmedian(np.concatenate(degc)))))
         for part, torque in zip(pieces, torques, strict=True):
-            own = part.power.motor_temperature_degc[:, joint]
+            own = part.motor_temperature_degc[:, joint]
             known = np.where(np.isfinite(own), warm[name].viscous(own), usual)
-            torque[:, joint] -= (known - usual) * part.torque.motor_velocity[:, joint]
+            torque[:, joint] -= (known - usual) * part.motor_velocity[:, joint]
     level = [
-        replace(part, torque=replace(part.torque, motor_torque_measured=torque))
+        replace(part, motor_torque_measured=torque)
         for part, torque in zip(pieces, torques, strict=True)
     ]
     return level, (
         f"the effect of temperature on the friction of {', '.join(warm)} was removed first, so the "
         "friction of this step is that at the median temperature",
     )
+
+
+def _over_temperature(axis: FrictionData) -> FrictionFit | None:
+    """Friction of one axis for its temperature alone: with friction by load, shown or not.
+
+    None where the data do not determine it.
+    """
+    untested = np.empty(0)
+    tried = [replace(axis.by_load(np.inf), load=untested)] if axis.load.any() else []
+    for data in (*tried, replace(axis, load=untested)):
+        with suppress(NotIdentifiableError):
+            return fit_friction(data)
+    return None
 
 
 def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bool = False) -> Step:

@@ -25,7 +25,7 @@ Target = str | Path | BytesIO  # a file, or a buffer for SVG
 COLOURS = {"measured": "#b4470b", "predicted": "#0b5cad", "fixed": "#7a3fc4"}
 PART_COLOURS = {
     "motion": "#12805c", "friction": "#c2570c", "drives": "#7a3fc4", "cabinet": "#5b6b7d",
-    "brake": "#be1844",
+    "brake": "#be1844", "capacitor": "#8a6d0f",
 }  # fmt: skip
 LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
 SERIES = ("#0b5cad", "#c2570c", "#12805c", "#be1844", "#8a6d0f", "#7a3fc4", "#5b6b7d")

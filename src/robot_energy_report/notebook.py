@@ -22,7 +22,7 @@ from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
 from robot_energy_report.canvas import COLOURS, PART_COLOURS, SERIES, Axes
-from robot_energy_report.document import Document
+from robot_energy_report.document import Document, FlowDiagram, Tiles
 from robot_energy_report.energy import scale_of
 from robot_energy_report.formats import number, typeset
 from robot_energy_report.html import parts_html
@@ -68,7 +68,9 @@ def html(shown: Any) -> str:
             if not isinstance(report, Result) or report.NAME not in DOCUMENTS:
                 return f"<pre>{typeset(repr(shown))}</pre>"
             resolve_name(DOCUMENTS[report.NAME])(report, page)
-    return parts_html(page.shown("terminal"))
+    drawn_by_a_page = (Tiles, FlowDiagram)  # with its styles and its program
+    parts = [part for part in page.shown("terminal") if not isinstance(part, drawn_by_a_page)]
+    return parts_html(parts)
 
 
 def _report(shown: Any) -> Any:

@@ -17,6 +17,7 @@ from robot_energy_report.formats import (
     fixed,
     percent,
     tags_text,
+    watt_hours,
 )
 from robot_energy_report.shared_bus import bus_verdict
 
@@ -29,6 +30,8 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
     page.notes(report.notes)
     page.paragraph()
     page.pairs(_facts(report))
+    if report.saving.claimed:
+        page.paragraph(_year(report))
     scale = EnergyFormat(max(report.before.energy, report.after.energy))
     page.figure(
         lambda path: measures_and_front(report, path),
@@ -92,6 +95,16 @@ def _verdict(report: OptimizationReport) -> str:
     return (
         f"{name}: {percent(saved.relative)} less energy per cycle, {energy_text(saved.energy)} "
         f"+- {energy_text(saved.half)} (90 % band){time}; predicted, not measured"
+    )
+
+
+def _year(report: OptimizationReport) -> str:
+    cycles, saved = report.cycles_per_year, report.saving
+    if cycles is None:
+        return "What this is in a year depends on how often it runs: give --cycles-per-year."
+    return (
+        f"In a year of {cycles:.0f} cycles, as given: {watt_hours(cycles * saved.energy)} +- "
+        f"{watt_hours(cycles * saved.half)} less, if all cycles are like this one"
     )
 
 

@@ -50,7 +50,7 @@ def test_notebook_runs(notebook, monkeypatch, capsys):
     from matplotlib import pyplot
 
     mpl.use("Agg")
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(notebook.parent)  # as Jupyter does, wherever it was started
     cells = json.loads(notebook.read_text())["cells"]
     names: dict[str, object] = {}
     for cell in cells:

@@ -1,4 +1,4 @@
-"""A year of one robot through the history: kills, resets, clocks that are set, a week without it.
+"""A year of one robot through two recorders: kills, resets, clocks that are set, a week without.
 
 Readings come every minute. The robot counts in whole numbers, so what the history must hold is
 known to the microjoule, and nothing of it shares a sum with what it checks.

@@ -80,7 +80,9 @@ def refusal(recordings: list[Recording]) -> str:
     """Which gate refuses, or why nothing can be identified; empty if all pass."""
     try:
         check_signs(recordings, EffortMeaning.MOTOR_TORQUE)
-        result = identify_dynamics(channels_of(recordings), recordings[0].model)
+        result = identify_dynamics(
+            channels_of([part.motion for part in recordings]), recordings[0].model
+        )
         check_dynamics(result, result.held_out_consistent())
         axes = [friction_data(recordings, k) for k in range(len(recordings[0].model.joints))]
         check_friction(fit_axes(axes)[0])

@@ -25,7 +25,7 @@ MODULES = {
         totals
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
+        mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
         reader sources sqlite_source time_range writer
     """,
     "robot_energy.bag.cdr": """
@@ -100,7 +100,7 @@ MODULES = {
         advise check command commands export fleet_identify fleet_report fleet_run
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info layouts listings main models monitoring numbers
+        identify_thermal import_logs info kinds layouts listings main models monitoring numbers
         optimize predict replay replay_options report result_schema shared_bus simulate terminal
         test tool_options
     """,
@@ -197,7 +197,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out history_month html identification identify_all jobs kinds layout model notebook
+        held_out history_month html identification identify_all jobs layout model notebook
         optimization parameters prediction prediction_figure printing recordings repeats replay
         replay_figures series shared_bus
     """,

@@ -19,7 +19,6 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.messages.power import PowerStateWriter
 from robot_energy.messages.registers import RegistersWriter
-from robot_energy.model import RobotModel
 from robot_energy.pipeline import PowerStage
 from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
 from ros2_energy_monitor.base.checkpoints import Checkpoints
@@ -37,88 +36,6 @@ from ros2_energy_monitor.base.publishers import (
 )
 from ros2_energy_monitor.services.registers import RegisterServices
 
-
-class AccountPublisher:
-    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends."""
-
-    def __init__(
-        self,
-        node: MonitorNode[Any],
-        model: RobotModel,
-        account: EnergyAccount,
-        parameters: AccountParameters,
-    ) -> None:
-        self._node, self._account, self._model = node, account, model
-        account.on_reading = self._add_reading
-        identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
-        self._power_writer = PowerStateWriter(*identity)
-        self._registers_writer = RegistersWriter(*identity)
-        self._power: PacedPublisher | None = None
-        self._ticks = round(parameters.tick_rate / parameters.power_rate)
-        self._registers: RowPublisher | None = None
-        self.checkpoints = Checkpoints(
-            node,
-            model,
-            account,
-            folder_of(parameters.state_folder),
-            parameters.checkpoint_period,
-            self._encode,
-            lambda rows: self._registers and self._registers.publish(rows),
-        )
-
-    def open(self) -> None:
-        """Create publishers and services, and read the registers from disk."""
-        power = RowPublisher(self._node, PowerState, POWER_TOPIC, reliable(100))
-        burst = -(-self._node.taken_ticks // self._ticks)  # messages that end together
-        self._power = PacedPublisher(power, self._ticks, max_waiting=burst + 1)
-        self._registers = RowPublisher(self._node, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
-        self.checkpoints.open()
-        take = self._node.take_now
-        RegisterServices(self._node, self._account, self.checkpoints, self._model, take).open()
-
-    def close(self) -> None:
-        """End the work on the disk; safe also after an `open` that failed."""
-        self.checkpoints.close()
-        self._account.on_reading = None
-        self._power = self._registers = None
-
-    def _encode(self, persisted: bool, minute_ns: int = 0) -> Any:
-        """Return the message of the registers; what counts a recording is kept nowhere."""
-        recording = self.checkpoints.store.is_aside
-        kept = persisted and not recording
-        return self._registers_writer.encode(self._account, kept, minute_ns, recording)
-
-    def _add_reading(self, minute_ns: int) -> None:
-        encode = partial(self._encode, minute_ns=minute_ns)
-        if self.checkpoints.running:
-            self.checkpoints.add_reading(encode)
-
-    def activate(self) -> None:
-        """Keep and publish the registers from now on."""
-        self.checkpoints.running = True
-
-    def deactivate(self) -> None:
-        """Publish what waits, keep the registers once more, and then no longer."""
-        if self._power is not None:
-            self._power.flush()
-        self.checkpoints.now()
-        self.checkpoints.running = False
-
-    def power(self, means: MeanBlock | None) -> None:
-        """Take the periods that ended; `tick` publishes them.
-
-        Args:
-            means: One row per period; None if none ended.
-        """
-        if means is not None and self._power is not None:
-            self._power.add(self._power_writer.encode(means, self._account.comparison.location))
-
-    def tick(self) -> None:
-        """Publish the next power state if it is its turn; call every tick."""
-        if self._power is not None:
-            self._power.tick()
-
-
 A = TypeVar("A", bound=AccountParameters)
 
 
@@ -130,31 +47,65 @@ class AccountNode(MonitorNode[A]):
 
     def keep_account(self, account: EnergyAccount, stage: PowerStage) -> None:
         """Make what counts, learns, publishes and keeps; subscribe the meter."""
-        self.account, given = account, self.parameters
+        self.account, given, model = account, self.parameters, self.model
         self._loads = AuxiliaryLoads(self, given, account)
-        self._account_publisher = AccountPublisher(self, self.model, account, given)
-        self.exit_stack.callback(self._account_publisher.close)
-        self._account_publisher.open()
+        identity = (model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled)
+        self._power_writer = PowerStateWriter(*identity)
+        self._registers_writer = RegistersWriter(*identity)
+        ticks = round(given.tick_rate / given.power_rate)
+        burst = -(-self.taken_ticks // ticks)  # messages that end together
+        power = RowPublisher(self, PowerState, POWER_TOPIC, reliable(100))
+        self._power = PacedPublisher(power, ticks, max_waiting=burst + 1)
+        registers = RowPublisher(self, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
+        folder = folder_of(given.state_folder)
+        self.checkpoints = Checkpoints(
+            self, model, account, folder, given.checkpoint_period, self._encode, registers.publish
+        )
+        account.on_reading = self._add_reading
+        self.exit_stack.callback(self.checkpoints.close)  # safe also where it is not open
+        self.checkpoints.open()
+        RegisterServices(self, account, self.checkpoints, model, self.take_now).open()
         self._condition = ConditionPublisher(
-            self, self.model, stage.condition, stage.thermal, given.state_folder
+            self, model, stage.condition, stage.thermal, given.state_folder
         )
         self.exit_stack.callback(self._condition.close)
         self._condition.open()
         self._meter, self.readings = meter_input(self, given, given.resubscribe_after)
 
+    def _encode(self, persisted: bool, minute_ns: int = 0) -> Any:
+        """Return the message of the registers; what counts a recording is kept nowhere."""
+        recording = self.checkpoints.store.is_aside
+        kept = persisted and not recording
+        return self._registers_writer.encode(self.account, kept, minute_ns, recording)
+
+    def _add_reading(self, minute_ns: int) -> None:
+        if self.checkpoints.running:
+            self.checkpoints.add_reading(partial(self._encode, minute_ns=minute_ns))
+
     def activate(self) -> None:
         """Keep and publish the registers from now on."""
         super().activate()
-        self._account_publisher.activate()
+        self.checkpoints.running = True
+
+    def keep_last(self) -> None:
+        """Publish what waits, keep the registers once more, and then no longer."""
+        self._power.flush()
+        self.checkpoints.now()
+        self.checkpoints.running = False
 
     def parameters_changed(self) -> None:
         """Use the parameters that can change while active."""
         super().parameters_changed()
-        self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
+        self.checkpoints.change_period(self.parameters.checkpoint_period)
+
+    def publish_power(self, means: MeanBlock | None) -> None:
+        """Take the periods that ended; `tick` publishes them."""
+        if means is not None:
+            self._power.add(self._power_writer.encode(means, self.account.comparison.location))
 
     def tick(self) -> None:
         """Publish the next power state."""
-        self.guard.run("publish.power", self._account_publisher.tick)
+        self.guard.run("publish.power", self._power.tick)
 
     def report(self) -> None:
         """Publish and keep what was learned."""
@@ -162,10 +113,10 @@ class AccountNode(MonitorNode[A]):
 
     def begin_recording(self, players: str) -> None:
         """Count and learn apart from the robot's figures from now on."""
-        self._account_publisher.checkpoints.begin_recording(players)
+        self.checkpoints.begin_recording(players)
         self._condition.begin_recording()
 
     def end_recording(self) -> None:
         """Go on with the robot's figures."""
-        self._account_publisher.checkpoints.end_recording()
+        self.checkpoints.end_recording()
         self._condition.end_recording()

@@ -130,7 +130,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
                 ),
             ),
             *auxiliary_sources(self.account, self._loads),
-            self._account_publisher.checkpoints.findings,
+            self.checkpoints.findings,
             self._condition.findings,
             self._model_check.findings,
         ]
@@ -190,7 +190,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         """Count and publish what still waits."""
         self.take()
         self._flush()
-        self.guard.run("registers", self._account_publisher.deactivate)
+        self.guard.run("registers", self.keep_last)
 
     def _flush(self) -> None:
         """Count what waits in the stages, as at the end."""
@@ -235,7 +235,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         if friction is not None:
             send, write = self._friction.publish, self._friction_writer.encode
             self.guard.run("publish.joint_friction", lambda: send(write(friction)))
-        self.guard.run("publish.power", lambda: self._account_publisher.power(means))
+        self.guard.run("publish.power", lambda: self.publish_power(means))
 
 
 main = partial(run, EnergyMonitor)

@@ -113,7 +113,7 @@ class PowerMonitor(AccountNode[PowerParameters]):
                 self._clocks,
             ),
             *auxiliary_sources(self.account, self._loads),
-            self._account_publisher.checkpoints.findings,
+            self.checkpoints.findings,
             self._condition.findings,
         ]
 
@@ -162,7 +162,7 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._loads.flush()
         for mean in self.guard.run("joint_torque", self._flushed) or ():
             self._publish(mean)
-        self.guard.run("registers", self._account_publisher.deactivate)
+        self.guard.run("registers", self.keep_last)
 
     def _decoded(self, batch: RawBatch) -> list[MeanBlock | None]:
         """Count a batch of torques, apart from the robot's where a recording is played."""
@@ -218,7 +218,7 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._stage.restart()
 
     def _publish(self, means: MeanBlock | None) -> None:
-        self.guard.run("publish.power", lambda: self._account_publisher.power(means))
+        self.guard.run("publish.power", lambda: self.publish_power(means))
 
 
 def _alike(batch: RawBatch) -> Iterator[RawBatch]:

@@ -73,8 +73,8 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         if change in (Change.RECORDING, Change.ROBOT):
             self._flush()
             self._recording = change is Change.RECORDING
-        states = self.drain([self.joint_states, *self._further])
-        self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
+        if states := self.drain([self.joint_states, *self._further]):
+            self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
         if change is Change.MIXED:
             self._flush()
             self._recording = False

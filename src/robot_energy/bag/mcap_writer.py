@@ -84,7 +84,7 @@ class McapWriter:
         self._write(Header("ros2", library))
 
     def schema(self, name: str, definition: str) -> int:
-        """Announce a message definition and return its number."""
+        """Return the number of a message definition, which is announced."""
         from mcap.records import Schema
 
         entry = Schema(
@@ -95,7 +95,7 @@ class McapWriter:
         return entry.id
 
     def channel(self, topic: str, schema: int, metadata: dict[str, str]) -> int:
-        """Announce a topic and return its number."""
+        """Return the number of a topic, which is announced."""
         from mcap.records import Channel
 
         number = len(self._channels) + 1

@@ -35,7 +35,7 @@ def take_lock(folder: Path) -> int:
     """
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    lock = open_regular(folder / "history.lock", os.O_RDWR | os.O_CREAT)
+    lock = open_regular(folder / "history.lock", os.O_RDWR | os.O_CREAT, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

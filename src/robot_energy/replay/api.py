@@ -49,6 +49,7 @@ CHECKED = (
       for name in ("power_period", "derivative_window", "meter_max_gap")),
     *(Parameter(name, float, MISSING, low=0.0, high=1e6)
       for name in ("temperature_wait", "max_gap")),
+    *(Parameter(name, float, MISSING, low=-1e9, high=1e9) for name in ("start", "end")),
     Parameter("reorder_window", float, MISSING, low=0.0, high=0.5),
     Parameter("stamp_source", str, MISSING, choices=(HEADER, RECEIVE)),
     Parameter("processes", int, MISSING, low=1, high=3),

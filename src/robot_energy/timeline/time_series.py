@@ -70,7 +70,7 @@ class TimeSeries(Shown):
         """
         every = {**self.joint_columns, **self.columns}
         if name not in every:
-            near = get_close_matches(name, every, n=1)
+            near = get_close_matches(str(name), every, n=1)
             raise ColumnError(
                 f"the table has no column '{name}'",
                 f"'{near[0]}'?" if near else f"one of {', '.join(every)}",

@@ -14,7 +14,6 @@ import numpy as np
 
 from robot_energy.certainty.band import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import Float, Int
@@ -27,7 +26,7 @@ from robot_energy_fleet.advice.evidence import (
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
 from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
-from robot_energy_report.formats import percent
+from robot_energy_report.formats import percent, watt_hours
 
 LONG_REST = 60.0  # s; from here on the drives are left on for nothing
 NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
@@ -124,7 +123,7 @@ def standby(
                 [FORM_OF_POSE * held_more, METER * saved if metered else 0.0],
             ]
         )
-        others.append(f"{state.name} {saved / JOULE_PER_KWH:.3g} kWh")
+        others.append(f"{state.name} {watt_hours(saved)}")
         if best is None or saved > best[0]:
             best = saved, columns, state, used
     if best is None:
@@ -213,7 +212,7 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         share * evidence.brake_energy,
         columns,
         "assumed",
-        f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor, "
+        f"{watt_hours(evidence.brake_energy)} went into the brake resistor, "
         f"{part} of the energy from the grid",
         f"a regenerative supply that returns {percent(share, digits=0)}",
     )
@@ -251,7 +250,7 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         two,
         np.concatenate([part * evidence.brake_columns, [FORM_OF_STARTS * two]]),
         "predicted",
-        f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor; with two "
+        f"{watt_hours(evidence.brake_energy)} went into the brake resistor; with two "
         f"robots at such work on one DC bus {percent(part)} of it would be used, with "
         f"{MOST_ROBOTS} robots {percent(parts[-1])}, where starts fall anywhere",
         "one DC bus for robots that stand together; `robot-energy shared-bus` computes it for "

@@ -10,7 +10,7 @@ from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy_report.canvas import SERIES, Target, canvas, named_ticks
 from robot_energy_report.document import Column, Document
-from robot_energy_report.formats import energy_text, fixed, percent, significant
+from robot_energy_report.formats import fixed, percent, significant, watt_hours
 from robot_energy_report.headline import duration
 
 TITLES = (
@@ -36,7 +36,7 @@ def advice_document(report: AdviceReport, page: Document) -> None:
         [
             ("recordings", f"{basis.recordings}: {', '.join(report.source)}"),
             ("model", f"{report.model.robot}, id {report.model.model_id}"),
-            ("energy from the grid", f"{energy_text(basis.recorded_energy)} in the recordings"),
+            ("energy from the grid", f"{watt_hours(basis.recorded_energy)} in the recordings"),
             ("at work", percent(basis.duty)),
             ("basis", basis.sentence),
         ]
@@ -49,9 +49,11 @@ def advice_document(report: AdviceReport, page: Document) -> None:
         )
     for title, rows in zip(TITLES, (report.advice, report.unproven), strict=True):
         _seen(page, title, rows)
+    labels = {one.name: one.label for one in both}
     if len(report.advice) > len(report.counted):
         page.paragraph(
-            "Some of these save the same energy; the sum has only: " + ", ".join(report.counted)
+            "Some of these save the same energy; the sum has only: "
+            + ", ".join(labels[name] for name in report.counted)
         )
     _year(page, report)
     for number, one in enumerate(both, 1):
@@ -60,7 +62,7 @@ def advice_document(report: AdviceReport, page: Document) -> None:
         page.paragraph(f"To try: {one.change}.")
         if one.command:
             page.paragraph(f"Next: {one.command}")
-        if shared := [other for other in one.overlaps if other in {each.name for each in both}]:
+        if shared := [labels[other] for other in one.overlaps if other in labels]:
             page.paragraph(
                 f"Overlaps with: {', '.join(shared)}. They save a part of the same energy, so do "
                 "not add them."
@@ -71,7 +73,7 @@ def advice_document(report: AdviceReport, page: Document) -> None:
 
 
 def _verdict(report: AdviceReport) -> str:
-    seen = f"Seen: {energy_text(report.basis.recorded_energy)} from the grid"
+    seen = f"Seen: {watt_hours(report.basis.recorded_energy)} from the grid"
     seen += f" in {duration(report.basis.recorded_time)}."
     if not report.advice:
         return f"{seen} No saving is claimed: what was found is smaller than its own uncertainty"

@@ -41,9 +41,12 @@ CAUSES = {
     "standby": "standby",
     "energy": "energy of a job",
 }
+WITHOUT_PRICES = PageSettings()
 
 
-def fleet_document(report: FleetReport, page: Document, settings: PageSettings) -> None:
+def fleet_document(
+    report: FleetReport, page: Document, settings: PageSettings = WITHOUT_PRICES
+) -> None:
     """Add the report of a fleet."""
     with page.only("page"):
         page.heading("At a glance")

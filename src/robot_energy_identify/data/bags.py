@@ -21,7 +21,7 @@ from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import Progress
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
 from robot_energy_identify.data.observations import Rows
-from robot_energy_identify.data.recordings import EVER, Recording, read_recording
+from robot_energy_identify.data.recordings import EVER, MotionBlock, Recording, read_recording
 from robot_energy_identify.data.thinned import MOST
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower
 from robot_energy_identify.provenance import require_distinct, sha256_of
@@ -54,7 +54,7 @@ class Kept:
         self.recording = recording
         self.rows: Rows = {}
         self._newest = recording
-        self._pieces: dict[Span, Recording] = {}
+        self._pieces: dict[Span, MotionBlock] = {}
 
     def with_model(self, model: RobotModel) -> Recording:
         """Return the recording as another model sees it, see `Recording.with_model`.
@@ -63,20 +63,27 @@ class Kept:
         """
         known = self.recording
         if model is not known.model and not known.differs_in_supply(model):
-            known = self._newest
-            self._newest = known.with_model(model)
+            newest = self._newest
+            if model is not newest.model and not newest.differs_in_supply(model):
+                self.forget()  # all is computed again: nothing of it is of use
+                newest = known
+            self._newest = newest.with_model(model)
             return self._newest
         return known.with_model(model)
 
-    def piece(self, span: Span, read: Callable[[], Recording]) -> Recording:
-        """Return a part of the bag with every sample, which is read once.
+    def forget(self) -> None:
+        """Keep no view of another model, which takes as much memory as the recording."""
+        self._newest = self.recording
+
+    def piece(self, span: Span, read: Callable[[], Recording]) -> MotionBlock:
+        """Return the motion in a part of the bag with every sample, which is read once.
 
         Args:
             span: From and to. [ns]
             read: Reads it with the model of the recording.
         """
         if span not in self._pieces:
-            self._pieces[span] = read()
+            self._pieces[span] = read().motion
         return self._pieces[span]
 
 
@@ -138,7 +145,7 @@ class Bag:
         )
         return replace(recording, sensors=self.sensors)
 
-    def motion(self, model: RobotModel, seconds: float) -> list[Recording]:
+    def motion(self, model: RobotModel, seconds: float) -> list[MotionBlock]:
         """Return motion for the dynamics, with every sample of it.
 
         All stretches that count, or the begin of each block that the folds hold out: every fold
@@ -149,7 +156,7 @@ class Bag:
         """
         whole = self.whole(model)
         if not np.isfinite(seconds) and whole.every == 1:
-            return self._parts(whole)
+            return [part.motion for part in self._parts(whole)]
         blocks, guard = blocks_of(whole.span_ns)
         if seconds < len(blocks) * MIN_PIECE:
             blocks = [whole.span_ns]
@@ -160,13 +167,13 @@ class Bag:
             for span in spans
             if any(first <= span[0] and span[1] <= last for first, last in self.spans)
         ]
-        return [part.with_model(model) for part in found if len(part) > 1]
+        return [part for part in found if len(part) > 1]
 
-    def _piece(self, whole: Recording, span: Span) -> Recording:
+    def _piece(self, whole: Recording, span: Span) -> MotionBlock:
         """A part with every sample; what was kept is not all of them where it is thinned."""
         first, last = span
         if whole.every == 1 or self.kept is None:
-            return whole.between(first, last + 1)
+            return whole.between(first, last + 1).motion
         model, origin = self.kept.recording.model, int(whole.torque.stamp_ns[0])
 
         def read() -> Recording:

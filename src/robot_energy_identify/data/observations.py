@@ -101,6 +101,12 @@ class Observations:
         columns = np.ascontiguousarray(self.regressor[:, :, np.asarray(keep, dtype=np.int64)])
         return replace(self, names=tuple(self.names[int(k)] for k in keep), regressor=columns)
 
+    def without_rows(self) -> Observations:
+        """Return the observations with no row, which is next to no memory."""
+        none = slice(0, 0)
+        kept = {name: getattr(self, name)[none].copy() for name in BY_ROW}
+        return replace(self, **kept, motion=self.motion[none])
+
     def with_names(self, names: Sequence[str]) -> Observations:
         """Return the observations with the parameters of these names only."""
         if tuple(names) == self.names:
@@ -130,16 +136,25 @@ def observe(
         NotIdentifiableError: If a stretch is too short to be filtered.
     """
     made: Rows = {} if seen is None else seen
+    known = set(made)
     parts = [
         _observe(part, number, torque_model, filters, made) for number, part in enumerate(channels)
     ]
     if len(parts) == 1:
         return parts[0]
-    return replace(
+    whole = replace(
         parts[0],
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_ROW},
         motion=Trajectory.concatenate([part.motion for part in parts]),
     )
+    if not known and len(made) == len(
+        parts
+    ):  # all rows are new, and no other fit has them: they are kept once
+        edges = np.flatnonzero(np.diff(whole.segment)) + 1
+        regressors = iter(np.split(whole.regressor, edges))
+        for key, (motion, _, payload) in made.items():
+            made[key] = motion, next(regressors), payload
+    return whole
 
 
 def _observe(

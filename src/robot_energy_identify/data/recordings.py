@@ -33,7 +33,9 @@ from robot_energy.replay.replay_topics import Topics
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
+    Block,
     EffortMeaning,
+    Float,
     Int,
     JointBlock,
     MeterBlock,
@@ -49,11 +51,31 @@ from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 EVER: tuple[int, int] = (-(2**62), 2**62)  # ns: all stamps
 MINUTE = 60_000_000_000  # ns
+AROUND = 5_000_000_000  # ns around a minute, in which readings of the meter belong to it
 SPREAD = 600.0  # s of motion for what does not change over a recording: delays, the DC link
 OF_MOTION = (
     "urdf", "urdf_xml", "gravity", "massless_links", "coupling", "payload", "temperature", "hold",
 )  # fmt: skip  # of a model, besides the joints, decides torque, friction and temperature
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
+
+
+@dataclass(frozen=True)
+class MotionBlock(Block):
+    """What the dynamics see of a recording, motor side but for the positions.
+
+    Attributes:
+        segment: Changes at every gap or jump of the stamps, shape (N,).
+        joint_position: Shape (N, n). [rad] or [m]
+        motor_velocity: Shape (N, n). [rad/s]
+        motor_torque_measured: Shape (N, n). [N m]
+        motor_temperature_degc: Shape (N, n). [degC]
+    """
+
+    segment: Int
+    joint_position: Float
+    motor_velocity: Float
+    motor_torque_measured: Float
+    motor_temperature_degc: Float
 
 
 @dataclass(frozen=True)
@@ -95,6 +117,19 @@ class Recording:
     def sound(self) -> NDArray[np.bool_]:
         """Which samples have a full derivative window and finite figures, shape (N,)."""
         return np.asarray((self.torque.quality & np.uint32(DOUBTFUL)) == 0)
+
+    @property
+    def motion(self) -> MotionBlock:
+        """What the dynamics see of it; shares its arrays."""
+        block = self.torque
+        return MotionBlock(
+            block.stamp_ns,
+            block.segment,
+            block.joint_position,
+            block.motor_velocity,
+            block.motor_torque_measured,
+            self.power.motor_temperature_degc,
+        )
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -152,10 +187,17 @@ class Recording:
         minute = (stamp - stamp.min()) // MINUTE
         rows = minute % every == 0
         segment = self.torque.segment[rows] + (minute[rows] << 32)
+        meter = self.meter
+        if meter is not None:  # readings around these minutes, too
+            since = meter.stamp_ns - stamp.min()
+            near = [(since + side * AROUND) // MINUTE % every == 0 for side in (-1, 0, 1)]
+            used = np.concatenate([[False], np.logical_or.reduce(near), [False]])
+            meter = meter[used[:-2] | used[1:-1] | used[2:]]
         return replace(
             self,
             torque=replace(self.torque[rows], segment=segment),
             power=replace(self.power[rows], segment=segment),
+            meter=meter,
             known=(),
         )
 
@@ -317,18 +359,17 @@ def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:
     return np.asarray((stamp_ns >= start_ns) & (stamp_ns < end_ns))
 
 
-def channels_of(recordings: Sequence[Recording], rate: float | None = None) -> list[Channels]:
+def channels_of(pieces: Sequence[MotionBlock], rate: float | None = None) -> list[Channels]:
     """Return stretches of motor torque and position between gaps, on one uniform grid.
 
     Args:
-        rate: Of the grid; None for that of the first recording. [Hz]
+        rate: Of the grid; None for that of the first piece. [Hz]
 
     Raises:
-        NotIdentifiableError: If a recording has no stretch that is long enough.
+        NotIdentifiableError: If a piece has no stretch that is long enough.
     """
     channels: list[Channels] = []
-    for recording in recordings:
-        block = recording.torque
+    for block in pieces:
         channels += stretches(
             block.stamp_ns,
             block.segment,

@@ -120,7 +120,7 @@ def find_drives(
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)
-        total = TotalFound(pieces, fit, *compare_total(pieces, model), lag, low_pass)
+        total = TotalFound(pieces, fit, *compare_total(pieces, model, fit), lag, low_pass)
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",

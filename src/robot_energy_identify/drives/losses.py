@@ -18,7 +18,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
-from robot_energy_identify.stats.regression import Fit, independent, qr_r, regress
+from robot_energy_identify.stats.regression import Fit, independent, regress
 from robot_energy_identify.stats.systematic import Changes, with_systematic
 
 if TYPE_CHECKING:
@@ -121,20 +121,26 @@ def fit_losses(
             "record longer, with power and joint states",
         )
     found = np.zeros(columns.shape[1], dtype=np.bool_)
-    found[independent(qr_r(columns), MIN_SHARE * _size(columns))] = True
+    base, triangle = np.linalg.qr(columns)
+    found[independent(triangle, MIN_SHARE * _size(columns))] = True
     if not found.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
     used: list[int] = np.flatnonzero(found).tolist()
     negative: list[int] = []
+
+    def fitted(deviations: bool) -> Fit:
+        own, (turn, kept) = [names[k] for k in used], np.linalg.qr(triangle[:, used])
+        known = base @ turn, kept
+        return regress(columns[:, used], target, block, own, "irls", what, deviations, known)
+
     while True:
-        own = [names[k] for k in used]
-        fit = regress(columns[:, used], target, block, own, "irls", what, False)
+        fit = fitted(False)
         worst = int(np.argmin(fit.values * _size(columns[:, used])))
         if fit.values[worst] >= 0.0 or len(used) == 1:
             break
         negative.append(used.pop(worst))
     if deviations:
-        fit = regress(columns[:, used], target, block, fit.names, "irls", what)
+        fit = fitted(True)
     if deviations and changes is not None:
         known = dict.fromkeys(names, 0.0) | dict(zip(fit.names, fit.values.tolist(), strict=True))
         fit = with_systematic(fit, columns[:, used], changes(known))

@@ -8,8 +8,10 @@ the simplest structure that no other beats on blocks it has not seen is taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -24,6 +26,7 @@ from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, o
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy_identify.stats.cross_validation import (
+    FOLDS,
     EnergyScore,
     Kind,
     contiguous_folds,
@@ -62,6 +65,8 @@ class TotalFit:
         deviations: Standard deviations of them; NaN where not determined, shape (3, n).
         errors: RMS on blocks not seen, of every structure that was tried. [W]
         spread: Coefficients per parameter of the regression, shape (3, n, P).
+        predicted: Readings of each of five contiguous folds by every structure, fitted to the
+            others, shape (K,). [W]
     """
 
     structure: Structure
@@ -72,6 +77,7 @@ class TotalFit:
     deviations: Float
     errors: dict[Structure, float]
     spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
+    predicted: dict[Structure, Float] = field(default_factory=dict[Structure, Float], repr=False)
 
 
 @one_thread
@@ -81,18 +87,16 @@ def fit_total(data: Sums) -> TotalFit:
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
     """
-    errors: dict[Structure, float] = {}
+    predicted: dict[Structure, Float] = {}
     fold = contiguous_folds(len(data))
     for structure in STRUCTURES:
-        try:
-            predicted = _held_out(
+        with suppress(NotIdentifiableError):
+            predicted[structure] = _held_out(
                 data, fold, lambda part, what=structure: fit_structure(part, what)
             )
-        except NotIdentifiableError:
-            continue
-        errors[structure] = rms_of(predicted - data.measured)
+    errors = {name: rms_of(values - data.measured) for name, values in predicted.items()}
     chosen = simplest(errors) if errors else STRUCTURES[0]
-    return fit_structure(data, chosen, errors)
+    return replace(fit_structure(data, chosen, errors), predicted=predicted)
 
 
 def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
@@ -188,10 +192,13 @@ def predict(data: Sums, fit: TotalFit) -> Float:
 
 
 @one_thread
-def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str, EnergyScore]]:
+def compare_total(
+    data: Sums, model: RobotModel | None, fit: TotalFit | None = None
+) -> tuple[Kind, dict[str, EnergyScore]]:
     """Predict whole recordings, or blocks of the only one, from the others.
 
     Args:
+        fit: Of these data, which has predicted the blocks already; None: it is not known.
         model: Model whose prediction as given is among the ways; None for none.
 
     Returns:
@@ -199,32 +206,70 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
         structure without the held-out data.
     """
     kind, fold = recordings_or_blocks(data.recording)
-
-    def fitted(structure: Structure) -> Callable[[], Float]:
-        return lambda: _held_out(data, fold, lambda train: fit_structure(train, structure))
-
-    ways = {"constant": fitted("constant"), "shaft": fitted("shaft")}
+    predicted = dict(fit.predicted) if fit is not None and kind == "blocks" else {}
+    for structure in ("constant", *STRUCTURES):
+        if structure not in predicted:
+            with suppress(NotIdentifiableError):
+                predicted[structure] = _held_out(
+                    data, fold, lambda train, what=structure: fit_structure(train, what)
+                )
+    ways: dict[str, Float] = {}
     if model is not None:
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
-        ways["given"] = lambda: data.given + cabinet
-    ways |= {structure: fitted(structure) for structure in STRUCTURES[1:]}
-    ways["identified"] = lambda: _held_out(data, fold, fit_total)
+        ways["given"] = data.given + cabinet
+    ways |= predicted
+    with suppress(NotIdentifiableError):
+        ways["identified"] = _chosen_in_folds(data, fold, predicted)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives
-        ways["drives_measured"] = lambda: (
-            data.drives
-            + predict_held_out(
-                fold, lambda train, test: np.full(int(test.sum()), np.median(rest[train]))
-            )
+        ways["drives_measured"] = data.drives + predict_held_out(
+            fold, lambda train, test: np.full(int(test.sum()), np.median(rest[train]))
         )
-    scores: dict[str, EnergyScore] = {}
-    for name, way in ways.items():
-        try:
-            scores[name] = energy_score(way(), data.measured, data.duration, fold)
-        except NotIdentifiableError:
-            continue
+    shown = ("constant", "shaft", "given", *STRUCTURES[1:], "identified", "drives_measured")
+    scores = {
+        name: energy_score(ways[name], data.measured, data.duration, fold)
+        for name in shown
+        if name in ways
+    }
     return kind, scores
+
+
+def _chosen_in_folds(data: Sums, fold: Int, predicted: dict[Structure, Float]) -> Float:
+    """Predict every fold by the structure that is chosen without it, shape (K,). [W]
+
+    Of five folds or more, those other than the held-out one choose it: each is predicted by the
+    fit without both, which serves the other way round, too. Fewer are cut into blocks.
+    """
+    names = np.unique(fold).tolist()
+    if len(names) < FOLDS:
+        return _held_out(data, fold, fit_total)
+    squares: dict[Structure, Float] = {}
+    for structure in (name for name in STRUCTURES if name in predicted):
+        with suppress(NotIdentifiableError):
+            squares[structure] = _squares_without_pairs(data, fold, names, structure)
+    if not squares:
+        return _held_out(data, fold, fit_total)
+    found = np.empty(len(data))
+    for place, name in enumerate(names):
+        chosen = simplest({key: float(np.sqrt(own[place].sum())) for key, own in squares.items()})
+        found[fold == name] = predicted[chosen][fold == name]
+    return found
+
+
+def _squares_without_pairs(
+    data: Sums, fold: Int, names: Sequence[int], structure: Structure
+) -> Float:
+    """Squared error of each fold (column) by a fit without it and another one (row). [W^2]"""
+    squares = np.zeros((len(names), len(names)))
+    rest = replace(data, deviations=False)
+    for pair in combinations(range(len(names)), 2):
+        tests = [fold == names[place] for place in pair]
+        fit = fit_structure(rest.rows(~(tests[0] | tests[1])), structure)
+        for place, other, test in zip(pair, reversed(pair), tests, strict=True):
+            error = predict(data.rows(test), fit) - data.measured[test]
+            squares[other, place] = error @ error
+    return squares
 
 
 def with_total(

@@ -272,7 +272,8 @@ def _identify(
     base = whole.structure()
     independent = rows.with_columns(base.independent)
     check_length(independent)
-    weak = not_excited(independent.regressor[independent.used], base.labels)
+    triangle, _ = factor(*independent.equation, independent.used.astype(np.float64))
+    weak = not_excited(triangle, base.labels)
     if weak:
         raise NotIdentifiableError(
             f"the recording does not excite {', '.join(weak)}",
@@ -281,6 +282,7 @@ def _identify(
         )
     gains = settings.sensors.std.torque, whole.transmission
     result = fit_rows(independent, settings.method, gains)
+    del independent  # as large as all rows, and made again where it is needed
     delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
@@ -289,8 +291,7 @@ def _identify(
         delay = estimate_delay(rows, weight, prior, settings.delay_span, guard)
         if delay.applied:
             rows = rows.advanced(delay.applied)
-            independent = rows.with_columns(base.independent)
-            result = fit_rows(independent, settings.method, gains)
+            result = fit_rows(rows.with_columns(base.independent), settings.method, gains)
     columns = tuple(
         column for column in settings.columns if column.written or column.kind == "offset"
     )
@@ -299,12 +300,11 @@ def _identify(
     exported, exported_base = result, base
     if part is not rows:
         exported_base = written.structure()
-        kept = part.with_columns(exported_base.independent)
-        exported = fit_rows(kept, settings.method, gains)
+        exported = fit_rows(part.with_columns(exported_base.independent), settings.method, gains)
     prior = _prior(model, written, settings.offset, part)
     weight = _whitening(part, exported) * part.used
     standard = _consistent(*factor(*part.equation, weight), prior, written)
-    in_sample = torque_error(independent, independent.regressor @ result.values)
+    in_sample = torque_error(rows, rows.joint_torque - result.residual)
     poor = poorly_known(base, result, link_prior(whole.robot.link_parameters, 1.0))
     return Dynamics(
         model,

@@ -120,7 +120,8 @@ def estimate_delay(
     for _, test in pairs:
         rows, joints = np.nonzero(used & (test & kept)[:, None])
         both = np.concatenate([observations.regressor[rows, joints], torque[rows, joints]], axis=1)
-        triangles.append(qr_r(both * weight[joints][:, None]))
+        both *= weight[joints][:, None]
+        triangles.append(qr_r(both))
     # rows [parameter, value of every delay] / std of what is known, shape (K, P + D)
     known = np.isfinite(prior.std)
     rows = np.diag(np.where(known, 1.0 / np.where(known, prior.std, 1.0), 0.0))

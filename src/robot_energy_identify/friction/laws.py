@@ -276,18 +276,26 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     middle = float(degc.mean())
     free = fit_constant if len(_nodes(data)) < 2 else fit_table
     root = free(replace(data, deviations=False), "")[1].weight
-    fixed = _columns(data, np.ones((len(data), 1)))
+    # both sides behind a QR decomposition of what no scale changes: only its rest is left of them
+    fixed = _columns(data, np.ones((len(data), 1))) * root[:, None]
+    base, triangle = np.linalg.qr(fixed)
+    target, speed = root * data.friction_torque, root * data.motor_velocity
+    along = base.T @ target
+    rest = target - base @ along
 
     def decay(scale: float) -> Float:
         return np.exp(-(degc - middle) / scale)
 
     def cost(scale: float) -> float:
-        columns = np.column_stack([fixed, decay(scale) * data.motor_velocity]) * root[:, None]
-        values, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ (root * data.friction_torque))
-        if values[1] < 0 or values[-1] < 0:
+        column = decay(scale) * speed
+        inside = base.T @ column
+        outside = column - base @ inside
+        cold = float(outside @ rest) / max(float(outside @ outside), np.finfo(float).tiny)
+        hot = np.linalg.solve(triangle, along - cold * inside)[1]
+        if hot < 0 or cold < 0:
             return IMPOSSIBLE
-        residual = root * data.friction_torque - columns @ values
-        return float(residual @ residual)
+        left = rest - cold * outside
+        return float(left @ left)
 
     costs = [cost(float(scale)) for scale in SCALES]
     best = int(np.argmin(costs))

@@ -255,17 +255,13 @@ def _test(
 ) -> Tested:
     bag = bag.with_meter_undone(fitted.meter_time_constant, fitted.meter_delay)  # the same meter
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
-    predictions: dict[str, HeldOutPrediction] = {}
-    done: dict[int, HeldOutPrediction] = {}
     (span,) = bag.spans
-    first: Recording | None = None
-    for stage, model in models.items():
+    first = bag.whole(fitted.given)
+    done: dict[int, HeldOutPrediction] = {}
+    for model in reversed(models.values()):  # the last one is the nearest to what was seen before
         if id(model) not in done:
-            recording = bag.whole(model)
-            done[id(model)] = _prediction(recording, span)
-            first = first or recording
-        predictions[stage] = done[id(model)]
-    assert first is not None  # there is always the model as given
+            done[id(model)] = _prediction(bag.whole(model), span)
+    predictions = {stage: done[id(model)] for stage, model in models.items()}
     compared = predictions[GIVEN].compared
     seen_by_meter = float(sum(part.measured.sum() for part in compared))
     rows, met = _shown(first, span), temperature_ranges([first.between(*span)])

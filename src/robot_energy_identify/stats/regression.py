@@ -30,7 +30,7 @@ SETTLED = 1e-6  # relative change of what is fitted at which the weights have se
 ROUGHLY = 1e-4  # the same for a held-out prediction, whose error is a hundred times that
 MIN_NOISE = 1e-12  # below which residuals are rounding
 MIN_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
-CHUNK = 4_000  # rows of all targets compressed at once, so that no copy of all of them is made
+CHUNK = 1_000  # rows of all targets compressed at once, so that no copy of all of them is made
 CONFIDENCE = 0.95  # of the intervals at which Student's t and a normal distribution agree
 SCATTER = "scatter"  # the part of a deviation that recordings show themselves
 
@@ -185,17 +185,18 @@ def _huber(
     groups = [joint == number for number in every] if len(every) > 1 else [slice(None)]
     # orthonormal, so that squares lose nothing
     base, triangle = np.linalg.qr(columns[used]) if known is None else known
-    inner, weight = base.T @ measured, np.ones(len(measured))
+    rows = np.ascontiguousarray(base.T)
+    inner, weight = rows @ measured, np.ones(len(measured))
     for _ in range(MAX_ROUNDS):
-        residual = measured - base @ inner
+        residual = measured - inner @ rows
         for own in groups:
             rest = residual[own]
             middle = np.median(np.abs(rest - np.median(rest)))
             noise = max(MEDIAN_TO_STD * float(middle), MIN_NOISE)
             reach = HUBER * noise / np.maximum(np.abs(rest), 1e-300)
             weight[own] = np.sqrt(np.minimum(1.0, reach)) / noise
-        weighted = base * (weight * weight)[:, None]
-        before, inner = inner, np.linalg.solve(weighted.T @ base, weighted.T @ measured)
+        weighted = rows * (weight * weight)
+        before, inner = inner, np.linalg.solve(weighted @ rows.T, weighted @ measured)
         if np.linalg.norm(inner - before) <= settled * np.linalg.norm(inner):
             break
     spread = np.zeros(target.shape)
@@ -343,6 +344,7 @@ def regress(
     method: Method = "irls",
     what: str = "the data",
     deviations: bool = True,
+    base: tuple[Float, Float] | None = None,
 ) -> Fit:
     """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
@@ -353,15 +355,15 @@ def regress(
         names: Name of each parameter, for messages.
         method: As of `fit`.
         deviations: Whether they are wanted; they take most of the time.
+        base: QR decomposition of the columns, where it is known, as of `fit`.
 
     Raises:
         ShapeError: If shapes do not fit.
         NotIdentifiableError: If the data do not excite a parameter; names it.
     """
     check_shape("target", target.shape, (len(columns),))
-    base, triangle = np.linalg.qr(columns)
-    _require_excitation(columns, triangle, names, what)
-    known = base, triangle
+    known = np.linalg.qr(columns) if base is None else base
+    _require_excitation(columns, known[1], names, what)
     if not deviations:
         return fit(columns, target, names, undeviated, method, base=known, settled=ROUGHLY)
     return fit(columns, target, names, jackknife(block), method, base=known)

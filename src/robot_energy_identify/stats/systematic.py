@@ -17,7 +17,7 @@ import numpy as np
 from robot_energy.certainty.band import Z95
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.stats.regression import CONFIDENCE, Fit
+from robot_energy_identify.stats.regression import CHUNK, CONFIDENCE, Fit
 
 ROOT3 = sqrt(3.0)
 SMALL = 1e-3  # of the greatest part: less does not count
@@ -69,11 +69,19 @@ def with_systematic(fit: Fit, columns: Float, changes: Changes) -> Fit:
         changes: Of its target, each of the shape of the target, by cause.
     """
     size = columns.shape[-1]
-    weighted = (columns * (fit.weight**2)[..., None]).reshape(-1, size)
-    normal = weighted.T @ columns.reshape(-1, size)
+    every = [change for own in changes.values() for change in own]
+    if not every:
+        return fit
+    normal, right = np.zeros((size, size)), np.zeros((size, len(every)))
+    for first in range(0, len(columns), CHUNK):  # so that no copy of all of them is made
+        part = slice(first, first + CHUNK)
+        flat = columns[part].reshape(-1, size)
+        weighted = (flat * fit.weight[part].reshape(-1, 1) ** 2).T
+        normal += weighted @ flat
+        right += weighted @ np.stack([change[part].ravel() for change in every], axis=1)
+    moves = iter(np.linalg.lstsq(normal, right, rcond=None)[0].T)
     for cause, own in changes.items():
-        right = np.stack([weighted.T @ change.ravel() for change in own], axis=1)
-        fit = moved_by(fit, cause, np.linalg.lstsq(normal, right, rcond=None)[0])
+        fit = moved_by(fit, cause, np.stack([next(moves) for _ in own], axis=1))
     return fit
 
 

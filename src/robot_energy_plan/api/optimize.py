@@ -12,6 +12,7 @@ import numpy as np
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.shown import Shown
+from robot_energy.foundation.units import DAY
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
@@ -29,6 +30,7 @@ from robot_energy_plan.results.common_supply import supply_figures
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
 
 TEMPERATURES = 3  # at which a range is looked at
+MAX_CYCLES = 365.0 * DAY  # in a year: one a second
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
 
 
@@ -74,6 +76,7 @@ def optimize(
     standby: bool | Sequence[RestState] = False,
     regenerative: bool = False,
     peak_limit: float | None = None,
+    cycles_per_year: float | None = None,
     time_law: bool = False,
     level: Sequence[str | Path] = (),
     one_bus: bool = False,
@@ -98,6 +101,7 @@ def optimize(
             figures; or the states of this robot.
         regenerative: Whether a regenerative supply is judged as well.
         peak_limit: Of the power from the grid. [W]
+        cycles_per_year: How many there are; None: nothing is said of a year. [1]
         time_law: Whether moves may follow time laws of their own; what is written is a trajectory
             then.
         level: Programs of further robots of this model on the same supply, whose starts within
@@ -127,6 +131,7 @@ def optimize(
     for name, value, most in (
         ("cycle time", cycle_time, MAX_DURATION),
         ("peak limit", peak_limit, np.inf),
+        ("number of cycles in a year", cycles_per_year, MAX_CYCLES),
     ):
         if value is not None and not 0 < value <= most:
             raise MotionError(f"the {name} is {value}", "a value > 0")
@@ -170,7 +175,7 @@ def optimize(
         task = task_of(chosen)
     name = str(program)
     found = optimise(task)
-    report = optimization_report(found, chosen, name, notes)
+    report = optimization_report(found, chosen, name, notes, cycles_per_year)
     if level and cycle_time is not None:
         others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
         robots = [(name, chosen.motion(found.task, found.plan)), *others]
@@ -179,7 +184,10 @@ def optimize(
 
 
 def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:
-    ends = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    try:
+        ends = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise MotionError(f"the motor temperature is {given!r}", "numbers in degC") from error
     low, high = PLAUSIBLE_DEGC
     if ends.size > 2 or not ((ends >= low) & (ends <= high)).all() or ends[-1] < ends[0]:
         raise MotionError(

@@ -12,6 +12,7 @@ bring the tool to within 1e-9 m, or are refused.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -200,14 +201,11 @@ class InverseKinematics:
         self, place: Float, orientation: Float, posture: Float
     ) -> tuple[Float, float, float]:
         """Newton steps: posture, distance still missed, least singular value there."""
-        from scipy.spatial.transform import Rotation
-
         posture = posture.copy()
         missed, least = np.inf, 0.0
         for _ in range(MAX_STEPS):
             here, turned, jacobian = self.robot.link_jacobian(posture, self.link)
-            turn = Rotation.from_matrix(orientation @ turned.T).as_rotvec()
-            error = np.concatenate([place - here, turn])
+            error = np.concatenate([place - here, rotation_vector(orientation @ turned.T)])
             missed = float(np.abs(error).max())
             left, size, right = np.linalg.svd(jacobian, full_matrices=False)
             least = float(size[-1])
@@ -272,6 +270,26 @@ class InverseKinematics:
             "points that the tool reaches in this orientation, clear of stretched configurations",
             "move the work piece, or begin with another configuration",
         )
+
+
+def rotation_vector(rotation: Float) -> Float:
+    """Return axis times angle, shape (3,). [rad]
+
+    ``R - R^T`` gives ``sin(angle)`` and the axis; close to half a turn the axis is that of
+    ``R + R^T = 2 cos(angle) I + 2 (1 - cos(angle)) a a^T``.
+
+    Args:
+        rotation: Shape (3, 3). [-]
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    skew = 0.5 * np.array([zy - yz, xz - zx, yx - xy])
+    sine, cosine = math.sqrt(float(skew @ skew)), 0.5 * (xx + yy + zz - 1.0)
+    angle = math.atan2(sine, cosine)
+    if cosine > -0.9:
+        return skew * (angle / sine if sine > 0.0 else 1.0)
+    outer = 0.5 * (rotation + rotation.T) - cosine * np.eye(3)
+    axis = outer[int(np.argmax(np.diag(outer)))]
+    return axis * (math.copysign(angle, float(axis @ skew)) / math.sqrt(float(axis @ axis)))
 
 
 def _point(wanted: Float, row: int) -> str:

@@ -120,6 +120,7 @@ class OptimizationReport(Result, name="optimization"):
         Number, "Time of one cycle that was given; None: the next one begins at once. [s]"
     ]
     peak_limit: Annotated[Number, "Limit of the power from the grid that was given. [W]"]
+    cycles_per_year: Annotated[Number, "Cycles in a year that were given; None: not known."]
     before: Annotated[CycleFigures, "The program as it is."]
     after: Annotated[CycleFigures, "As chosen: all measures that change the program, together."]
     saving: Annotated[SavingFigures, "Saving of the choice."]
@@ -149,9 +150,17 @@ class OptimizationReport(Result, name="optimization"):
 
 
 def optimization_report(
-    found: Optimum, form: ProgramForm, program: str, notes: Sequence[str] = ()
+    found: Optimum,
+    form: ProgramForm,
+    program: str,
+    notes: Sequence[str] = (),
+    cycles_per_year: float | None = None,
 ) -> OptimizationReport:
-    """Return all figures, after a prediction of the choice by the stages of live operation."""
+    """Return all figures, after a prediction of the choice by the stages of live operation.
+
+    Args:
+        cycles_per_year: As given; None: not known. [1]
+    """
     task, model = found.task, found.task.chain.model
     degc = task.chain.motor_temperature_degc
     motion = form.motion(task, found.plan)
@@ -178,6 +187,7 @@ def optimization_report(
         model=model_used(model),
         cycle_time=task.cycle_time,
         peak_limit=task.peak_limit if math.isfinite(task.peak_limit) else None,
+        cycles_per_year=cycles_per_year,
         before=_cycle(found.base),
         after=_cycle(found.cost),
         saving=_saving(found.saving, found.base),

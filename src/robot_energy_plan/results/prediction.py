@@ -60,6 +60,8 @@ class FrictionReach(Result):
 class PredictionReport(EnergyReport):
     """The energy of a motion that has not been made."""
 
+    __repr__ = Result.__repr__  # all figures fill a page
+
     program: Annotated[str, "Name of the motion."]
     repeat: Annotated[int, "How often it is made."]
     motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]

@@ -266,7 +266,11 @@ def test_a_recording_with_rests_gives_a_ranked_list(poses):
         "In a year of 10 h a day on 200 days",
     ]
     assert sum(line.startswith("To try: ") for line in lines) == len(everything)
-    assert any(line.startswith("Overlaps with: ") for line in lines)
+    labels = {one.name: one.label for one in everything}
+    shared = [[labels[name] for name in one.overlaps if name in labels] for one in everything]
+    assert any(shared)
+    for others in filter(None, shared):
+        assert any(line.startswith(f"Overlaps with: {', '.join(others)}. They") for line in lines)
 
 
 def test_rests_are_those_of_the_program(bag):

@@ -239,9 +239,12 @@ def test_signatures_list_every_option():
             assert inspect.Parameter.VAR_KEYWORD not in kinds, name
 
 
-def test_a_word_is_no_temperature():
+def test_a_word_is_no_number(replayed):
     for call in (lambda: re.replay(BAG, "kr16", temperature="hot"),
-                 lambda: re.predict(PROGRAM, "kr16", "hot")):  # fmt: skip
+                 lambda: re.replay(BAG, "kr16", start="hot"),
+                 lambda: re.predict(PROGRAM, "kr16", "hot"),
+                 lambda: re.optimize(PROGRAM, "kr16", "hot"),
+                 lambda: replayed.power[b"hot"]):  # fmt: skip
         with pytest.raises(re.RobotEnergyError, match="hot"):
             call()
 

@@ -17,9 +17,11 @@ import psutil
 import pytest
 
 import robot_energy as re
+from histories import HOUR, Robot
 from logbook import wheel_bag, wheel_model, wheel_start
 from places import ROOT
 from robot_energy.foundation.errors import DatasetError
+from robot_energy.history.store import HistoryStore
 from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.bag_row import replay_bag
@@ -140,6 +142,21 @@ def test_a_history_has_what_the_dataset_has(tmp_path):
     report = re.fleet_report(kept)
     assert report.robots[0].grid_energy == pytest.approx(theirs.runs["grid_energy"][0])
     assert report.robots[0].jobs == 2
+    assert not any("no recorder" in note for note in report.notes)
+
+
+def test_what_no_hour_of_a_history_holds_is_said(tmp_path):
+    store, robot = HistoryStore(tmp_path), Robot()
+    store.open()
+    store.add("a", [robot.minute(6000) for _ in range(30)])
+    robot.advance(2 * HOUR, 6000)
+    store.add("a", [robot.minute(6000)])
+    assert store.write(robot.now), store.trouble
+    store.close()
+    report = re.fleet_report(tmp_path)
+    assert report.robots[0].grid_energy == 6000 * (151 * 60)
+    assert sum(one.grid_energy for one in report.shifts) == 6000 * (30 * 60)
+    assert any(note.startswith("12.100 kWh were used while no") for note in report.notes)
 
 
 @pytest.mark.long

@@ -41,6 +41,12 @@ def report(tables):
     return fleet_report(tables, "fleet")
 
 
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """The fleet as a dataset."""
+    return dataset(tmp_path_factory.mktemp("fleet") / "data", ROBOTS)
+
+
 def test_payload_and_standby_are_found_and_nothing_else(report):
     row = judged(report, PLAN.faulty())
     kinds = {robot: kind for robot, kind in PLAN.faulty().items() if kind != "friction"}
@@ -71,8 +77,8 @@ def test_every_sum_is_that_of_the_rows(report, tables):
         assert one.lowest <= one.mean_energy <= one.highest
 
 
-def test_a_dataset_on_disk_gives_the_same_report(tmp_path, report, tables):
-    again = fleet_report(read_tables(dataset(tmp_path / "data", ROBOTS)), "fleet")
+def test_a_dataset_on_disk_gives_the_same_report(place, report):
+    again = fleet_report(read_tables(place), "fleet")
     for before, one in zip(report.findings, again.findings, strict=True):
         assert (one.robot, one.kind, one.subject) == (before.robot, before.kind, before.subject)
         assert one.size == pytest.approx(before.size)
@@ -254,17 +260,17 @@ def test_one_model_from_all_bags_is_better_on_bags_it_has_not_seen(tables):
         identify_fleet(tables, load("ur5e"), "fleet")
 
 
-def test_the_command_writes_page_json_and_model(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_page_json_and_model(place, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    dataset(tmp_path / "data", ROBOTS)
-    assert main(["fleet", "report", "data", "--html", "f.html", "--json", "f.json"]) == 0
+    data = str(place)
+    assert main(["fleet", "report", data, "--html", "f.html", "--json", "f.json"]) == 0
     html, out = (tmp_path / "f.html").read_text(), capsys.readouterr().out
     for name in PLAN.faulty():
         assert name in html
     assert html.count("<svg") or html.count("data:image/svg+xml") == 4
     assert "gravity says" in out
     assert len(json.loads((tmp_path / "f.json").read_text())["robots"]) == ROBOTS
-    assert main(["fleet", "identify", "data", "--model", "kr16", "--out", "m.yaml"]) == 0
+    assert main(["fleet", "identify", data, "--model", "kr16", "--out", "m.yaml"]) == 0
     assert load("m.yaml").joints[0].friction.coulomb.tag == "identified"
 
 

@@ -2,9 +2,11 @@
 
 import re
 from datetime import UTC, date, datetime
+from pathlib import Path
 
 import pytest
 
+import robot_energy_report
 from histories import DAY, HOUR, Robot
 from pages import read
 from refusals import refused
@@ -12,9 +14,12 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.history.store import HistoryStore
 from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_cli import main
-from robot_energy_report.history_month import month_document
+from robot_energy_report.canvas import PART_COLOURS
+from robot_energy_report.history_month import PARTS, month_document
 from robot_energy_report.html import page_html
+from robot_energy_report.page.terms import TERMS
 
+STATIC = Path(robot_energy_report.__file__).parent / "page/static"
 EVIL = "<script>alert(1)</script>"
 NOW = int(datetime(2026, 4, 10, tzinfo=UTC).timestamp()) * 10**9
 
@@ -60,6 +65,14 @@ def test_the_verdict_comes_first_and_is_the_sum_of_the_month(folder):
         assert word in text
     first = text_of(month_document(folder, "2026-02", NOW))
     assert "12.00 kWh from the grid, 6.00 EUR: nothing was recorded in January 2026" in first
+
+
+def test_parts_have_one_name_in_report_and_page():
+    script = (STATIC / "history.js").read_text()
+    on_page = dict(re.findall(r'(\w+): "([^"]+)"', re.search("const PARTS = .*", script)[0]))
+    assert on_page == {part: name for part, (name, _) in PARTS.items()}
+    assert PARTS.keys() == PART_COLOURS.keys()  # no two look alike
+    assert {"constant losses", "lifting, accelerating"} <= {*on_page.values()} & {*TERMS}
 
 
 def test_names_are_text(folder):

@@ -20,8 +20,8 @@ from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.joint import Joint
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.results.replay import replay_report
+from robot_energy_cli.kinds import kinds_listing
 from robot_energy_cli.main import main
-from robot_energy_report.kinds import kinds_listing
 from robot_energy_report.parameters import changes
 from robots import figure
 from toy_kinds import (

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from refusals import refused
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_plan.motion import InverseKinematics
+from robot_energy_plan.motion.inverse_kinematics import rotation_vector
 
 MANTIS = Robot.from_model(load("mantis"))
 GANTRY = Robot.from_model(load("testbed"))
@@ -55,6 +57,16 @@ def outline(x, y, z, count=400):
 
 
 WALL = outline(1.9, -0.6, PLANE)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 2.6, 2.8, np.pi - 1e-9, np.pi])
+def test_a_rotation_is_its_axis_times_its_angle(angle):
+    for axis in np.random.default_rng(1).standard_normal((20, 3)):
+        vector = angle * axis / np.linalg.norm(axis)
+        found = rotation_vector(Rotation.from_rotvec(vector).as_matrix())
+        # half a turn is the same either way round
+        sign = np.sign(found @ vector) if angle == np.pi else 1.0
+        np.testing.assert_allclose(sign * found, vector, rtol=0, atol=1e-13)
 
 
 def test_gantry_is_exact():

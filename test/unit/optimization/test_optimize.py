@@ -144,6 +144,7 @@ def test_what_is_smaller_than_its_band_is_not_claimed():
         ({"peak_limit": 300.0}, "cannot be made within the limits"),
         ({"temperature": (60.0, 20.0)}, "two that rise"),
         ({"peak_limit": -1.0}, "the peak limit is -1"),
+        ({"cycles_per_year": 0.0}, "the number of cycles in a year is 0"),
     ],
 )
 def test_impossible_wishes_are_refused(options, text):
@@ -159,12 +160,15 @@ def test_the_command_writes_program_json_page_and_picture(tmp_path, capsys):
     files = [str(x) for pair in zip(options, outputs.values(), strict=True) for x in pair]
     assert main(["optimize", str(MOVES), "--model", "kr16", "--temperature", "20..60",
                  "--cycle-time", "40", "--rest-states", str(states), "--regenerative",
-                 *files]) == 0  # fmt: skip
+                 "--cycles-per-year", "1000000", *files]) == 0  # fmt: skip
     out = capsys.readouterr().out
     for text in ("Each measure alone", "Move by move", "From which rest on a state pays", "sleep"):
         assert text in out
     data = json.loads(outputs["json"].read_text())
     assert data["result"] == "optimization"
+    saved, half = (1e6 * data["saving"][name] / 3.6e6 for name in ("energy", "half"))
+    year = f"In a year of 1000000 cycles, as given: {saved:.4g} kWh +- {half:.4g} kWh less"
+    assert year in " ".join(out.split())
     assert outputs["html"].read_text().count("<figure>") == 1
     assert main(["predict", str(outputs["yaml"]), "--model", "kr16", "--temperature", "30"]) == 0
     motion = load_motion(outputs["yaml"], Robot.from_model(MODEL)).motion

@@ -111,6 +111,8 @@ def test_html_says_what_the_terminal_says(result, predicted):
     assert f"{result.comparison.predicted_minus_measured_relative:+.1%}"[1:-1] in html
     assert "<table>" in html
     assert "<script" not in html
+    assert 'class="tile' not in html  # which only the styles of a page set apart
+    assert "As a table" not in html
     assert result.report._repr_html_() == html
     assert "<table>" in predicted._repr_html_()
     assert "joint_a6" in re.load_model("kr16")._repr_html_()
@@ -129,8 +131,9 @@ def test_every_document_takes_a_report_and_a_page():
     assert names - DOCUMENTS.keys() == {"check", "excitation", "fleet_run"}
     assert names >= DOCUMENTS.keys()
     for place in DOCUMENTS.values():
-        first, second = list(inspect.signature(resolve_name(place)).parameters.values())[:2]
+        first, second, *more = inspect.signature(resolve_name(place)).parameters.values()
         assert (first.name, second.annotation) == ("report", "Document")
+        assert all(other.default is not inspect.Parameter.empty for other in more), place
 
 
 def every_result(kind=Result):
@@ -140,7 +143,7 @@ def every_result(kind=Result):
 
 
 def test_representations_fit_on_a_line_or_two(result, predicted):
-    for shown in (result, result.report, predicted, re.load_model("kr16")):
+    for shown in (result, result.report, predicted, predicted.report, re.load_model("kr16")):
         assert len(repr(shown)) < 260
     assert "against the meter" in repr(result)
 

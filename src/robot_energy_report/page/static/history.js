@@ -7,7 +7,7 @@ import "./theme.js";
 
 const REFRESH = 60000; // of a period that is not over [ms]
 const MANY = 16; // robots from which on there are cells and a search
-const PARTS = { friction: "friction", drives: "drives", motion: "motion", brake: "brake resistor", cabinet: "cabinet", capacitor: "capacitor" };
+const PARTS = { friction: "friction", drives: "drive losses", motion: "lifting, accelerating", brake: "brake resistor", cabinet: "constant losses", capacitor: "capacitor" };
 const BARS = {
   part: "Parts of the energy from the grid, less what was fed back. ",
   joint: "Electrical energy into the drives of the joints, without the cabinet. ",

@@ -16,6 +16,8 @@ from robot_energy.timeline.blocks import EffortMeaning, Quality
 from robot_energy_identify.data.bags import Bag, Kept, folds_of
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.data.thinned import LONGEST_STEP, Thinned
+from robot_energy_identify.drives.drive_data import drive_data
+from robot_energy_identify.drives.total_sums import sums
 
 BAG, MODEL = ROOT / "bags/kr16_cold", load("kr16")
 TORQUE = EffortMeaning.MOTOR_TORQUE
@@ -157,19 +159,17 @@ def test_the_motion_of_a_thinned_bag_has_every_sample():
     (expected,) = Bag(BAG, TORQUE).motion(MODEL, 5.0)
     assert bag.whole(MODEL).every > 1
     assert len(expected) > 5.0 * 240
-    np.testing.assert_array_equal(piece.torque.stamp_ns, expected.torque.stamp_ns)
-    np.testing.assert_array_equal(
-        piece.torque.motor_torque_rigid, expected.torque.motor_torque_rigid
-    )
+    for name, values in expected.__dict__.items():
+        np.testing.assert_array_equal(getattr(piece, name), values)
 
 
 def test_every_fold_has_the_pieces_of_motion_of_the_other_blocks():
     bag = Bag(BAG, TORQUE)
     bag = replace(bag, kept=Kept(bag.whole(MODEL)))
-    begins = [part.span_ns for part in bag.motion(MODEL, 100.0)]
+    begins = [part.stamp_ns[0] for part in bag.motion(MODEL, 100.0)]
     assert len(begins) == 5
     for number, fold in enumerate(folds_of([bag], [], [bag.whole(MODEL).span_ns])[1]):
-        found = [part.span_ns for part in fold.train[0].motion(MODEL, 100.0)]
+        found = [part.stamp_ns[0] for part in fold.train[0].motion(MODEL, 100.0)]
         assert found == begins[:number] + begins[number + 1 :]
 
 
@@ -186,3 +186,27 @@ def test_minutes_are_spread_over_a_recording():
     assert minutes.tolist() == [0, 2, 4]
     assert len(np.unique(some.power.segment)) == 3
     np.testing.assert_array_equal(some.torque.segment, some.power.segment)
+
+
+def test_a_spread_recording_keeps_the_readings_that_its_minutes_need():
+    recording = read_recording(BAG, MODEL, TORQUE)
+    begin, meter = int(recording.torque.stamp_ns[0]), recording.meter
+
+    def slowed(block):
+        return replace(block, stamp_ns=begin + 10 * (block.stamp_ns - begin))
+
+    long = replace(
+        recording,
+        torque=slowed(recording.torque),
+        power=slowed(recording.power),
+        meter=slowed(meter),
+    )
+    some = long.spread(200.0)
+    assert len(meter) / 3 < len(some.meter) < 0.7 * len(meter)
+    for delay in (-0.4, 0.0, 0.4):
+        found = [
+            sums(drive_data([part.with_meter_earlier(delay)], [None], True), MODEL)
+            for part in (some, replace(some, meter=long.meter))
+        ]
+        np.testing.assert_array_equal(found[0].measured, found[1].measured)
+        np.testing.assert_allclose(found[0].shaft, found[1].shaft, rtol=1e-12)

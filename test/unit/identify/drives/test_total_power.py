@@ -12,6 +12,7 @@ from robot_energy_cli.main import main
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
 from robot_energy_identify.drives.total_power import (
+    STRUCTURES,
     compare_total,
     fit_structure,
     fit_total,
@@ -64,6 +65,17 @@ def test_readings_while_the_dc_link_gives_are_left_out(data):
     assert true < fit.constant < true + 25.0
     everything = replace(data, braking=np.zeros_like(data.braking))
     assert fit_total(sums(everything, MODEL)).constant < true - 50.0
+
+
+def test_blocks_that_the_fit_predicted_are_not_predicted_again(data):
+    one = sums(data, MODEL)
+    one = one.rows(one.recording == 0)
+    fit = fit_total(one)
+    kind, scores = compare_total(one, MODEL, fit)
+    assert (kind, scores) == compare_total(one, MODEL)
+    worse = {name: values + 1e3 for name, values in fit.predicted.items()}
+    changed = compare_total(one, MODEL, replace(fit, predicted=worse))[1]
+    assert {name for name in scores if changed[name] != scores[name]} == {*STRUCTURES, "identified"}
 
 
 def test_whole_recordings_are_predicted_to_a_percent(data):

@@ -139,3 +139,14 @@ def test_intervals_hold_the_truth_as_often_as_they_say(memory):
     share = np.mean(inside)
     assert 0.92 <= share <= 0.98, share
     assert np.mean(inside, axis=0).min() >= 0.80  # no parameter is far off
+
+
+def test_rows_that_were_made_are_kept_once_and_used_again():
+    channels = [recorded(MODEL, duration) for duration in (5.0, 6.0, 7.0)]
+    seen = {}
+    whole = observe(channels, TORQUE_MODEL, Filters(), seen)
+    assert all(np.shares_memory(whole.regressor, regressor) for _, regressor, _ in seen.values())
+    for part in (channels, channels[:2], channels[1:2]):
+        again, fresh = (observe(part, TORQUE_MODEL, Filters(), made) for made in (seen, None))
+        for name in ("regressor", "joint_torque", "used", "compared", "segment"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(fresh, name))
