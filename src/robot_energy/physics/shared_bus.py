@@ -21,6 +21,8 @@ from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.equations import Balance
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
+ROOM = 0.8  # of the energy of their capacitors, on one bus of robots with other voltages [-]
+
 
 @dataclass(frozen=True)
 class BusExchange:
@@ -28,11 +30,13 @@ class BusExchange:
 
     Attributes:
         stamp_ns: Shape (N,). [ns]
+        tight: As `shared`, but with `ROOM` of the capacitors.
     """
 
     stamp_ns: Int
     own: tuple[Balance, ...]
     shared: Balance
+    tight: Balance
 
     @property
     def duration(self) -> float:
@@ -55,12 +59,17 @@ class BusExchange:
         """Return the part from an instant on, such as a cycle after one that charged capacitors."""
         rows = np.flatnonzero(self.stamp_ns >= start_ns)
         own = tuple(one.at(rows) for one in self.own)
-        return BusExchange(self.stamp_ns[rows], own, self.shared.at(rows))
+        return BusExchange(self.stamp_ns[rows], own, self.shared.at(rows), self.tight.at(rows))
 
     @property
     def saved(self) -> float:
         """S, the energy that one bus saves. [J]"""
         return sum(map(self.grid_energy, self.own)) - self.grid_energy(self.shared)
+
+    @property
+    def for_want_of_room(self) -> float:
+        """What the bus saves less where its capacitors have `ROOM`. [J]"""
+        return self.grid_energy(self.tight) - self.grid_energy(self.shared)
 
     def _energy(self, power: Float) -> float:
         """Trapezoids between samples at which every robot is known (paper A, eq. 7)."""
@@ -69,12 +78,15 @@ class BusExchange:
         return float(np.nansum(0.5 * (power[1:] + power[:-1]) * time))
 
 
-def shared_cabinet(cabinets: Sequence[Cabinet]) -> Cabinet:
+def shared_cabinet(cabinets: Sequence[Cabinet], room: float = 1.0) -> Cabinet:
     """Return the cabinet of one bus for several robots.
 
     Constant losses add up, as each robot keeps its controller; capacitances add up between the
     highest rectified voltage, at which the bus stands, and the lowest chopper voltage, at which the
     first resistor starts. Where some supply is regenerative, the best one returns what is left.
+
+    Args:
+        room: Share of the capacitances that is there. [-]
     """
     capacitors = [one.capacitor for one in cabinets if one.capacitor is not None]
     capacitor = None
@@ -87,7 +99,7 @@ def shared_cabinet(cabinets: Sequence[Cabinet]) -> Cabinet:
                 "robots whose DC links have about the same voltage",
             )
         capacitor = Capacitor(
-            capacitance=_derived(sum(one.capacitance.value for one in capacitors)),
+            capacitance=_derived(room * sum(one.capacitance.value for one in capacitors)),
             nominal_voltage=_derived(nominal),
             chopper_voltage=_derived(chopper),
         )
@@ -114,15 +126,16 @@ def exchange(stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet]) -> Bu
         cabinets: Of each robot; capacitors are empty at the start.
     """
     known = bus_power + 0.0 * bus_power.sum(axis=0)  # NaN for all where one is
-    segment = np.zeros(len(stamp_ns), dtype=np.int64)
-    return BusExchange(
-        stamp_ns,
-        tuple(
-            CabinetStage(cabinet).step(stamp_ns, segment, power)
-            for cabinet, power in zip(cabinets, known, strict=True)
-        ),
-        CabinetStage(shared_cabinet(cabinets)).step(stamp_ns, segment, known.sum(axis=0)),
+    segment, total = np.zeros(len(stamp_ns), dtype=np.int64), known.sum(axis=0)
+    shared, tight = (
+        CabinetStage(shared_cabinet(cabinets, room)).step(stamp_ns, segment, total)
+        for room in (1.0, ROOM)
     )
+    own = tuple(
+        CabinetStage(cabinet).step(stamp_ns, segment, power)
+        for cabinet, power in zip(cabinets, known, strict=True)
+    )
+    return BusExchange(stamp_ns, own, shared, tight)
 
 
 def _derived(value: float) -> PositiveFigure:

@@ -45,6 +45,16 @@ def test_square_powers_in_opposite_phase():
     assert found.duration == pytest.approx(2 * HALF)
 
 
+def test_with_less_room_in_the_capacitors_less_is_saved():
+    """Of ``2 S`` that both links of two alike robots give back, four fifths are left."""
+    stamp = np.arange(4001) * 1_000_000
+    square = POWER * np.where(stamp < 2e9, -1.0, 1.0)
+    found = exchange(stamp, np.stack([square, square]), [cabinet(capacitor=LINK)] * 2)
+    assert found.saved == pytest.approx(0.0, abs=1e-3)
+    assert found.for_want_of_room == pytest.approx(0.2 * 2 * 176.4, rel=0.01)
+    assert exchange(*opposite(), [cabinet()] * 2).for_want_of_room == 0.0
+
+
 def test_robots_in_phase_save_nothing_without_a_capacitor():
     stamp, power = opposite()
     found = exchange(stamp, np.stack([power[0], power[0]]), [cabinet(), cabinet()])
