@@ -57,8 +57,6 @@ def test_probable_misspellings_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x:\n  ros__parameters: {reorder: 0.1}\n", "joint_states.reorder_window"),
-        ("x:\n  ros__parameters: {motors: {stamps: header}}\n", "motors.stamp_source"),
         ("temperature_sources: [arm]\n", "holds no ROS parameters"),
         ("[]", "holds no ROS parameters"),
         ("a: [", "is not valid YAML"),
