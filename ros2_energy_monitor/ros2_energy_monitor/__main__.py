@@ -26,6 +26,10 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     script = Path(sys.argv[0]).name
     name = script if script in EXECUTABLES else "".join(sys.argv[1:2])
+    if name in ("-h", "--help"):
+        names = "\n  ".join(EXECUTABLES)
+        print(f"usage: python -m ros2_energy_monitor NAME [ARGUMENTS]\n\nNAME is one of:\n  {names}")
+        return 0
     if name not in EXECUTABLES:
         found = f"there is no executable '{name}'" if name else "no executable is named"
         expected = f"expected one of: {', '.join(EXECUTABLES)}"

@@ -121,7 +121,7 @@ def test_before_the_first_power_a_healthy_start_is_no_trouble():
     """What monitors miss in their first seconds is shown only when no power follows."""
     board = ConsoleView()
     assert board.line(100.0) == "waiting for the first power state"
-    assert "no monitor was found: start one" in board.line(106.0)
+    assert "no monitor was found yet: start one" in board.line(106.0)
     name, text = "energy_monitor: joint states", "start the driver: no joint state"
     status = DiagnosticStatus(name=name, message=text, level=DiagnosticStatus.ERROR)
     board.take_diagnostics(DiagnosticArray(status=[status]))

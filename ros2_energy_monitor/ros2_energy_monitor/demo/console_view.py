@@ -201,7 +201,7 @@ class ConsoleView:
             return f"waiting for the first power state{totals}"
         if not self._status:
             return (
-                "no monitor was found: start one, or start the console in the namespace and "
+                "no monitor was found yet: start one, or start the console in the namespace and "
                 "ROS_DOMAIN_ID of the monitor"
             )
         return f"no power state yet{totals}; {self._trouble() or self._notes() or ALL_IS_WELL}"

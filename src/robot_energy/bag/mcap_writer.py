@@ -95,7 +95,7 @@ class McapWriter:
         return entry.id
 
     def channel(self, topic: str, schema: int, metadata: dict[str, str]) -> int:
-        """Return the number of a topic, which is announced."""
+        """Return the number of a channel, which is announced."""
         from mcap.records import Channel
 
         number = len(self._channels) + 1

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import DAY_NS, MINUTE_NS
+from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS
 from robot_energy.history.differences import REPAIRED, CountedSpan, Event
 from robot_energy.history.files import DAMAGED, open_reader, open_writer, take_lock
 from robot_energy.history.jobs import unlike_jobs
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
+from robot_energy.history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy.history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
 from robot_energy.history.rows import put_events, reading_from
 from robot_energy.history.schema import FILE, LEVELS, TABLES, VERSION, prepare, version_of
@@ -51,8 +52,9 @@ def check(folder: str | Path) -> list[str]:
 def repair(folder: str | Path, now_ns: int) -> list[str]:
     """Repair a history: what can be read of a damaged file is kept, and sums are made right.
 
-    What a sum lacks is put in as one span over the whole time of these registers, marked as
-    repaired: it is known how much it was, not when.
+    Of quarter hours that cannot be read, hours hold the sums. What a sum lacks still is put in as
+    one span over the whole time of these registers, marked as repaired: it is known how much it
+    was, not when.
 
     Args:
         now_ns: Time of this computer. [ns]
@@ -73,6 +75,9 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
             prepare(connection, path)
             connection.execute("BEGIN IMMEDIATE")
             rolled = Rolled.of(connection)
+            if said:
+                for robot, epoch, span in _lost_of_hours(connection, rolled):
+                    put_span(connection, rolled, robot, epoch, span)
             if said or _unlike(connection):
                 said += _unlike(connection)
                 roll_again(connection, rolled)
@@ -160,6 +165,45 @@ def _missing(connection: sqlite3.Connection) -> list[Missing]:
         if any(lacking) or any(map(any, joints.values())):
             found.append((robot, epoch, name, first, last, lacking, joints))
     return found
+
+
+def _lost_of_hours(
+    connection: sqlite3.Connection, rolled: Rolled
+) -> list[tuple[int, int, CountedSpan]]:
+    """What hours hold and their quarter hours lack, as spans of robots and epochs."""
+    joints: dict[tuple[int, int, int], dict[str, tuple[int, ...]]] = {}
+    for key, joint, lacking in _less_quarters(connection, rolled, "joint", JOINT_COLUMNS):
+        joints.setdefault(key, {})[joint] = lacking
+    own = {key: lacking for key, _, lacking in _less_quarters(connection, rolled, "slot", COLUMNS)}
+    none = (0,) * len(COLUMNS)
+    found: list[tuple[int, int, CountedSpan]] = []
+    for key in sorted({*own, *joints}):
+        robot, epoch, start = key
+        lacking = own.get(key, none)
+        if min(lacking[OBSERVED], lacking[GAP]) >= 0:
+            span = CountedSpan(start, start + HOUR_NS, lacking, joints.get(key, {}), REPAIRED)
+            found.append((robot, epoch, span))
+    return found
+
+
+def _less_quarters(
+    connection: sqlite3.Connection, rolled: Rolled, table: str, columns: Sequence[str]
+) -> Iterator[tuple[tuple[int, int, int], str, tuple[int, ...]]]:
+    """Robot, epoch, begin, joint and sums of each hour less those of its quarters, where not 0."""
+    joint = "joint" if table == "joint" else "''"
+    rows = " UNION ALL ".join(
+        f"SELECT robot, epoch, start / {HOUR_NS} * {HOUR_NS} AS hour, {joint} AS joint, "
+        f"{', '.join(f'{sign}{name} AS {name}' for name in columns)}, {own} AS own "
+        f"FROM {table}{level} s WHERE start >= {rolled.quarters_from_ns} AND "
+        f"start < {rolled.until_ns} AND {REGULAR.format(length=level * MINUTE_NS)}"
+        for level, sign, own in ((60, "", 1), (15, "-", 0))
+    )
+    sums = [f"sum({name})" for name in columns]
+    for robot, epoch, start, part, *lacking in connection.execute(
+        f"SELECT robot, epoch, hour, joint, {', '.join(sums)} FROM ({rows}) "
+        f"GROUP BY 1, 2, 3, 4 HAVING max(own) AND ({' OR '.join(sums)})"
+    ):
+        yield (robot, epoch, start), part, tuple(lacking)
 
 
 def _both(table: str, columns: Sequence[str]) -> str:
@@ -251,23 +295,49 @@ def _rewritten(path: Path) -> str:
 
 
 def _copied(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> int:
-    """Copy the rows of a table from either end up to where it is damaged; return whether it is."""
-    lost = 0
+    """Copy the rows of a table that can be read; return whether it is damaged.
+
+    Rows next to each other in a file are of many robots: where a key range cannot be read, each of
+    its halves is tried.
+    """
     try:
-        columns = [str(row[1]) for row in source.execute(f"PRAGMA table_info({table})")]
-        keys = ", ".join(
-            str(row[1])
-            for row in sorted(source.execute(f"PRAGMA table_info({table})"), key=lambda r: r[5])
-            if row[5]
-        )
+        info = [(str(r[1]), str(r[2]), r[5]) for r in source.execute(f"PRAGMA table_info({table})")]
     except DAMAGED:
         return 1
-    marks = ", ".join("?" * len(columns))
-    for order in ("ASC", "DESC"):
+    put = f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * len(info))})"
+    keys = [(name, kind) for name, kind, place in sorted(info, key=itemgetter(2)) if place]
+
+    def read(which: str, order: str = "ASC") -> bool:
+        by = ", ".join(f"{name} {order}" for name, _ in keys)
         try:
-            by = ", ".join(f"{key} {order}" for key in keys.split(", "))
-            for row in source.execute(f"SELECT * FROM {table} ORDER BY {by}"):
-                target.execute(f"INSERT OR IGNORE INTO {table} VALUES ({marks})", row)
+            for row in source.execute(f"SELECT * FROM {table} WHERE {which} ORDER BY {by}"):
+                target.execute(put, row)
         except DAMAGED:
-            lost = 1
-    return lost
+            return False
+        return True
+
+    def halve(which: str, key: str, first: int, last: int, least: int) -> None:
+        if read(f"{which} AND {key} >= {first} AND {key} < {last}") or last - first <= least:
+            return
+        middle = (first + last) // 2
+        halve(which, key, first, middle, least)
+        halve(which, key, middle, last, least)
+
+    if read("1"):
+        return 0
+    read("1", "DESC")
+    robots, begin, end = target.execute(
+        "SELECT max(robot), min(min(energy_start, newest)), max(newest) FROM epoch"
+    ).fetchone()
+    begin, end = (begin or 0) - DAY_NS, (end or 0) + DAY_NS
+    match keys:
+        case [("robot", _), (key, "INTEGER"), *_]:
+            for robot in range(1, (robots or 0) + 1):
+                halve(f"robot = {robot}", key, begin, end, HOUR_NS)
+        case [("start", _), *_]:
+            halve("1", "start", begin, end, MINUTE_NS)
+        case [("id", "INTEGER")] if table == "curve":
+            halve("1", "id", 0, MAX_DAYS * ((robots or 0) + 1), 1)
+        case _:  # small: from both ends
+            pass
+    return 1

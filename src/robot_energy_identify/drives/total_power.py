@@ -94,7 +94,9 @@ def fit_total(data: Sums) -> TotalFit:
             predicted[structure] = _held_out(
                 data, fold, lambda part, what=structure: fit_structure(part, what)
             )
-    errors = {name: rms_of(values - data.measured) for name, values in predicted.items()}
+    errors: dict[Structure, float] = {
+        name: rms_of(values - data.measured) for name, values in predicted.items()
+    }
     chosen = simplest(errors) if errors else STRUCTURES[0]
     return replace(fit_structure(data, chosen, errors), predicted=predicted)
 
@@ -206,8 +208,11 @@ def compare_total(
         structure without the held-out data.
     """
     kind, fold = recordings_or_blocks(data.recording)
-    predicted = dict(fit.predicted) if fit is not None and kind == "blocks" else {}
-    for structure in ("constant", *STRUCTURES):
+    predicted: dict[Structure, Float] = {}
+    if fit is not None and kind == "blocks":
+        predicted |= fit.predicted
+    every: tuple[Structure, ...] = ("constant", *STRUCTURES)
+    for structure in every:
         if structure not in predicted:
             with suppress(NotIdentifiableError):
                 predicted[structure] = _held_out(
@@ -218,7 +223,7 @@ def compare_total(
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
         ways["given"] = data.given + cabinet
-    ways |= predicted
+    ways.update(predicted.items())
     with suppress(NotIdentifiableError):
         ways["identified"] = _chosen_in_folds(data, fold, predicted)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
@@ -245,14 +250,19 @@ def _chosen_in_folds(data: Sums, fold: Int, predicted: dict[Structure, Float]) -
     if len(names) < FOLDS:
         return _held_out(data, fold, fit_total)
     squares: dict[Structure, Float] = {}
-    for structure in (name for name in STRUCTURES if name in predicted):
+    for structure in STRUCTURES:
+        if structure not in predicted:
+            continue
         with suppress(NotIdentifiableError):
             squares[structure] = _squares_without_pairs(data, fold, names, structure)
     if not squares:
         return _held_out(data, fold, fit_total)
     found = np.empty(len(data))
     for place, name in enumerate(names):
-        chosen = simplest({key: float(np.sqrt(own[place].sum())) for key, own in squares.items()})
+        errors: dict[Structure, float] = {
+            key: float(np.sqrt(own[place].sum())) for key, own in squares.items()
+        }
+        chosen = simplest(errors)
         found[fold == name] = predicted[chosen][fold == name]
     return found
 

@@ -355,7 +355,8 @@ def regress(
         names: Name of each parameter, for messages.
         method: As of `fit`.
         deviations: Whether they are wanted; they take most of the time.
-        base: QR decomposition of the columns, where it is known, as of `fit`.
+        base: QR decomposition of the columns where it is known, shapes (N, P) and (P, P).
+            [target/parameter]
 
     Raises:
         ShapeError: If shapes do not fit.

@@ -347,6 +347,35 @@ def test_a_damaged_file_keeps_what_can_be_read(store):
     assert path.with_name(f"{path.name}.bad-1").read_bytes() == content
 
 
+def test_damaged_pages_cost_their_rows_alone_and_no_hour(tmp_path):
+    robots, store = {f"r{number}": Robot(number) for number in range(8)}, HistoryStore(tmp_path)
+    store.open()
+    for quarter in range(20 * 96):
+        for name, robot in robots.items():
+            robot.advance(15 * MINUTE)
+            store.add(name, [robot.read(robot.now)])
+        if quarter % 8 == 7:  # so that robots lie next to each other in the file
+            assert store.write(robot.now), store.trouble
+    store.close()
+    path = tmp_path / schema.FILE
+    count = "SELECT count(*) FROM slot15"
+    with closing(sqlite3.connect(path)) as connection:
+        (before,) = connection.execute(count).fetchone()
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2 // 4096 * 4096
+    content[middle : middle + 3 * 4096] = b"\xff" * 3 * 4096
+    path.write_bytes(content)
+    assert "damaged" in repair(tmp_path, robot.now)[0]
+    assert check(tmp_path) == []
+    with closing(sqlite3.connect(path)) as connection:
+        (kept,) = connection.execute(count).fetchone()
+    assert 0.98 * before < kept < before
+    days = history(tmp_path, START, START + 19 * DAY)
+    assert len(days) == 19 * len(robots)
+    assert not len(days.not_resolved)
+    assert total(tmp_path) == sum(robot.values[IMPORT] for robot in robots.values())
+
+
 @pytest.mark.parametrize(
     "changed",
     [{IMPORT: 2**63 - 1}, {IMPORT: -(2**63)}, {"observed_ns": 2**63 - 1, "gap_ns": 2**63 - 1},
