@@ -28,7 +28,8 @@ def main() -> int:
     name = script if script in EXECUTABLES else "".join(sys.argv[1:2])
     if name in ("-h", "--help"):
         names = "\n  ".join(EXECUTABLES)
-        print(f"usage: python -m ros2_energy_monitor NAME [ARGUMENTS]\n\nNAME is one of:\n  {names}")
+        print("usage: python -m ros2_energy_monitor NAME [ARGUMENTS]")
+        print(f"\nNAME is one of:\n  {names}")
         return 0
     if name not in EXECUTABLES:
         found = f"there is no executable '{name}'" if name else "no executable is named"

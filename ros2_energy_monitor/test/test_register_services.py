@@ -297,7 +297,7 @@ def test_intervals_and_reset_by_service(bench, messages, tmp_path):
     begin, end = map(nanoseconds, (closed.start, closed.end))
     assert (end - begin) * 1e-9 == pytest.approx(closed.observed_time + closed.gap_time)
     (kept,) = newest(tmp_path).closed_intervals
-    assert kept.counted.observed_ns * 1e-9 == closed.observed_time
+    assert kept.counted.observed_ns / 1e9 == closed.observed_time
 
 
 def test_power_monitor_serves_too(bench):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from typing import Any
 
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy_cli.command import Command, add_options, keywords_of
@@ -63,7 +64,7 @@ def _run(args: Namespace) -> int:
     states = None if args.rest_states is None else read_rest_states(args.rest_states)
     keep_freed_memory()
     with progress("reading recordings") as show:
-        options = keywords_of(advise, args) | {
+        options: dict[str, Any] = keywords_of(advise, args) | {
             "rest_states": states,
             "look_at_speeds": not args.no_speeds,
             "progress": show,

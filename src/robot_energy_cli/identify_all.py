@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy_cli.command import Command, Options, keywords_of
@@ -64,7 +65,7 @@ def _run(args: Namespace) -> int:
 
     IdentifyInputs(args).check_results()
     _check(args)
-    options = keywords_of(identify_all, args) | {
+    options: dict[str, Any] = keywords_of(identify_all, args) | {
         "held_out": not args.no_test,
         "link_voltages": IdentifyInputs(args).link_voltages(),
         "sensors": IdentifyInputs(args).sensor_limits(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import Any
 
 from robot_energy_cli.command import (
     REQUIRED,
@@ -85,7 +86,7 @@ def _run(args: Namespace) -> int:
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
     with progress(f"{args.program}: every move in every way") as show:
-        options = keywords_of(optimize, args) | {
+        options: dict[str, Any] = keywords_of(optimize, args) | {
             "standby": states,
             "tool": tool_options(args, args.base, args.start_position),
             "progress": show,

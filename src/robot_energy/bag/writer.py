@@ -133,15 +133,17 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         place = np.concatenate([np.arange(count) for count in counts])[order]
         cuts = np.flatnonzero((np.diff(source) != 0) | (np.diff(place) != 1)) + 1
         runs = zip([0, *cuts.tolist()], [*cuts.tolist(), len(order)], strict=True)
-        pieces = [
-            frames[source[begin]][place[begin] : place[end - 1] + 1] for begin, end in runs if end
+        pieces: list[NDArray[np.uint8]] = [
+            frames[int(source[begin])][place[begin] : place[end - 1] + 1]
+            for begin, end in runs
+            if end
         ]
         self._append(
             [topic for topic, _, _ in parts],
             source,
             np.concatenate([times for _, times, _ in parts])[order],
             np.array([part.shape[1] for part in frames])[source],
-            b"".join(memoryview(piece) for piece in pieces),
+            b"".join(piece.data for piece in pieces),
         )
 
     def write_in_order(self, messages: Iterable[tuple[int, str, bytes]]) -> None:
