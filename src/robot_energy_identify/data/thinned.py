@@ -25,7 +25,7 @@ from robot_energy.timeline.blocks import (
 )
 from robot_energy.timeline.hold import HeldRows
 
-MOST_ROWS = 6_000  # of one regression: an hour has 700 blocks that count as independent
+MOST_ROWS = 12_000  # of one regression: an hour has 700 blocks that count as independent
 MOST = 120_000  # samples kept of all recordings of a fit; some 1 kB each for six joints
 LONGEST_STEP = 0.04  # s between samples that are kept: the fit of friction averages over as much
 Kept = TypeVar("Kept", bound=Block)
