@@ -49,6 +49,24 @@ def test_the_report_draws_itself_without_fault(window, report, width, dark):
     assert window.faults() == []
 
 
+CROSSED = """
+return [...document.querySelectorAll('[data-flow] svg')].flatMap(svg =>
+  [...svg.querySelectorAll('text')].filter(text => {
+    const box = text.getBBox();
+    const middle = box.y + box.height / 2;
+    const places = Array.from({length: 21}, (_, k) => box.x + box.width * k / 20);
+    return [...svg.querySelectorAll('path.link')].some(
+      band => places.some(x => band.isPointInStroke(new DOMPoint(x, middle))));
+  }).map(text => text.textContent))
+"""
+
+
+def test_no_flow_crosses_a_label(window, report):
+    window.open(report, 1400, 900)
+    assert window.run("return document.querySelectorAll('[data-flow] svg text').length") > 30
+    assert window.run(CROSSED) == []
+
+
 def test_colours_are_chosen_with_a_button(window, report):
     window.dark(False)
     window.open(report)

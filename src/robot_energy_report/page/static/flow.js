@@ -58,6 +58,7 @@ function layout(picture, width, height, places, letters) {
     return longest ? longest * LETTER + 8 : 0;
   };
   const [left, right] = [room(0), room(3)];
+  for (const stop of columns[2]) stop.level = room(2) / 2;
   const gaps = (column) => column.reduce((total, stop, index) => total + (index ? gapOf(stop) : 0), 0);
   const scale = Math.min(...columns.filter((column) => column.length).map((column) =>
     (height - TOP - 8 - gaps(column)) / column.reduce((total, stop) => total + stop.size, 0)));
@@ -88,15 +89,17 @@ function layout(picture, width, height, places, letters) {
 
 const gapOf = (stop) => (stop.id ? GAP : GAP / 2);
 
+// Bands are level around the joints, as far as the labels above these reach.
 function bandPath({ stops, y0, y1, thick }) {
   const points = stops.map((stop, index) => [
-    stop.x, index === 0 ? y0 : index === stops.length - 1 ? y1 : stop.y + thick / 2]);
+    stop.x, index === 0 ? y0 : index === stops.length - 1 ? y1 : stop.y + thick / 2, stop.level ?? 0]);
   let text = `M${points[0][0] + NODE_WIDTH},${points[0][1]}`;
   for (let index = 1; index < points.length; index += 1) {
-    const [x, y] = points[index];
+    const [x, y, level] = points[index];
     const from = points[index - 1];
-    const half = (from[0] + NODE_WIDTH + x) / 2;
-    text += `C${half},${from[1]} ${half},${y} ${x},${y}`;
+    const [begin, end] = [from[0] + NODE_WIDTH + from[2], x - level];
+    const half = (begin + end) / 2;
+    text += `H${begin}C${half},${from[1]} ${half},${y} ${end},${y}H${x}`;
     if (index < points.length - 1) text += `H${x + NODE_WIDTH}`;
   }
   return text;
