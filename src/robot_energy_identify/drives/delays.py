@@ -30,6 +30,7 @@ from robot_energy.model.schema import Meter
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.data.recordings import undone
+from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.total_sums import Integrals
 from robot_energy_identify.stats.cross_validation import contiguous_folds, splits
@@ -209,8 +210,9 @@ def _moved(
         kept, mean = integrals.means(pieces)
         place = np.full((len(pieces), mean.shape[1]), np.nan)
         place[np.searchsorted(pieces.start_ns, kept.start_ns)] = mean
-        power.append(pieces.mean_power)
-        means.append(place)
+        used = few(len(pieces))
+        power.append(pieces.mean_power[used])
+        means.append(place[used])
     return np.concatenate(power), np.concatenate(means)
 
 

@@ -11,6 +11,7 @@ import pytest
 from plants import PROGRAM, two_link_profile
 from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy_identify.data import thinned
 from robot_energy_identify.data.bags import Bag
 from robot_energy_identify.data.recordings import read_recording, undone
 from robot_energy_identify.drives.all_drives import find_drives
@@ -146,6 +147,15 @@ def test_a_low_pass_does_not_take_up_a_delay(tmp_path):
     low_pass, delay = meter_lags(partial(with_meters_earlier, data, 0.0))
     assert low_pass.applied == pytest.approx(0.25, rel=0.1)
     assert delay.applied == pytest.approx(0.12, abs=0.02)
+
+
+def test_of_many_readings_some_say_the_delay(recording, monkeypatch):
+    late = data_of(recording.with_meter_earlier(-0.137))
+    by_all = estimate_meter_delay(late)
+    monkeypatch.setattr(thinned, "MOST_ROWS", len(recording.meter) // 3)
+    by_some = estimate_meter_delay(late)
+    assert by_some.applied == pytest.approx(by_all.applied, abs=0.01)
+    assert by_some.std != by_all.std  # a third of the readings
 
 
 def test_a_meter_without_low_pass_and_a_late_one_are_left_as_they_are(recording):
