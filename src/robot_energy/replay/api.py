@@ -274,7 +274,7 @@ def run_replay(
         on_reading: Called with the account as it stands at each UTC minute, and at the end.
 
     Raises:
-        OptionError: If there is no such option.
+        OptionError: For an option that a replay does not have.
         RobotEnergyError: If bag, model or an option cannot be used.
     """
     check_options("replay", options, ReplayOptions.__annotations__)

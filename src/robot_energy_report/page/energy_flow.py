@@ -19,7 +19,7 @@ LABELS = {
     CABINET: "Constant losses",
     BRAKE: "Brake resistor",
     FRICTION: "Friction",
-    DRIVES: "Motors and drives",
+    DRIVES: "Drive losses",
     MOTION: "Lifting, accelerating",
     CAPACITOR: "Capacitor",
 }
