@@ -1,4 +1,5 @@
-"""Energy over years: what each robot used, by minute, quarter hour and day, in whole microjoules.
+"""Energy over years: what each robot used, by minute, quarter hour, day and job.
 
-`store` writes, `differences` holds the rules, `spans` reads; `api.history` is what users call.
+All in whole microjoules. `store` writes, `differences` holds the rules, `spans` reads; `api` is
+what users call.
 """
