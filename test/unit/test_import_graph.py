@@ -65,15 +65,15 @@ MODULES = {
     """,
     "robot_energy.model": """
         auxiliary counterbalance drive_models figure friction_laws joint load open_schema
-        payload reference schema
+        payload schema
     """,
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
         equations friction hold_torque limit_utilisation motor_heat
-        pinocchio_model plausibility rigid_body shared_bus torque_limits transmission
+        pinocchio_model plausibility rigid_body torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
-        actuators checks compare limits moving_joints parse
+        checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
         consecutive energy_pipeline friction_stage friction_timeline
@@ -96,9 +96,9 @@ MODULES = {
         advise check command commands export fleet_identify fleet_report fleet_run
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info kinds layouts listings main models monitoring numbers
-        optimize predict replay replay_options report result_schema shared_bus simulate terminal
-        test tool_options
+        identify_thermal import_logs info kinds layouts listings main model_reference models
+        monitoring numbers optimize predict replay replay_options report result_schema shared_bus
+        simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
@@ -155,7 +155,7 @@ MODULES = {
         check drives dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        arm description joints model_text priors
+        actuators arm description joints model_text priors
     """,
     "robot_energy_identify.stats": """
         autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
@@ -176,7 +176,7 @@ MODULES = {
         reproduce
     """,
     "robot_energy_plan": """
-        prediction shared_bus
+        bus_exchange prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -258,7 +258,7 @@ LAYERS = {
     ),
     "robot_energy_plan": (
         ("motion",),
-        ("prediction", "optimization", "shared_bus"),
+        ("bus_exchange", "prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),
