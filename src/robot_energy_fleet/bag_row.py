@@ -21,7 +21,6 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.bags import BagReadings
 from robot_energy.model import RobotModel
 from robot_energy.replay.api import run_replay
 from robot_energy.replay.bag_replay import Replay
@@ -35,6 +34,7 @@ from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_history.bags import BagReadings
 
 Row = dict[str, Any]
 
