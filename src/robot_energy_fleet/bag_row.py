@@ -159,7 +159,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     read = None if minutes is None else minutes.take
     result = run_replay(path, model, on_output=take, keep_compared=True, on_reading=read, **options)
     report, totals = replay_report(result), result.account.totals()
-    rows = joints.table(result.pipeline.power.condition.wear)
+    rows = joints.table(result.pipeline.condition.wear)
     start_ns = report.time.start_ns
     day = UNKNOWN_DATE
     if start_ns is not None:

@@ -246,8 +246,13 @@ LAYERS = {
         ("physics", "accounting.power_curve"),
         ("certainty", "inputs"),
         ("accounting",),
-        ("certainty.band_calibration", "condition"),
+        ("certainty.band_calibration",),
         ("accounting.account accounting.account_record",),
+        (
+            "pipeline.friction_stage pipeline.friction_timeline pipeline.payload_timeline "
+            "pipeline.power_stage pipeline.settings pipeline.supply pipeline.torque_stage",
+        ),
+        ("condition",),
         ("pipeline", "store"),
         ("messages",),
         ("replay",),

@@ -30,7 +30,7 @@ def condition_over(
         raise BagError("no recording was given", "one or more, oldest first")
     used, learner = model_of(model), None
     for bag in bags:
-        learner = run_replay(bag, used, **options).pipeline.power.condition
+        learner = run_replay(bag, used, **options).pipeline.condition
         options["learned"] = learner.state()
     assert learner is not None
     return condition_report(learner, used)

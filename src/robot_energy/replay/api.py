@@ -14,7 +14,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.condition.learner import ConditionRecord, Learning
+from robot_energy.condition.learner import ConditionRecord
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.shown import Shown
 from robot_energy.foundation.signature import check_options, lists
@@ -37,7 +37,7 @@ from robot_energy.replay.recorded_jobs import load_jobs
 from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
-from robot_energy.timeline.blocks import PowerBlock
+from robot_energy.timeline.blocks import Learning, PowerBlock
 from robot_energy.timeline.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's

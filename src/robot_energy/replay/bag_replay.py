@@ -157,7 +157,7 @@ def replay(
     if loads:
         pipeline.account.auxiliary = AuxiliaryAccount(loads, loaded, settings.meter_max_gap)
     if learned is not None:
-        pipeline.power.condition.restore(learned)
+        pipeline.condition.restore(learned)
     temperatures = TemperatureIngest(
         model.joint_names, sources, bag.typestore, model.temperature.stale_after
     )
