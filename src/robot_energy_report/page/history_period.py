@@ -9,7 +9,7 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import HOUR_NS, MINUTE_NS, SECOND_NS
+from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy_history.api import stamp_of
 from robot_energy_history.differences import SLOT_NS
 from robot_energy_history.spans import Resolution, edges
@@ -19,14 +19,13 @@ KINDS: dict[str, Resolution] = {
     "hour": "hour", "day": "day", "week": "week", "month": "month", "year": "year",
 }  # fmt: skip
 SPAN = "span"
-_DAY_NS = 24 * HOUR_NS
 PARTS: dict[str, Resolution] = {
     "hour": "minute", "day": "hour", "week": "day", "month": "day", "year": "month",
 }  # fmt: skip
 """Into which parts each kind is divided."""
 SPANS: tuple[tuple[int, Resolution], ...] = (
-    (3 * HOUR_NS, "minute"), (3 * _DAY_NS, "hour"), (100 * _DAY_NS, "day"),
-    (1200 * _DAY_NS, "month"),
+    (3 * HOUR_NS, "minute"), (3 * DAY_NS, "hour"), (100 * DAY_NS, "day"),
+    (1200 * DAY_NS, "month"),
 )  # fmt: skip
 """Parts of a span up to each length [ns]; of a longer one years."""
 MAX_YEARS = 100
@@ -159,7 +158,7 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
     """Return any span, made longer so that it has whole parts."""
     start_ns, stop_ns = start_ns // SLOT_NS * SLOT_NS, -(-stop_ns // SLOT_NS) * SLOT_NS
     length = stop_ns - start_ns
-    if not 0 < length <= MAX_YEARS * 366 * _DAY_NS:
+    if not 0 < length <= MAX_YEARS * 366 * DAY_NS:
         raise HistoryError("a span that ends before it begins, or is too long",
                            f"up to {MAX_YEARS} years")  # fmt: skip
     parts: Resolution = "year"
