@@ -69,14 +69,14 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat
+        equations friction hold_torque motor_heat
         pinocchio_model plausibility rigid_body torque_limits transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        consecutive energy_pipeline friction_stage friction_timeline
+        energy_pipeline friction_stage friction_timeline
         online_monitor payload_timeline power_stage settings supply torque_stage work_sums
     """,
     "robot_energy.replay": """
@@ -176,7 +176,7 @@ MODULES = {
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange prediction shared_bus
+        bus_exchange consecutive limit_utilisation prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -262,8 +262,8 @@ LAYERS = {
         ("condition.api",),
     ),
     "robot_energy_plan": (
-        ("motion",),
-        ("bus_exchange", "prediction", "optimization", "shared_bus"),
+        ("motion", "bus_exchange", "consecutive", "limit_utilisation"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),
