@@ -36,7 +36,7 @@ MODULES = {
         prediction_errors priors
     """,
     "robot_energy.condition": """
-        api baseline buckets drift_test joint_friction learner meter_fit meter_windows
+        api baseline buckets drift joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
