@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.integration import NO_SEGMENT
 from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
+from robot_energy.accounting.registers import NO_SEGMENT
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics import kernels
 from robot_energy.timeline.blocks import (

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.accounting.integration import HeldEnergies
 from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
+from robot_energy.accounting.registers import HeldEnergies
 from robot_energy.certainty.band import (
     BUS,
     LOSS_GRID,

@@ -4,7 +4,7 @@ from fractions import Fraction
 import numpy as np
 
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.integration import TrapezoidIntegrator
+from robot_energy.accounting.registers import TrapezoidIntegrator
 
 
 def integrate(stamp_s, power, segment=None):

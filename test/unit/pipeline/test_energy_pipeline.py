@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.accounting.integration import TrapezoidIntegrator
+from robot_energy.accounting.registers import TrapezoidIntegrator
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import (

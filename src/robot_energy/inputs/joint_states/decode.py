@@ -16,8 +16,7 @@ from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.timeline.blocks import Float, Int, JointBlock
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, BAD_STAMP, newest_by_epoch, valid_stamps
 from robot_energy.timeline.streams import OLDER
 
 if TYPE_CHECKING:

@@ -19,21 +19,24 @@ from robot_energy.inputs.joint_states.partial_states import (
     SAME_STAMP,
     PartialStateMerger,
 )
-from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
+from robot_energy.inputs.joint_states.plausibility import (
+    JointStateProblem,
+    Plausibility,
+    VelocityCheck,
+)
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     CONFLICTING,
     IMPOSSIBLE_POSITION,
     PublisherConflictFilter,
+    ZeroStateFilter,
 )
-from robot_energy.inputs.joint_states.velocity_check import VelocityCheck
-from robot_energy.inputs.joint_states.zero_states import ZeroStateFilter
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.timeline.epochs import Reach
-from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
 from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortes
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Quality
-from robot_energy.timeline.gaps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
 from robot_energy.timeline.streams import OLDER, StreamRun
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
