@@ -146,7 +146,7 @@ class ConditionLearner:
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Cut where a part begins, if figures are applied, or a window.
 
-        Arguments and result as in `Condition.cuts`.
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.cuts`.
         """
         windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
         if not self.applies:
@@ -157,7 +157,7 @@ class ConditionLearner:
     def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
         """Learn from the part before, if it has ended.
 
-        Arguments and result as in `Condition.begin`.
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.begin`.
         """
         if self._part is not None and stamp_ns // PART_NS != self._part:
             self._end_part()
@@ -169,7 +169,7 @@ class ConditionLearner:
     ) -> tuple[Float, Float]:
         """Leave temperatures to the thermal observer.
 
-        Arguments and result as in `Condition.estimate`.
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
         """
         if not self.thermal.on:
             return reading_degc, reading_degc
@@ -180,7 +180,7 @@ class ConditionLearner:
     ) -> tuple[Float | float, float, float] | None:
         """Return what counts in this part.
 
-        Arguments and result as in `Condition.learned`.
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
         """
         if not self.in_use:
             return None
@@ -193,7 +193,7 @@ class ConditionLearner:
     def step(self, block: PowerBlock, reading_degc: Float) -> None:
         """Take the power of a part.
 
-        Arguments and result as in `Condition.step`.
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.step`.
         """
         if self.thermal.on:
             self.thermal.take(block, reading_degc)
