@@ -172,11 +172,13 @@ class EnergyAccount:
 
     def _take_back(self, counters: _Counters) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
-        sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
+        sums, counts, compared_ns, self.registers.time, self.comparison.compared_ns, loads = (
+            counters
+        )
+        self.shaft.compared_ns = compared_ns
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
             each.go_back(mark)
         self.counts.go_back(counts)
-        self.registers.set_time(time)
         if self.auxiliary is not None and loads is not None:
             self.auxiliary.go_back(loads)
         self.interrupt()

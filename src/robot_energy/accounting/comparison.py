@@ -234,8 +234,8 @@ class Comparison(ExactSum):
         if left_ns - now_ns < NEAR_NS or not len(after):
             return False
         pieces = before.measured
-        near = (pieces.end_ns > now_ns - ALONE_NS) & (pieces.start_ns < now_ns + NEAR_NS)
-        return not near.any() and now_ns - int(after.start_ns[0]) > ALONE_NS
+        near = (pieces.end_ns > now_ns - ALONE_NS) & (pieces.stamp_ns < now_ns + NEAR_NS)
+        return not near.any() and now_ns - int(after.stamp_ns[0]) > ALONE_NS
 
     def _adopt(self) -> None:
         """Compare what is predicted with the next epoch of the meter."""
@@ -283,7 +283,7 @@ class Comparison(ExactSum):
         result = Compared.empty()
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
-            start = int(max(predicted.start_ns[0], measured.start_ns[0]))
+            start = int(max(predicted.stamp_ns[0], measured.stamp_ns[0]))
             start = start if epoch.done_ns is None else max(start, epoch.done_ns)
             if until > start:
                 result, end_ns = self._integrate(predicted, measured, start, until)
@@ -297,7 +297,7 @@ class Comparison(ExactSum):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
                 epoch.predicted = predicted = predicted.after(int(oldest) - 1)
-            epoch.shown.forget(int(predicted.start_ns[0]))
+            epoch.shown.forget(int(predicted.stamp_ns[0]))
         return result
 
     def _as_shown(self, shown: ShownPower, compared: Compared, end_ns: Int) -> Compared:
@@ -353,7 +353,7 @@ def _compiled(
 
 
 def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
-    each = (curve.start_ns, curve.end_ns, curve.start_power, curve.end_power)
+    each = (curve.stamp_ns, curve.end_ns, curve.start_power, curve.end_power)
     return tuple(map(np.ascontiguousarray, each))
 
 

@@ -7,8 +7,7 @@ held for 10 ms each and added when these have passed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +21,6 @@ from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, PowerBlo
 from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 
 MAX_ENERGY = 2e6  # of one interval, which sums exactly [J]
-Energies = Callable[[Float, Float], tuple[Float, float, Float]]
-"""Powers at the sample before, shape (R,) [W], and times of the intervals, shape (N,) [s] ->
-energies, shape (N, R) [J], the greatest amount, NaN if one is NaN [J], and the last powers [W]."""
 NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
@@ -49,74 +45,6 @@ class SampleIntervals:
 
     duration_ns: Int
     energy: Float
-
-
-@dataclass
-class TrapezoidIntegrator:
-    """Cuts a stream of power samples into intervals and keeps the time."""
-
-    time: Coverage = field(default_factory=Coverage)
-    _last: tuple[int, int, Float] | None = None
-
-    def step(self, stamp_ns: Int, segment: Int, power: Float) -> SampleIntervals:
-        """Return the intervals that end at these samples, one a sample.
-
-        Args:
-            stamp_ns: Shape (N,). [ns]
-            segment: Shape (N,).
-            power: Shape (N, R). An interval is a gap if a sample of it is not finite in all
-                columns, or if its energy is more than a register can take. [W]
-        """
-        return self.integrate(
-            stamp_ns,
-            segment,
-            lambda: power[0].copy(),
-            lambda before, duration: (
-                *interval_energy(power, before, duration),
-                power[-1].copy(),
-            ),
-        )
-
-    @np.errstate(invalid="ignore", over="ignore")  # bad samples are gaps
-    def integrate(
-        self, stamp_ns: Int, segment: Int, first: Callable[[], Float], energies: Energies
-    ) -> SampleIntervals:
-        """Return the intervals of samples whose energies are computed elsewhere, likewise.
-
-        Args:
-            stamp_ns: Shape (N,). [ns]
-            segment: Shape (N,).
-            first: Gives the powers at the first sample, shape (R,). [W]
-        """
-        if self._last is None:
-            self._last = (int(stamp_ns[0]), int(segment[0]), first())
-            self.time.start_ns = int(stamp_ns[0])
-        elapsed = differences(stamp_ns, self._last[0])
-        same = differences(segment, self._last[1]) == 0
-        observed = same & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
-        duration = np.where(observed, elapsed, 0) * NANOSECOND
-        energy, greatest, last = energies(self._last[2], duration)
-        if not greatest <= MAX_ENERGY:
-            countable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
-            energy[~countable] = 0.0
-            observed &= countable
-        duration_ns = np.where(observed, elapsed, 0)
-        self.time.take(elapsed, observed)
-        self._last = (int(stamp_ns[-1]), int(segment[-1]), last)
-        self.time.end_ns = int(stamp_ns[-1])
-        return SampleIntervals(duration_ns, energy)
-
-    def reset(self) -> None:
-        """Begin the account at the last sample, with nothing counted."""
-        self.time = Coverage(start_ns=self.time.end_ns, end_ns=self.time.end_ns)
-
-    def interrupt(self) -> None:
-        """Let the time from the last to the next sample be a gap of its own, or a jump."""
-        self.time.in_gap = False
-        if self.time.end_ns is None:
-            self._last = None
-        else:
-            self._last = (self.time.end_ns, NO_SEGMENT, np.full(1, np.nan))
 
 
 @dataclass(frozen=True)
@@ -202,30 +130,29 @@ class HeldIntegrator:
 
 
 class Registers(ExactSum):
-    """The energy registers of one robot: of the cabinet, of each joint, then the deviations."""
+    """The energy registers of one robot: of the cabinet, of each joint, then the deviations.
+
+    Attributes:
+        time: Account of observed and missing time.
+    """
 
     def __init__(self, n_joints: int) -> None:
         energies = len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints
         super().__init__(energies + len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * n_joints)
         self.n_joints = n_joints
         self.deviations = slice(energies, None)
-        self._trapezoid = TrapezoidIntegrator()
+        self.time = Coverage()
+        self._last: tuple[int, int, Float] | None = None  # stamp, segment, powers
         self.held = HeldIntegrator()
 
-    @property
-    def time(self) -> Coverage:
-        """Account of observed and missing time."""
-        return self._trapezoid.time
-
-    def set_time(self, time: Coverage) -> None:
-        """Go back to an earlier account of time."""
-        self._trapezoid.time = time
-
-    @np.errstate(invalid="ignore")
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples are gaps
     def step(
         self, block: PowerBlock, whole: bool = True
     ) -> tuple[SampleIntervals, HeldEnergies | None]:
         """Integrate a block.
+
+        An interval is a gap if a power at either end is not finite, or if its energy is more than a
+        register can take.
 
         Args:
             whole: Whether all energies are of use, or only that of the first register.
@@ -234,53 +161,61 @@ class Registers(ExactSum):
             The intervals, whose energies are in the order of `microjoule`, and the integrals of
             the deviations that became complete.
         """
-        if kernels.compiled is None:
-            intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
-            self.add(intervals.energy)
+        stamp, segment = block.stamp_ns, block.segment
+        if self._last is None:
+            self._last = int(stamp[0]), int(segment[0]), _columns(block[slice(0, 1)])[0]
+            self.time.start_ns = int(stamp[0])
+        elapsed = differences(stamp, self._last[0])
+        same = differences(segment, self._last[1]) == 0
+        observed = same & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
+        duration = np.where(observed, elapsed, 0) * NANOSECOND
+        found = self._compiled(block, duration, whole or self.nearly_full)
+        if found is not None:
+            energy, last = found
         else:
-            intervals = self._integrated(kernels.compiled, block, whole or self.nearly_full)
+            columns = _columns(block)
+            energy, greatest = interval_energy(columns, self._last[2], duration)
+            last = columns[-1].copy()
+            if not greatest <= MAX_ENERGY:
+                countable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
+                energy[~countable] = 0.0
+                observed &= countable
+            self.add(energy)
+        self.time.take(elapsed, observed)
+        self.time.end_ns = int(stamp[-1])
+        self._last = self.time.end_ns, int(segment[-1]), last
+        intervals = SampleIntervals(np.where(observed, elapsed, 0), energy)
         held = self.held.step(block, intervals.duration_ns)
         if held is not None:
             self.add(held.energy, self.deviations.start)
         return intervals, held
 
-    def _integrated(
-        self, compiled: kernels.Compiled, block: PowerBlock, all_of_use: bool
-    ) -> SampleIntervals:
-        """Integrate the powers behind the registers with the kernel."""
+    def _compiled(
+        self, block: PowerBlock, duration: Float, all_of_use: bool
+    ) -> tuple[Float, Float] | None:
+        """Add energies by the kernel, and return them with the last powers; None if it cannot."""
+        if kernels.compiled is None or self._last is None:
+            return None
         size = self.deviations.start
-        kept = size if all_of_use else 1
         whole, rest = np.zeros((2, size), dtype=np.int64)
-        sound = False
-
-        def energies(before: Float, duration: Float) -> tuple[Float, float, Float]:
-            nonlocal sound
-            energy, last = np.empty((kept, len(block))).T, np.empty(size)
-            before = np.ascontiguousarray(np.broadcast_to(before, size))
-            half = 0.5 * duration
-            sound = compiled.integrate(*_parts(block), before, half, last, energy, whole, rest)
-            if sound:
-                return energy, 0.0, last
-            columns = _columns(block)  # what is not a number or too much becomes a gap
-            return *interval_energy(columns, before, duration), columns[-1].copy()
-
-        intervals = self._trapezoid.integrate(
-            block.stamp_ns, block.segment, lambda: _columns(block[slice(0, 1)])[0], energies
-        )
-        if sound:
-            self.add_counted(whole, rest, intervals.energy)
-        else:
-            self.add(intervals.energy)
-        return intervals
+        energy = np.empty((size if all_of_use else 1, len(block))).T
+        before, last = np.ascontiguousarray(np.broadcast_to(self._last[2], size)), np.empty(size)
+        half = 0.5 * duration
+        if not kernels.compiled.integrate(*_parts(block), before, half, last, energy, whole, rest):
+            return None  # what is not a number or too much becomes a gap
+        self.add_counted(whole, rest, energy)
+        return energy, last
 
     def reset(self) -> None:
         """Begin all registers and times at zero, at the newest sample."""
         super().reset()
-        self._trapezoid.reset()
+        self.time = Coverage(start_ns=self.time.end_ns, end_ns=self.time.end_ns)
 
     def interrupt(self) -> None:
-        """Let the time up to the next sample be a gap."""
-        self._trapezoid.interrupt()
+        """Let the time from the last to the next sample be a gap of its own, or a jump."""
+        self.time.in_gap = False
+        end_ns = self.time.end_ns
+        self._last = None if end_ns is None else (end_ns, NO_SEGMENT, np.full(1, np.nan))
         self.held.interrupt()
 
     @property

@@ -324,8 +324,10 @@ class JointStateIngest:
         rejections, first = self.rejections, int(self._stream.epochs.beginning)
         rejections.accepted += first - self._first
         self._first = first
-        holders = (self._zeros, self._velocities, self._stream, self._merger, self.conflicts)
-        rejections.waiting = sum(holder.waiting for holder in holders) - first
+        stream, merger = self._stream, self._merger
+        rejections.waiting = merger.lead.shape[1] - first
+        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
+            rejections.waiting += 0 if holder.held is None else len(holder.held)
         if not parts:
             return None
         samples = JointBlock.concatenate(parts)

@@ -306,6 +306,9 @@ class VelocityCheck:
     Args:
         limits: Limits from the URDF; None, or a joint without a limit, refuses nothing.
         ratio: How many times its limit a joint may be fast without being looked at. [-]
+
+    Attributes:
+        held: A message that waits for the next one; None if there is none.
     """
 
     def __init__(
@@ -327,27 +330,22 @@ class VelocityCheck:
         n_joints = len(self._wraps)
         self._stamp: Int = np.full(n_joints, -1, dtype=np.int64)  # of the last position, or -1
         self._position: Float = np.full(n_joints, np.nan)
-        self._held: JointBlock | None = None
-
-    @property
-    def waiting(self) -> int:
-        """Messages that wait for the next one: 0 or 1."""
-        return 0 if self._held is None else 1
+        self.held: JointBlock | None = None
 
     def step(self, block: JointBlock) -> JointBlock | None:
         """Return the messages that can be used, with the one that waited before, or None."""
         if self._fastest is None:
             return block
         fast = np.abs(block.joint_velocity) > self._fastest
-        if self._held is None and not bool(fast.any()):
+        if self.held is None and not bool(fast.any()):
             self._remember(block)
             return block
-        if self._held is not None:
-            block, self._held = JointBlock.concatenate([self._held, block]), None
+        if self.held is not None:
+            block, self.held = JointBlock.concatenate([self.held, block]), None
             fast = np.abs(block.joint_velocity) > self._fastest
         first = bool((self._stamp < 0).all()) and bool(fast[0].any())
         if first and len(block) == 1:
-            self._held = block
+            self.held = block
             return None
         bad = np.logical_or.reduce(fast & ~self._supported(block, first), axis=1)
         self._remember(block)
@@ -358,9 +356,9 @@ class VelocityCheck:
 
     def flush(self) -> None:
         """Refuse what still waits: nothing supports it."""
-        if self._held is not None:
-            self._refuse(self._held)
-        self._held = None
+        if self.held is not None:
+            self._refuse(self.held)
+        self.held = None
 
     def _refuse(self, block: JointBlock) -> None:
         self._log.reject(IMPOSSIBLE_VELOCITY, len(block))

@@ -48,6 +48,7 @@ class PublisherConflictFilter:
     Attributes:
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
+        held: Samples that wait whether a leap comes back; None if there are none.
         astray_ns: Stamp at which the last leap came back that showed no second publisher;
             None if there was none. [ns]
     """
@@ -59,7 +60,7 @@ class PublisherConflictFilter:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self.steps = PositionJumpDetector.of(n_joints, limits)
-        self._held: JointBlock | None = None
+        self.held: JointBlock | None = None
         self._disputes: list[int] = []  # stamps, for the first sample after each
         self.astray_ns: int | None = None
         self._last: tuple[int, Float] | None = None  # stamp and positions of the newest sample
@@ -67,11 +68,6 @@ class PublisherConflictFilter:
         self._alone_ns: int | None = None  # of the last leap that came back, in this epoch
         self._to_watch = 0  # time that must pass without a sign [ns]
         self._broken = False  # samples were refused before the next one
-
-    @property
-    def waiting(self) -> int:
-        """Samples that wait whether a leap comes back."""
-        return 0 if self._held is None else len(self._held)
 
     def dispute(self, stamps_ns: Iterable[int]) -> None:
         """Note that messages contradicted each other.
@@ -108,7 +104,7 @@ class PublisherConflictFilter:
 
     def flush(self) -> JointBlock | None:
         """Return the samples that wait; nothing says that they are wrong."""
-        held, self._held = self._held, None
+        held, self.held = self.held, None
         if held is not None:
             held.quality[0] |= BROKEN
         return held
@@ -135,8 +131,8 @@ class PublisherConflictFilter:
         self, samples: JointBlock, leaps: Directions, disputed: NDArray[np.bool_]
     ) -> JointBlock | None:
         """Go through the samples one by one."""
-        whole = samples if self._held is None else JointBlock.concatenate([self._held, samples])
-        held = list(range(self.waiting))
+        whole = samples if self.held is None else JointBlock.concatenate([self.held, samples])
+        held = [] if self.held is None else list(range(len(self.held)))
         first = len(held)
         broken: list[int] = []
         used: list[int] = []
@@ -179,7 +175,7 @@ class PublisherConflictFilter:
         self._log.reject(CONFLICTING, refused)
         self._log.reject(IMPOSSIBLE_POSITION, astray)
         whole.quality[broken] |= BROKEN
-        self._held = whole[np.asarray(held, dtype=np.int64)] if held else None
+        self.held = whole[np.asarray(held, dtype=np.int64)] if held else None
         return whole[np.asarray(used, dtype=np.int64)] if used else None
 
     def _comes_back(self, sample: tuple[int, Float], back: NDArray[np.bool_]) -> bool:
@@ -212,6 +208,9 @@ class ZeroStateFilter:
 
     Args:
         limits: Limits from the URDF; None to allow what any joint can do.
+
+    Attributes:
+        held: A message that waits for the next one; None if there is none.
     """
 
     def __init__(self, n_joints: int, limits: JointLimits | None, log: RejectionLog) -> None:
@@ -223,18 +222,14 @@ class ZeroStateFilter:
     def restart(self) -> None:
         """Forget the last state, and what waits."""
         self._last: tuple[int, Float] | None = None  # that is not all zero
-        self._held: JointBlock | None = None  # zeros before all other states wait for the next
+        self.held: JointBlock | None = None  # zeros before all other states wait for the next
         self._begun = False
-
-    @property
-    def waiting(self) -> int:
-        """Messages that wait for the next one: 0 or 1."""
-        return 0 if self._held is None else 1
 
     def flush(self) -> None:
         """Count what still waits: one state alone is of no use."""
-        self._log.reject(ZERO_STATE, self.waiting)
-        self._held = None
+        if self.held is not None:
+            self._log.reject(ZERO_STATE)
+        self.held = None
 
     @property
     def finding(self) -> str:
@@ -253,12 +248,12 @@ class ZeroStateFilter:
         Args:
             block: One or more, one sample each, in order of arrival.
         """
-        if self._held is not None:
-            block, self._held = JointBlock.concatenate([self._held, block]), None
+        if self.held is not None:
+            block, self.held = JointBlock.concatenate([self.held, block]), None
         zero, other = self._kinds(block)
         rows, others = np.flatnonzero(zero), np.flatnonzero(other)
         if not self._begun and len(block) == len(rows) == 1:
-            self._held = block
+            self.held = block
             return None
         stamp, position = block.stamp_ns, block.joint_position
         if not self._begun and zero[0] and other[1]:
