@@ -20,8 +20,7 @@ from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
-from robot_energy.timeline.gaps import MAX_GAP_NS, MIN_PERIOD_NS
-from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
+from robot_energy.timeline.stamps import BAD_STAMP, MAX_GAP_NS, MIN_PERIOD_NS, MIN_STAMP_NS
 from robot_energy_logs.cells import number_remedy
 from robot_energy_logs.instants import time_remedy
 

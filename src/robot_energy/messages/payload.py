@@ -17,7 +17,7 @@ from robot_energy.foundation.errors import PayloadError, RobotEnergyError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.model.payload import Payload, payload, several_carried
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.timeline.stamps import (
     BAD_STAMP,
     MAX_STAMP_NS,
