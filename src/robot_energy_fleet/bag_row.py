@@ -32,7 +32,7 @@ from robot_energy_fleet.bag_minutes import BagMinutes, history_job
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
+from robot_energy_fleet.dataset_columns import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_history.bags import BagReadings
 
@@ -283,7 +283,7 @@ def _left_out(jobs: Path | None, result: Replay, report: ReplayReport) -> int:
 def _joints(totals: Totals) -> Iterator[Row]:
     registers = totals.joint_energy_microjoule
     for joint in range(len(totals.shaft_compared_ns)):
-        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_REGISTERS}
+        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_ENERGIES}
 
 
 def _mean_degc(joints: list[Row]) -> float | None:

@@ -66,17 +66,17 @@ MODULES = {
         payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
-         equations friction hold_torque limit_utilisation motor_heat pinocchio_model
+         cabinet counterbalance derivative drive drivetrain effort effort_check
+         electrical_power equations friction hold_torque motor_heat pinocchio_model
          plausibility rigid_body torque_limits
-    """,
+     """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        consecutive energy_pipeline friction_stage friction_timeline online_monitor power_stage
-        settings torque_stage work_sums
-    """,
+         energy_pipeline friction_stage friction_timeline online_monitor power_stage
+         settings torque_stage work_sums
+     """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
         replay_topics
@@ -174,7 +174,7 @@ MODULES = {
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange prediction shared_bus
+        bus_exchange consecutive limit_utilisation prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -260,8 +260,8 @@ LAYERS = {
         ("condition.api",),
     ),
     "robot_energy_plan": (
-        ("motion",),
-        ("bus_exchange", "prediction", "optimization", "shared_bus"),
+        ("motion", "bus_exchange", "consecutive", "limit_utilisation"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),
