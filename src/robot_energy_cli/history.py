@@ -60,7 +60,7 @@ MAX_EVENTS = 50  # that are shown
 
 
 def _folder(args: Namespace) -> Path:
-    from robot_energy.history.files import default_folder
+    from robot_energy_history.files import default_folder
 
     return Path(args.folder).expanduser() if args.folder else default_folder()
 
@@ -91,7 +91,7 @@ def _show(args: Namespace) -> int:
 
 
 def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
-    from robot_energy.history.api import history, history_events, history_jobs
+    from robot_energy_history.api import history, history_events, history_jobs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import counted, fixed
 
@@ -171,7 +171,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
 
 
 def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
-    from robot_energy.history.api import history_friction
+    from robot_energy_history.api import history_friction
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -192,7 +192,7 @@ def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: l
 
 
 def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
-    from robot_energy.history.use import RESTS
+    from robot_energy_history.use import RESTS
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -212,8 +212,8 @@ def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
 def _shifts(
     args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
 ) -> None:
-    from robot_energy.history.api import history
-    from robot_energy.history.tariffs import stored_tariffs
+    from robot_energy_history.api import history
+    from robot_energy_history.tariffs import stored_tariffs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -235,7 +235,7 @@ def _kwh(microjoule: float) -> str:
 
 
 def _savings(args: Namespace) -> int:
-    from robot_energy.history.savings import history_savings
+    from robot_energy_history.savings import history_savings
     from robot_energy_report.document import Column, Document
     from robot_energy_report.formats import fixed
     from robot_energy_report.printing import print_document
@@ -315,7 +315,7 @@ def _of(value: str | Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def _check(args: Namespace) -> int:
-    from robot_energy.history.check import check
+    from robot_energy_history.check import check
 
     folder = _folder(args)
     found = check(folder)
@@ -329,7 +329,7 @@ def _check(args: Namespace) -> int:
 
 
 def _repair(args: Namespace) -> int:
-    from robot_energy.history.check import repair
+    from robot_energy_history.check import repair
 
     said = repair(_folder(args), time.time_ns())
     for one in said or ["nothing was wrong"]:
@@ -338,7 +338,7 @@ def _repair(args: Namespace) -> int:
 
 
 def _tariff(args: Namespace) -> int:
-    from robot_energy.history.tariffs import add_tariffs, load_tariffs, stored_tariffs
+    from robot_energy_history.tariffs import add_tariffs, load_tariffs, stored_tariffs
 
     folder = _folder(args)
     if args.add:

@@ -87,8 +87,8 @@ def report(args: Namespace, folder: Path) -> int:
 def export(args: Namespace, folder: Path) -> int:
     """Return the exit code of writing the rows of a time for another program."""
     from robot_energy.foundation.time_zone import time_zone
-    from robot_energy.history.outputs import WRITERS, Wanted
-    from robot_energy.history.tariffs import day_begin
+    from robot_energy_history.outputs import WRITERS, Wanted
+    from robot_energy_history.tariffs import day_begin
 
     suffix = Path(args.out).suffix.lower()
     kind = args.format or next((one for one, (end, _) in KINDS.items() if end == suffix), "")

@@ -21,7 +21,6 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.bags import BagReadings
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
@@ -35,6 +34,7 @@ from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_history.bags import BagReadings
 
 Row = dict[str, Any]
 
@@ -160,7 +160,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     setup = ReplaySetup.of(options)
     result = replay(path, model, setup, on_output=take, on_reading=read, keep_compared=True)
     report, totals = replay_report(result), result.account.totals()
-    rows = joints.table(result.pipeline.power.condition.wear)
+    rows = joints.table(result.pipeline.condition.wear)
     start_ns = report.time.start_ns
     day = UNKNOWN_DATE
     if start_ns is not None:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.units import HOUR_NS, SECOND_NS
-from robot_energy.history.files import reader
-from robot_energy.history.readings import COLUMNS
-from robot_energy.history.rollup import Rolled
-from robot_energy.history.rows import reading_from
-from robot_energy.history.schema import FILE
 from robot_energy_fleet.tables import FleetTables, Rows, tables_of
+from robot_energy_history.files import reader
+from robot_energy_history.readings import COLUMNS
+from robot_energy_history.rollup import Rolled
+from robot_energy_history.rows import reading_from
+from robot_energy_history.schema import FILE
 
 PER_JOULE = 1e-6
 ENERGIES = {

@@ -13,11 +13,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel, load
 from robot_energy.model.joint import Joint
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.timeline.blocks import EffortMeaning, JointBlock
+from robot_energy.timeline.blocks import EffortMeaning, JointBlock, Learning
 from robot_energy_plan.motion import MotionLimits, Program, random_program
 from robot_energy_rig import PlantProfile, RigConfig, RigJoints, VirtualRig
 

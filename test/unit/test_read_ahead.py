@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from robot_energy.accounting.record import Identity
-from robot_energy.condition.learner import Learning
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.model import load
 from robot_energy.pipeline import Settings
@@ -18,7 +17,7 @@ from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.read_ahead import read_ahead
 from robot_energy.replay.recorded_jobs import Job
 from robot_energy.replay.setup import ReplaySetup
-from robot_energy.timeline.blocks import Block, EffortMeaning
+from robot_energy.timeline.blocks import Block, EffortMeaning, Learning
 
 BAG = Path(__file__).parents[2] / "bags/kr16_cold"
 MODEL = load("kr16")
@@ -65,7 +64,7 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
         "power": joined(power),
         "means": joined(means),
         "account": account.state(identity),
-        "learned": stages.power.condition.state(),
+        "learned": stages.condition.state(),
         "warm": stages.power.watch.rise.tolist(),
         "inputs": [
             (each.rejections.received, each.rejections.accepted, dict(each.rejections.rejected))

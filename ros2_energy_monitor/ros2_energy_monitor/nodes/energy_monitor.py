@@ -66,7 +66,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self.keep_account(self._pipeline.account, self._pipeline.power)
+        self.keep_account(self._pipeline.account, self._pipeline.condition)
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
         self._played = PlayedRecording(states)

@@ -166,7 +166,7 @@ def condition_over(
         raise BagError("no recording was given", "one or more, oldest first")
     used, learner = model_of(model), None
     for bag in bags:
-        learner = bag_replay.replay(bag, used, ReplaySetup.of(options)).pipeline.power.condition
+        learner = bag_replay.replay(bag, used, ReplaySetup.of(options)).pipeline.condition
         options["learned"] = learner.state()
     assert learner is not None
     return condition_report(learner, used)

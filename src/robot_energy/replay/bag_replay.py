@@ -137,7 +137,7 @@ def replay(
     if loads:
         pipeline.account.auxiliary = AuxiliaryAccount(loads, loaded, settings.meter_max_gap)
     if setup.learned is not None:
-        pipeline.power.condition.restore(setup.learned)
+        pipeline.condition.restore(setup.learned)
     temperatures = TemperatureIngest(
         model.joint_names, sources, bag.typestore, model.temperature.stale_after
     )

@@ -9,13 +9,14 @@ from typing import Any
 
 from robot_energy.accounting.record import Calibrated
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.condition.learner import ConditionRecord, Learning
+from robot_energy.condition.learner import ConditionRecord
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.pipeline import Settings
 from robot_energy.replay.inputs import driver_inputs, effort_meaning, member_named
 from robot_energy.replay.options import NONE, ReplayOptions
 from robot_energy.replay.recorded_jobs import Job, load_jobs
 from robot_energy.replay.replay_topics import Topics
+from robot_energy.timeline.blocks import Learning
 
 GAPS = ("max_gap", "meter_max_gap")
 

@@ -141,10 +141,9 @@ def replay_report(
         change: What was changed about the model, for example fixed friction.
     """
     account, topics = result.account, result.topics
-    learner = result.pipeline.power.condition
+    learner = result.pipeline.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
-    thermal = result.pipeline.power.thermal
-    gears = np.where(thermal.gears, thermal.friction_degc, np.nan).tolist()
+    gears = np.where(learner.thermal.gears, learner.thermal.friction_degc, np.nan).tolist()
     common = common_figures(account, result.model, temperature, change, gears)
     inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
     jobs = _jobs(result)

@@ -83,6 +83,17 @@ class EffortMeaning(StrEnum):
     """Torque or force at the joint, joint side [N m] or [N]."""
 
 
+class Learning(StrEnum):
+    """What is done with learned figures."""
+
+    OFF = "off"
+    """Nothing is learned."""
+    OBSERVE = "observe"
+    """Learned and published; predictions use the model file alone."""
+    APPLY = "apply"
+    """Predictions use the learned figures where they are valid."""
+
+
 class MeterMeaning(IntEnum):
     """What one sample of a power meter stands for."""
 

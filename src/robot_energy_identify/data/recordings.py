@@ -18,7 +18,7 @@ from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.condition.learner import Learning
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -38,6 +38,7 @@ from robot_energy.timeline.blocks import (
     Float,
     Int,
     JointBlock,
+    Learning,
     MeterBlock,
     PowerBlock,
     Quality,
@@ -285,7 +286,8 @@ def _powers(
     settings: Settings,
 ) -> PowerBlock:
     """The stages behind the torque, whose stamps rise."""
-    friction, power = FrictionStage(model), PowerStage(model, settings)
+    friction = FrictionStage(model)
+    power = PowerStage(model, settings, ConditionLearner(model, settings))
     parts: list[PowerBlock | None] = []
     for first in range(0, len(torque), ROWS):
         rows = torque[slice(first, first + ROWS)]

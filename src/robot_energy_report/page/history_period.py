@@ -11,9 +11,9 @@ from zoneinfo import ZoneInfo
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import time_zone
 from robot_energy.foundation.units import HOUR_NS, MINUTE_NS, SECOND_NS
-from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.spans import Resolution, edges
-from robot_energy.history.tariffs import day_begin
+from robot_energy_history.differences import SLOT_NS
+from robot_energy_history.spans import Resolution, edges
+from robot_energy_history.tariffs import day_begin
 
 KINDS: dict[str, Resolution] = {
     "hour": "hour", "day": "day", "week": "week", "month": "month", "year": "year",

@@ -10,11 +10,11 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import JOULE_PER_KWH, SECOND_NS
-from robot_energy.history.api import history_friction
-from robot_energy.history.baseline import BAND
-from robot_energy.history.savings import DRIVERS, EnergySavings, savings_by_robot
-from robot_energy.history.spans import Resolution
-from robot_energy.history.tariffs import day_begin
+from robot_energy_history.api import history_friction
+from robot_energy_history.baseline import BAND
+from robot_energy_history.savings import DRIVERS, EnergySavings, savings_by_robot
+from robot_energy_history.spans import Resolution
+from robot_energy_history.tariffs import day_begin
 from robot_energy_report.page.history_figures import Row, rows_of
 from robot_energy_report.page.history_period import Period, instant, period_at
 

@@ -12,13 +12,13 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.api import History, history, history_events, job_sums
-from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.files import open_reader, reader
-from robot_energy.history.schema import JOB_SUMS
-from robot_energy.history.spans import robots_of
-from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy.timeline.time_series import TimeSeries
+from robot_energy_history.api import History, history, history_events, job_sums
+from robot_energy_history.differences import SLOT_NS
+from robot_energy_history.files import open_reader, reader
+from robot_energy_history.schema import JOB_SUMS
+from robot_energy_history.spans import robots_of
+from robot_energy_history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy_report.page.history_figures import (
     GROUPS,
     IMPORT,

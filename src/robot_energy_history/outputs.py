@@ -19,11 +19,11 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.foundation.time_zone import time_zone
-from robot_energy.history.api import PRICED as EVERY_PRICED
-from robot_energy.history.api import History, history
-from robot_energy.history.spans import Resolution, edges
-from robot_energy.history.tariffs import stored_tariffs
 from robot_energy.timeline.time_series import TimeSeries, library
+from robot_energy_history.api import PRICED as EVERY_PRICED
+from robot_energy_history.api import History, history
+from robot_energy_history.spans import Resolution, edges
+from robot_energy_history.tariffs import stored_tariffs
 
 TABLE = "robot_energy"
 KEY = ("resolution", "timezone", "robot", "start_ns", "stop_ns")

@@ -12,9 +12,10 @@ import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import time_zone
-from robot_energy.history.files import reader
-from robot_energy.history.schema import JOB_SUMS
-from robot_energy.history.spans import (
+from robot_energy.timeline.time_series import Column, TimeSeries
+from robot_energy_history.files import reader
+from robot_energy_history.schema import JOB_SUMS
+from robot_energy_history.spans import (
     RESOLUTIONS,
     Resolution,
     edges,
@@ -27,9 +28,8 @@ from robot_energy.history.spans import (
     span_table,
     sums,
 )
-from robot_energy.history.tariffs import day_begin, stored_tariffs
-from robot_energy.history.use import ENERGIES, RESTS, Costs, costs
-from robot_energy.timeline.time_series import Column, TimeSeries
+from robot_energy_history.tariffs import day_begin, stored_tariffs
+from robot_energy_history.use import ENERGIES, RESTS, Costs, costs
 
 PRICED = (
     "cost", "co2_kg", "priced_microjoule",
