@@ -35,12 +35,12 @@ MODULES = {
         prediction_errors priors
     """,
     "robot_energy.condition": """
-        api baseline buckets drift_test joint_friction learner meter_fit meter_windows
+        baseline buckets drift_test joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds process_memory schema_errors shown shown_text
-        signature stopping time_zone units
+        blas_threads config_file errors extras kinds options process_memory schema_errors shown
+        shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder placement private_file
@@ -78,8 +78,8 @@ MODULES = {
          settings torque_stage work_sums
      """,
     "robot_energy.replay": """
-        api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
-        replay_topics
+        api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
+        replay_steps replay_topics setup
     """,
     "robot_energy.results": """
         auxiliary base condition energy model normalised replay
@@ -255,9 +255,8 @@ LAYERS = {
         ("messages",),
         ("replay",),
         ("results",),
-        ("replay.inputs", "replay.power_table"),
+        ("replay.power_table",),
         ("replay.api", "pipeline.online_monitor"),
-        ("condition.api",),
     ),
     "robot_energy_plan": (
         ("motion", "bus_exchange", "consecutive", "limit_utilisation"),
