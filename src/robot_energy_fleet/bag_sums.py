@@ -107,7 +107,7 @@ class MeterErrors:
         pieces = Compared.concatenate(list(compared))
         stamps, degc = np.concatenate(self._stamps), np.concatenate(self._degc)
         order = np.argsort(stamps, kind="stable")  # stamps may jump back
-        place = np.searchsorted(stamps[order], pieces.available_ns, side="right") - 1
+        place = np.searchsorted(stamps[order], pieces.stamp_ns, side="right") - 1
         warm = degc[order][np.maximum(place, 0)]
         used = np.isfinite(warm) & (pieces.duration_ns > 0)
         number = np.floor(warm[used] / BIN).astype(np.int64)

@@ -27,8 +27,7 @@ from robot_energy.messages.fields import (
 )
 from robot_energy.messages.payload import FIELDS, PAYLOAD
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
-from robot_energy.timeline.gaps import MAX_GAP_NS, MIN_PERIOD_NS
-from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
+from robot_energy.timeline.stamps import BAD_STAMP, MAX_GAP_NS, MIN_PERIOD_NS, MIN_STAMP_NS
 from robot_energy_logs.cells import number_remedy
 from robot_energy_logs.instants import time_remedy
 

@@ -16,8 +16,8 @@ from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import Block, Int
 from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 from robot_energy.timeline.epochs import Reach, slow_reach
-from robot_energy.timeline.gaps import StampOrder, newer
 from robot_energy.timeline.hold import first_needed, held_rows
+from robot_energy.timeline.stamps import StampOrder, newer
 from robot_energy.timeline.streams import StreamSplitter
 
 MODEL = robots.two_link()

@@ -19,10 +19,9 @@ MODULES = {
         __main__
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging comparison energy_curve exact_sum
-        integration job_intervals load_curve meter_checks meter_response plain_text
-        power_curve record record_repair registers sample_counts settings
-        totals
+        account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
+        load_curve meter_checks meter_response plain_text power_curve record record_repair registers
+        sample_counts settings totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
@@ -36,12 +35,12 @@ MODULES = {
         prediction_errors priors
     """,
     "robot_energy.condition": """
-        api baseline buckets drift joint_friction learner meter_fit meter_windows
+        baseline buckets drift joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds process_memory schema_errors shown shown_text
-        signature stopping time_zone units
+        blas_threads config_file errors extras kinds options process_memory schema_errors shown
+        shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder placement private_file
@@ -52,7 +51,6 @@ MODULES = {
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
-        velocity_check zero_states
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
@@ -68,20 +66,20 @@ MODULES = {
         payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque motor_heat
-        pinocchio_model plausibility rigid_body torque_limits transmission
-    """,
+         cabinet counterbalance derivative drive drivetrain effort effort_check
+         electrical_power equations friction hold_torque motor_heat pinocchio_model
+         plausibility rigid_body torque_limits
+     """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        energy_pipeline friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings supply torque_stage work_sums
-    """,
+         energy_pipeline friction_stage friction_timeline online_monitor power_stage
+         settings torque_stage work_sums
+     """,
     "robot_energy.replay": """
-        api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
-        replay_topics
+        api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
+        replay_steps replay_topics setup
     """,
     "robot_energy.results": """
         auxiliary base condition energy model normalised replay
@@ -90,7 +88,7 @@ MODULES = {
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        blocks coverage epochs gaps hold pieces stamps streams time_series
+        blocks coverage epochs hold pieces stamps streams time_series
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run
@@ -249,17 +247,16 @@ LAYERS = {
         ("certainty.band_calibration",),
         ("accounting.account accounting.account_record",),
         (
-            "pipeline.friction_stage pipeline.friction_timeline pipeline.payload_timeline "
-            "pipeline.power_stage pipeline.settings pipeline.supply pipeline.torque_stage",
+            "pipeline.friction_stage pipeline.friction_timeline pipeline.power_stage "
+            "pipeline.settings pipeline.torque_stage",
         ),
         ("condition",),
         ("pipeline", "store"),
         ("messages",),
         ("replay",),
         ("results",),
-        ("replay.inputs", "replay.power_table"),
+        ("replay.power_table",),
         ("replay.api", "pipeline.online_monitor"),
-        ("condition.api",),
     ),
     "robot_energy_plan": (
         ("motion", "bus_exchange", "consecutive", "limit_utilisation"),

@@ -164,7 +164,8 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         """
         states = self.drain([self.joint_states, *self._further])
         temperatures, readings = self.drain(self.temperatures), self.drain(self.readings)
-        self._loads.take()
+        if self._loads.loads:
+            self._loads.take()
         if temperatures:
             self._publish(
                 self.guard.feed(

@@ -128,7 +128,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
-        self._loads.take()
+        if self._loads.loads:
+            self._loads.take()
         if frictions:
             self.guard.feed(
                 "joint_friction",

@@ -173,10 +173,10 @@ class EnergyAccount:
     def _take_back(self, counters: _Counters) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
         sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
+        self.registers.time = time
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
             each.go_back(mark)
         self.counts.go_back(counts)
-        self.registers.set_time(time)
         if self.auxiliary is not None and loads is not None:
             self.auxiliary.go_back(loads)
         self.interrupt()
@@ -227,8 +227,10 @@ class EnergyAccount:
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
             return Compared.empty()
-        supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
-        self._unplaced.clear()
+        supply: SupplyBlock = block
+        if self._unplaced:
+            supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
+            self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
 
     @property

@@ -192,7 +192,7 @@ class AuxiliaryAccount:
         if not len(done):
             return
         self._waiting = waiting[waiting.end_ns > until_ns]
-        start, end = int(done.start_ns[0]), int(done.end_ns[-1])
+        start, end = int(done.stamp_ns[0]), int(done.end_ns[-1])
         edges = np.unique(np.concatenate([done.edges, *(curve.edges for curve in self.curves)]))
         edges = edges[(edges >= start) & (edges <= end)]
         low, high = edges[:-1], edges[1:]

@@ -266,7 +266,7 @@ class LagEstimate:
             return
         energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
         table = np.column_stack(
-            [compared.available_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
+            [compared.stamp_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
         )
         stretches, known, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
         readings, _, self._reading = closed_sums(self._reading, table, READING_NS)

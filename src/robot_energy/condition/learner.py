@@ -144,7 +144,10 @@ class ConditionLearner:
         self.thermal.measure(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
-        """As `Condition.cuts`: where a part begins, if figures are applied, or a window."""
+        """Cut where a part begins, if figures are applied, or a window.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.cuts`.
+        """
         windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
         if not self.applies:
             return windows
@@ -152,7 +155,10 @@ class ConditionLearner:
         return [*windows, *parts]
 
     def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
-        """As `Condition.begin`."""
+        """Learn from the part before, if it has ended.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.begin`.
+        """
         if self._part is not None and stamp_ns // PART_NS != self._part:
             self._end_part()
         if self.thermal.on:
@@ -161,7 +167,10 @@ class ConditionLearner:
     def estimate(
         self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
     ) -> tuple[Float, Float]:
-        """As `Condition.estimate`."""
+        """Leave temperatures to the thermal observer.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
+        """
         if not self.thermal.on:
             return reading_degc, reading_degc
         return self.thermal.estimate(reading_degc, viscous, std, shared, quality)
@@ -169,7 +178,10 @@ class ConditionLearner:
     def learned(
         self, motor_velocity: Float, motor_temperature_degc: Float
     ) -> tuple[Float | float, float, float] | None:
-        """As `Condition.learned`."""
+        """Return what counts in this part.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
+        """
         if not self.in_use:
             return None
         use = self._use
@@ -179,7 +191,10 @@ class ConditionLearner:
         return (factor, use.offset, 0.0) if use.at_bus else (factor, 0.0, use.offset)
 
     def step(self, block: PowerBlock, reading_degc: Float) -> None:
-        """As `Condition.step`."""
+        """Take the power of a part.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.step`.
+        """
         if self.thermal.on:
             self.thermal.take(block, reading_degc)
         if not self.learns:

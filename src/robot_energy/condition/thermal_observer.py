@@ -389,8 +389,7 @@ class ThermalObserver:
             return
         segment = np.concatenate([block.segment for block in blocks])
         power = [
-            np.concatenate([block.supply.power_at(place) for block in blocks])[rows]
-            for place in PLACES
+            np.concatenate([block.power_at(place) for block in blocks])[rows] for place in PLACES
         ]
         phase = np.concatenate([block.phase for block in blocks])
         squares = self._columns("motor_velocity")[rows] ** 2

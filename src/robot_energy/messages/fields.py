@@ -1,6 +1,6 @@
 """Topics, and fields of our messages, that others than their writers name; imports nothing."""
 
-# Of recordings that this tool makes, and of the nodes unless they are told others.
+# Of recordings that this tool makes, and the defaults of the nodes.
 JOINT_STATES_TOPIC = "/joint_states"
 TEMPERATURES_TOPIC = "/motor_temperatures"
 METER_TOPIC = "/power_meter"

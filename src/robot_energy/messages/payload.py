@@ -19,7 +19,7 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.messages.fields import FRAME, STAMP
 from robot_energy.model.payload import Payload, payload, several_carried
 from robot_energy.physics.urdf.parse import INERTIA
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.timeline.stamps import (
     BAD_STAMP,
     MAX_STAMP_NS,

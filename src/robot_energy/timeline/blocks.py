@@ -289,7 +289,7 @@ class SupplyBlock(Block):
 
 
 @dataclass(frozen=True)
-class PowerBlock(Block):
+class PowerBlock(SupplyBlock):
     """Where each watt goes at each instant. Positive = from grid towards load.
 
     ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
@@ -316,7 +316,6 @@ class PowerBlock(Block):
         deviation: How sure it is, see `robot_energy.certainty.deviation`, K columns. [W]
     """
 
-    segment: Int
     quality: Bits
     phase: NDArray[np.uint8]
     motor_velocity: Float
@@ -332,10 +331,8 @@ class PowerBlock(Block):
     payload_mass: Float
     bus_power: Float
     loss_dc: Float
-    loss_grid: Float
     brake_power: Float
     capacitor_power: Float
-    grid_power: Float
     deviation: HeldRows
 
     @property
@@ -345,7 +342,7 @@ class PowerBlock(Block):
 
     @property
     def supply(self) -> SupplyBlock:
-        """What a meter can see."""
+        """What a meter can see, alone."""
         return SupplyBlock(self.stamp_ns, self.segment, self.grid_power, self.loss_grid)
 
 

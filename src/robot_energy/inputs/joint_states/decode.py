@@ -16,8 +16,7 @@ from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.timeline.blocks import Float, Int, JointBlock
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, BAD_STAMP, newest_by_epoch, valid_stamps
 from robot_energy.timeline.streams import OLDER
 
 if TYPE_CHECKING:
@@ -167,15 +166,13 @@ class JointStateReader:
         read = [entry for entry in read if len(entry[1][0])]
         if not read:
             return None
-        block = self._merged(read)
+        block = self._merged(read) if len(read) > 1 else read[0][1][0]
         return block if self._checked is None else self._checked(block)
 
     def _merged(self, read: Sequence[tuple[RawBatch, tuple[JointBlock, Int]]]) -> JointBlock:
         """Join the messages of several topics, which each came with their rows."""
         parts = [part for _, (part, _) in read]
         whole = JointBlock.concatenate(parts)
-        if len(read) == 1:
-            return whole
         steps = [np.diff(part.stamp_ns) for part in parts]
         received = [batch.log_time_ns[rows] for batch, (_, rows) in read]
         steady = all(bool((np.abs(step) < SECOND_NS).all()) for step in steps)

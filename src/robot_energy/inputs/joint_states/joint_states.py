@@ -19,21 +19,24 @@ from robot_energy.inputs.joint_states.partial_states import (
     SAME_STAMP,
     PartialStateMerger,
 )
-from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
+from robot_energy.inputs.joint_states.plausibility import (
+    JointStateProblem,
+    Plausibility,
+    VelocityCheck,
+)
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     CONFLICTING,
     IMPOSSIBLE_POSITION,
     PublisherConflictFilter,
+    ZeroStateFilter,
 )
-from robot_energy.inputs.joint_states.velocity_check import VelocityCheck
-from robot_energy.inputs.joint_states.zero_states import ZeroStateFilter
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
 from robot_energy.timeline.epochs import Reach
-from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
 from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
@@ -321,8 +324,10 @@ class JointStateIngest:
         rejections, first = self.rejections, int(self._stream.epochs.beginning)
         rejections.accepted += first - self._first
         self._first = first
-        holders = (self._zeros, self._velocities, self._stream, self._merger, self.conflicts)
-        rejections.waiting = sum(holder.waiting for holder in holders) - first
+        stream, merger = self._stream, self._merger
+        rejections.waiting = merger.lead.shape[1] - first
+        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
+            rejections.waiting += 0 if holder.held is None else len(holder.held)
         if not parts:
             return None
         samples = JointBlock.concatenate(parts)
