@@ -100,11 +100,11 @@ MODULES = {
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
-        findings history_tables identify joint_sums merged_friction merged_laws report run sisters
-        tables wear_history workers
+        findings fleet_run history_tables identify joint_sums merged_friction merged_laws report
+        sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
-        claims dataset_evidence evidence run speeds
+        advise claims dataset_evidence evidence speeds
     """,
     "robot_energy_fleet.documents": """
         advice fleet fleet_figures
