@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any, TypeVar
 from zoneinfo import ZoneInfo
@@ -12,6 +11,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import polars as pl
 
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
@@ -177,7 +177,7 @@ def _parts_of_hour(
     zone = ZoneInfo(settings.timezone)
     parts: list[tuple[int, int, float | None, int]] = []
     for first, last in pairwise(settings.edges(hour_ns, hour_ns + HOUR_NS)):
-        local = datetime.fromtimestamp(first // 10**9, UTC).astimezone(zone)
+        local = local_time(first, zone)
         shift = (sum(local.hour >= one for one in shifts) - 1) % len(shifts)
         holds = settings.price_at(first), shift
         if parts and parts[-1][2:] == holds:
