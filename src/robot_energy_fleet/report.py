@@ -15,7 +15,7 @@ from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
-from robot_energy_fleet.findings import RobotsCompared, compare, ordered
+from robot_energy_fleet.findings import compare, ordered
 from robot_energy_fleet.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -72,7 +72,11 @@ def fleet_report(
         bags = bag_joints(own, sisters)
         compared = compare(own, bags, duty_of(own.hours, sisters), len(models))
         findings += compared.findings
-        friction += _curves(bags, compared)
+        friction += [
+            _curve(bags, joint, own, compared.findings)
+            for joint, own in enumerate(compared.friction)
+            if np.isfinite(own.rest).any()  # else too little motion in each bag
+        ]
         comparisons = max(comparisons, compared.comparisons)
         with_sisters |= compared.with_sisters
         with_before |= compared.with_before
@@ -289,14 +293,6 @@ def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
     )
     share = {robot: motion / time if time else 0.0 for robot, motion, time in sums.iter_rows()}
     return [share.get(robot, 0.0) for robot in robots]
-
-
-def _curves(bags: BagJoints, compared: RobotsCompared) -> list[FrictionCurve]:
-    return [
-        _curve(bags, joint, own, compared.findings)
-        for joint, own in enumerate(compared.friction)
-        if np.isfinite(own.rest).any()  # else too little motion in each bag
-    ]
 
 
 def _curve(
