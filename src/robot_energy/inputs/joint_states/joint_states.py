@@ -99,7 +99,7 @@ class JointStateIngest:
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
         self._zeros = ZeroStateFilter(n_joints, limits, log)
-        self._reader = JointStateReader(joint_names, log, effort, typestore, self._checked, source)
+        self._reader = JointStateReader(joint_names, log, effort, typestore, source)
         self.ignored_joints, self.known_names = (
             self._reader.ignored_joints,
             self._reader.known_names,
@@ -166,11 +166,6 @@ class JointStateIngest:
             return found
         oldest = self.newest_ns - within / NANOSECOND
         return [finding for finding in found if finding.last_ns >= oldest]
-
-    def _checked(self, block: JointBlock) -> JointBlock | None:
-        """Leave out messages that cannot be used for what they say."""
-        left = self._zeros.step(block)
-        return None if left is None else self._velocities.step(left)
 
     def stream_findings(self) -> list[JointStateProblem]:
         """Return what is wrong with stamps and publishers, one sentence each, with its time."""
@@ -268,6 +263,8 @@ class JointStateIngest:
         """Return the samples known with messages of one topic or several; None for none."""
         given = [batches] if isinstance(batches, RawBatch) else batches
         block = self._reader.read(given)
+        block = None if block is None else self._zeros.step(block)
+        block = None if block is None else self._velocities.step(block)
         if block is None:
             return self._samples([])
         arrival_ns = max(int(batch.log_time_ns[-1]) for batch in given if len(batch))
