@@ -6,10 +6,10 @@ from typing import Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.history.readings import Reading, ReadingDecoder
 from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.registers import RegistersWriter
 from robot_energy.model import RobotModel
+from robot_energy_history.readings import Reading, ReadingDecoder
 
 
 class BagMinutes:

@@ -21,11 +21,10 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.bags import BagReadings
 from robot_energy.model import RobotModel
-from robot_energy.replay.api import run_replay
-from robot_energy.replay.bag_replay import Replay
+from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import Phase
 from robot_energy_fleet.bag_list import FleetBag
@@ -33,8 +32,9 @@ from robot_energy_fleet.bag_minutes import BagMinutes, history_job
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
+from robot_energy_fleet.dataset_columns import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_history.bags import BagReadings
 
 Row = dict[str, Any]
 
@@ -143,7 +143,7 @@ def _hash_of(path: Path, place: BagPlace) -> str:
 
 
 def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path) -> BagRow:
-    options: Row = dict(bag.options)
+    options: Any = dict(bag.options)
     for name, text in bag.texts.items():
         file = scratch / f"{name}.yaml"
         file.write_text(text, encoding="utf-8")
@@ -157,7 +157,8 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
             taker(output)
 
     read = None if minutes is None else minutes.take
-    result = run_replay(path, model, on_output=take, keep_compared=True, on_reading=read, **options)
+    setup = ReplaySetup.of(options)
+    result = replay(path, model, setup, on_output=take, on_reading=read, keep_compared=True)
     report, totals = replay_report(result), result.account.totals()
     rows = joints.table(result.pipeline.condition.wear)
     start_ns = report.time.start_ns
@@ -283,7 +284,7 @@ def _left_out(jobs: Path | None, result: Replay, report: ReplayReport) -> int:
 def _joints(totals: Totals) -> Iterator[Row]:
     registers = totals.joint_energy_microjoule
     for joint in range(len(totals.shaft_compared_ns)):
-        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_REGISTERS}
+        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_ENERGIES}
 
 
 def _mean_degc(joints: list[Row]) -> float | None:

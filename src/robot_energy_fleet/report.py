@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import polars as pl
 
-from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH
+from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
 from robot_energy_fleet.findings import RobotsCompared, compare, ordered
@@ -37,7 +37,7 @@ DEGC_STEP = 10.0  # of the table of the model's error [K]
 CURVE_STEP = 5.0  # of the curves of friction [K]
 MIN_ROBOTS = 3  # that make a middle and a range
 RANGE = (0.1, 0.9)
-WEEK_NS = 7 * 86_400_000_000_000
+WEEK_NS = 7 * DAY_NS
 UNPLACED = 1e-6  # share of the energy beyond which that of no hour is said
 SHIFTS = (6, 14, 22)  # hours at which a shift begins, where nothing else is said
 

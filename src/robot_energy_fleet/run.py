@@ -12,12 +12,12 @@ from pathlib import Path
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.shown_text import shown
-from robot_energy.history.store import HistoryStore
 from robot_energy_fleet.bag_list import FleetBag
 from robot_energy_fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy_fleet.dataset import Bag, Dataset
 from robot_energy_fleet.results.fleet import DamagedBag, FleetRunReport, RefusedBag
 from robot_energy_fleet.workers import MAX_SCRATCH, Models, Replays, Source, on_dask
+from robot_energy_history.store import HistoryStore
 
 MAX_WORKERS = 1024  # of one host
 MIN_MEMORY = 500_000_000  # of a worker [bytes]

@@ -16,6 +16,7 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.read_ahead import read_ahead
 from robot_energy.replay.recorded_jobs import Job
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import Block, EffortMeaning, Learning
 
 BAG = Path(__file__).parents[2] / "bags/kr16_cold"
@@ -44,14 +45,15 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
     result = replay(
         bag,
         MODEL,
-        settings=Settings(learning=Learning.APPLY, effort=EffortMeaning.MOTOR_TORQUE),
+        ReplaySetup(
+            settings=Settings(learning=Learning.APPLY, effort=EffortMeaning.MOTOR_TORQUE),
+            jobs=[
+                Job(name=f"job {number}", begin=begin, end=end)
+                for number, (begin, end) in enumerate(pairwise(bounds))
+            ],
+            processes=processes,
+        ),
         on_output=take,
-        keep_means=True,
-        jobs=[
-            Job(name=f"job {number}", begin=begin, end=end)
-            for number, (begin, end) in enumerate(pairwise(bounds))
-        ],
-        processes=processes,
     )
     identity = Identity(
         robot_type="", robot_serial="", joint_names=MODEL.joint_names, model_id="", node=""
@@ -90,7 +92,7 @@ def test_an_error_of_this_process_ends_the_others(processes):
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        replay(BAG, MODEL, on_output=fail, processes=processes)
+        replay(BAG, MODEL, ReplaySetup(processes=processes), on_output=fail)
     assert not active_children()
 
 

@@ -299,6 +299,8 @@ class Comparison(ExactSum):
             if predicted.end_ns[0] < oldest:
                 epoch.predicted = predicted = predicted.after(int(oldest) - 1)
             epoch.shown.forget(int(predicted.stamp_ns[0]))
+        elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
+            epoch.shown.forget(self._last[0])
         return result
 
     def _as_shown(self, shown: ShownPower, compared: Compared, end_ns: Int) -> Compared:

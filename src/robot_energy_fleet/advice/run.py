@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
 from robot_energy.foundation.errors import ParameterError, RobotEnergyError
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
-from robot_energy.foundation.signature import lists
 from robot_energy.foundation.units import DAY, JOULE_PER_KWH
 from robot_energy.model import RobotModel
-from robot_energy.replay.api import ReplayOptions, run_replay
+from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.options import ReplayOptions
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.model import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
 from robot_energy_fleet.advice.claims import (
@@ -81,7 +83,7 @@ class AdviceResult(Shown):
         return self.report.to_dict()
 
 
-@lists(ReplayOptions)
+@takes(ReplayOptions)
 def advise(
     recordings: str | Path | Sequence[str | Path],
     model: ModelName,
@@ -197,10 +199,10 @@ def _fine(
     path: str, evidence: RecordedEvidence, model: RobotModel, named: str
 ) -> dict[str, Claim | None]:
     """What needs samples; speeds are looked for apart."""
-    replay = shlex.join(["robot-energy", "replay", path, "--model", named])
+    shown = shlex.join(["robot-energy", "replay", path, "--model", named])
     return {
         "shared_bus": shared_bus(evidence, model),
-        "warm_up": warm_up(evidence, model, replay),
+        "warm_up": warm_up(evidence, model, shown),
         "speeds": None,
         "waiting_pose": waiting_pose(evidence, model),
     }
@@ -260,9 +262,8 @@ def _recorded(
     path: str | Path, model: RobotModel, problems: list[str], options: ReplayOptions
 ) -> RecordedEvidence:
     sums = EvidenceSums(model)
-    progress: Callable[[float], None] | None = options.get("progress")
-    given: dict[str, Any] = {**options, "progress": progress}
-    result = run_replay(path, model, on_output=sums.take, keep_compared=True, **given)
+    setup = ReplaySetup.of(options)
+    result = replay(path, model, setup, on_output=sums.take, keep_compared=True)
     at_grid = result.account.comparison.location is MeterLocation.GRID
     found = sums.evidence(result.compared if result.topics.meter and at_grid else [])
     time = result.account.registers.time

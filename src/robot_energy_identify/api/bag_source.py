@@ -77,7 +77,7 @@ class BagSource:
         most = MOST // max(len(self.bags), 1)
         for bag in self.bags:
             with self.progress(f"reading {Path(bag).name}") as report:
-                part = read_recording(bag, model, meaning, None, report, read, most)
+                part = read_recording(bag, model, meaning, report, read, most)
                 found.append(replace(part, sensors=sensors))
         return found
 

@@ -16,7 +16,7 @@ from starlette.routing import Route
 
 from robot_energy.foundation.errors import HistoryError, RobotEnergyError
 from robot_energy.foundation.schema_errors import refusal
-from robot_energy.history.tariffs import Tariff
+from robot_energy_history.tariffs import Tariff
 from robot_energy_report.page.answers import body_of, packed
 from robot_energy_report.page.history_savings import (
     friction_answer,

@@ -13,11 +13,11 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.history.check import check
-from robot_energy.history.files import open_reader
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
-from robot_energy.history.store import HistoryStore
 from robot_energy_fleet.bag_minutes import BagMinutes
+from robot_energy_history.check import check
+from robot_energy_history.files import open_reader
+from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy_history.store import HistoryStore
 
 BAG = Path(__file__).resolve().parents[3] / "bags/kr16_warm"
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")

@@ -8,8 +8,8 @@ import yaml
 
 from places import ROOT
 from robot_energy.model import shipped_models
-from robot_energy.model.reference import json_schema, reference_page
 from robot_energy_cli import main
+from robot_energy_cli.model_reference import json_schema, reference_page
 
 PAGE = ROOT / "src/doc/model_file.md"
 

@@ -10,8 +10,8 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.schema import FILE, VERSION, version_of
 from robot_energy.store.state_files import open_regular
+from robot_energy_history.schema import FILE, VERSION, version_of
 
 DAMAGED = (sqlite3.Error, UnicodeError)
 """What SQLite raises of a damaged file, also where its own words are damaged."""

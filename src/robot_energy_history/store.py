@@ -20,8 +20,8 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
-from robot_energy.history.bags import BAG, BagReadings, give_way, has_bag, put_bag
-from robot_energy.history.differences import (
+from robot_energy_history.bags import BAG, BagReadings, give_way, has_bag, put_bag
+from robot_energy_history.differences import (
     Epoch,
     Event,
     begun,
@@ -33,13 +33,13 @@ from robot_energy.history.differences import (
     supersedes,
     thinned,
 )
-from robot_energy.history.files import open_writer, take_lock, unusable
-from robot_energy.history.friction import LearnedFriction
-from robot_energy.history.notes import WaitingNotes
-from robot_energy.history.readings import OBSERVED, Reading
-from robot_energy.history.rollup import Rolled, forget_minutes, put_span, roll, thin
-from robot_energy.history.rows import attempt, put_epoch, put_events, reading_from
-from robot_energy.history.schema import FILE, prepare
+from robot_energy_history.files import open_writer, take_lock, unusable
+from robot_energy_history.friction import LearnedFriction
+from robot_energy_history.notes import WaitingNotes
+from robot_energy_history.readings import OBSERVED, Reading
+from robot_energy_history.rollup import Rolled, forget_minutes, put_span, roll, thin
+from robot_energy_history.rows import attempt, put_epoch, put_events, reading_from
+from robot_energy_history.schema import FILE, prepare
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk

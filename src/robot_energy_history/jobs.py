@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
-from robot_energy.history.schema import JOB_COLUMNS, JOB_SUMS, LEVELS, ROLL_JOBS
+from robot_energy_history.schema import JOB_COLUMNS, JOB_SUMS, LEVELS, ROLL_JOBS
 
 _HELD = ", ".join(JOB_COLUMNS)
 _ADD = {

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from datetime import timedelta
 
 from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
-from robot_energy.history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy.timeline.stamps import MAX_STAMP_NS
+from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 
 SLOT_NS = 15 * MINUTE_NS
 BEHIND_NS = MINUTE_NS  # registers that stay behind what was recorded for longer have gone back [ns]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
 
 VERSION = 3
 FILE = "history.sqlite"
@@ -86,7 +86,7 @@ CREATE INDEX irregular ON slot15 (robot, start) WHERE flags & 1;
 
 def _rolled_up(connection: sqlite3.Connection) -> None:
     """Version 2: hours, days and curves, which the writer fills day by day; tariffs have a file."""
-    from robot_energy.history.tariffs import Tariff, add_tariffs  # 10 MB of schemas, used once
+    from robot_energy_history.tariffs import Tariff, add_tariffs  # 10 MB of schemas, used once
 
     for statement in ROLLED.split(";"):
         connection.execute(statement)

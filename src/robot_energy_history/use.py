@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.units import DAY_NS, SECOND_NS
-from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.rollup import MAX_DAYS, QUARTERS, REGULAR, Rolled, curves_of
-from robot_energy.history.tariffs import (
+from robot_energy_history.differences import SLOT_NS
+from robot_energy_history.rollup import MAX_DAYS, QUARTERS, REGULAR, Rolled, curves_of
+from robot_energy_history.tariffs import (
     DAY_MINUTES,
     MICROJOULE_PER_KWH,
     QUARTER,

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, SECOND_NS
-from robot_energy.history.api import History, Instant, history, history_events, history_jobs
-from robot_energy.history.baseline import BAND, EnergyBaseline, Float, compare, fit_baseline
-from robot_energy.history.tariffs import MICROJOULE_PER_KWH
 from robot_energy.timeline.time_series import Column, TimeSeries
+from robot_energy_history.api import History, Instant, history, history_events, history_jobs
+from robot_energy_history.baseline import BAND, EnergyBaseline, Float, compare, fit_baseline
+from robot_energy_history.tariffs import MICROJOULE_PER_KWH
 
 DRIVERS = ("parts", "motion_hours", "on_hours")
 MIN_COMPARED = 0.95  # of a day that counts as metered [-]
